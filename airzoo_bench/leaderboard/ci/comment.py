@@ -219,12 +219,12 @@ def code(text: str) -> str:
 
 def _block(text: str) -> str:
     """Return lines of strangers as a block of code."""
-    shown = "\n".join(
-        "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
-        for line in text.replace("`", "'").split("\n")
+    cut = text if len(text) <= _LONGEST_BLOCK else f"{text[:_LONGEST_BLOCK]}\n..."
+    shown = "".join(
+        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}"
+        for c in cut.replace("`", "'")
     )
-    cut = shown if len(shown) <= _LONGEST_BLOCK else f"{shown[:_LONGEST_BLOCK]}\n..."
-    return f"````text\n{cut}\n````\n"
+    return f"````text\n{shown}\n````\n"
 
 
 _PARTS = {

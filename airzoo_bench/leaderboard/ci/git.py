@@ -32,6 +32,8 @@ _SETTINGS = {
     "LC_ALL": "C",
 }
 _ENTRY_BYTES = 512  # of an entry's line, on average; paths are at most some thousand bytes long
+# What git says where somebody else has pushed since, before or while this push was received.
+_OVERTAKEN = (b"[rejected]", b"cannot lock ref", b"failed to update ref", b"incorrect old value")
 _TIMEOUT_S = 1800
 
 
@@ -224,8 +226,10 @@ class Repository:
             The remote refuses it for another reason.
         """
         done = self._call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
-        if done.returncode and b"\n!" in b"\n" + done.stdout:
+        if done.returncode and any(said in done.stdout for said in _OVERTAKEN):
             return False
+        if done.returncode:
+            done.stderr += done.stdout
         _check(done, "push")
         return True
 

@@ -46,8 +46,8 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         URL or folder of the repository.
     rules : Rules
     out : Path
-        A folder that is empty or does not exist: all runs of the data branch, then the new ones,
-        as ``out/runs/...``.
+        A folder that is empty or does not exist: the runs of all that stands on the branch, old
+        and new, as ``out/runs/...``.
 
     Yields
     ------
@@ -64,9 +64,11 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         repository = Repository.create(work / "board.git", remote)
         repository.fetch({f"refs/heads/{rules.branch}": BASE}, blobs=False, depth=1)
         branch = DataBranch.open(work / "data.git", remote)
-        branch.export(out)
+        out.mkdir(parents=True, exist_ok=True)
         commit = repository.resolve(BASE) or ""
         for place in _places(repository, rules.board):
+            # Runs of what was withdrawn stay on the branch, and leave the board.
+            branch.export(out, f"runs/{place.benchmark}/{place.track}/{place.folder}")
             tree = repository.resolve(f"{commit}:{place.path}") or ""
             if _has_run(out, place, tree):
                 continue

@@ -199,7 +199,7 @@ def read_files(
     Returns
     -------
     list of UserError
-        What is wrong; then nothing was written.
+        What is wrong; then what was written is of no use.
     """
     entries = repository.entries(head, place.path, _MOST_FILES)
     faults: list[UserError] = [*check_entries(entries)]

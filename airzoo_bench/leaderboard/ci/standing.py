@@ -22,9 +22,10 @@ from airzoo_bench.results.comparable import check_comparable, check_same_queries
 from airzoo_bench.results.records import Scored, read_scored
 from airzoo_bench.results.result import ScoreColumn, read_result
 from airzoo_bench.results.sampling import make_sample, score_intervals
-from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.pair_tests import pair_p_values, resamples_for
+from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import LEVEL, paired_tests
+from airzoo_bench.statistics.significance import LEVEL
 
 __all__ = ["standing_of"]
 
@@ -101,20 +102,18 @@ def _rows(own: Scored, columns: Sequence[ScoreColumn], before: Scored | None) ->
 
 
 def _standing(own: Scored, others: Sequence[Scored], column: ScoreColumn) -> Standing:
-    """Test the method against each other one, corrected for all pairs of the table."""
+    """Rank the method among the others as the board does, from the same draws."""
     methods = [own, *others]
-    sample = make_sample(methods, [column])
-    _, tests = paired_tests(sample, _RESAMPLING, [(0, place) for place in range(1, len(methods))])
-    pairs = len(methods) * (len(methods) - 1) // 2
-    p_values = holm(np.array([test.p_value for test in tests]), pairs)
-    values = [value_of(method, column) for method in methods]
-    signs = np.sign(np.array(values[1:]) - values[0]) * (1 if column.higher_is_better else -1)
-    told = p_values <= LEVEL
+    resampling = ResamplingConfig(resamples_for(len(methods)))
+    corrected = correct_pairs(pair_p_values(make_sample(methods, [column]), resampling))
+    values = np.array([value_of(method, column) for method in methods])
+    ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
+    told = corrected[0, 1:] <= LEVEL
     alike = [method.name for method, apart in zip(others, told, strict=True) if not apart]
     return Standing(
         score=column.title,
-        first=1 + int((told & (signs > 0)).sum()),
-        last=len(methods) - int((told & (signs < 0)).sum()),
+        first=int(ranges[0, 0]),
+        last=int(ranges[0, 1]),
         methods=len(methods),
         alike=tuple(sorted(alike)),
     )

@@ -1,4 +1,4 @@
-"""Real repositories for tests: a hosted board, forks of it, and trees that no program would make."""
+"""Real repositories for tests: a hosted board, forks, and trees that no program would make."""
 
 from __future__ import annotations
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import tomli_w
+from typer.testing import Result
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.event import PullRequest
 from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
-from airzoo_bench.leaderboard.ci.ledger import Line
+from airzoo_bench.leaderboard.ci.ledger import Line, write_ledger
 from airzoo_bench.leaderboard.ci.rules import fetch_pull_request, read_files, touched
-from tests.leaderboard.ci.repositories import File, Hosted
+from tests.leaderboard.ci.repositories import File, Hosted, event, git, write_event
+from tests.leaderboard.ci.test_comment import outside_code
 
 MINE, OTHER, MAINTAINER = 7, 8, 9
 HOME = "submissions/made/retrieval"
@@ -107,7 +112,8 @@ def test_maintainer_may_change_what_others_own(world: World) -> None:
 HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
     "two submissions": (
         SOUND | {f"{HOME}/second/submission.toml": TOML},
-        "changes more than one folder: 2 (submissions/made/retrieval/mine, submissions/made/retrieval/second)",
+        "changes more than one folder: 2 (submissions/made/retrieval/mine, "
+        "submissions/made/retrieval/second)",
     ),
     "renamed folder with the old metadata": (
         {
@@ -195,7 +201,10 @@ HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
         SOUND | {f"{HOME}/mine/sub": ("160000", b"a" * 40)},
         "is a submodule",
     ),
-    "executable": (SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")}, "is an executable file"),
+    "executable": (
+        SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")},
+        "is an executable file",
+    ),
     "the folder itself is a link": (
         {f"{HOME}/mine": ("120000", b"theirs")},
         "not the folder of a submission",
@@ -237,15 +246,33 @@ HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_pull_request_is_refused_with_its_message(world: World, name: str) -> None:
+def test_hostile_pull_request_is_refused_with_its_message(
+    world: World, name: str, command: Callable[..., Result], tmp_path: Path
+) -> None:
     files, message = HOSTILE[name]
-    faults = world.look(1, world.hosted.pull_of(1, files))
-    assert faults
-    assert message in faults[0].what
-    assert isinstance(faults[0], RefusedError)
-    assert all(part.isprintable() for part in str(faults[0]).split("\n"))
-    out = world.folder / "out"
-    written = [path for path in out.rglob("*") if path.is_file()]
+    head = world.hosted.pull_of(1, files)
+    (tmp_path / "leaderboard.toml").write_text(
+        tomli_w.dumps(BOARD.model_dump(by_alias=True, exclude_none=True)), encoding="utf-8"
+    )
+    remote = str(world.hosted.folder)
+    branch = DataBranch.open(tmp_path / "data.git", remote)
+    branch.write(lambda _: {"ledger.csv": write_ledger(LEDGER)}, "ledger")
+    scored = command(
+        "leaderboard", "ci", "score", "--event",
+        write_event(tmp_path / "event.json", event(1, head, MINE)), "--remote", remote,
+        "--root", tmp_path, "--data", tmp_path, "--work", tmp_path / "work",
+        "--out", tmp_path / "found.json",
+    )  # fmt: skip
+    assert scored.exit_code == 1, scored.exception
+    assert scored.stdout == "refused\n"
+    assert message in scored.stderr.replace("\n| ", "\n")
+    assert all(line.startswith("| ") for line in scored.stderr.splitlines())
+    assert "\x1b" not in scored.stderr
+    comment = tmp_path / "comment.md"
+    command("leaderboard", "ci", "comment", tmp_path / "found.json", "--out", comment)
+    assert message in comment.read_text(encoding="utf-8")
+    assert message not in outside_code(comment.read_text(encoding="utf-8"))
+    written = [path for path in (tmp_path / "work" / "submissions").rglob("*") if path.is_file()]
     assert not written or "LFS" in name
 
 
@@ -284,14 +311,10 @@ def test_tree_with_dots_that_only_plumbing_makes(world: World) -> None:
 
 
 def _tree(world: World, commit: str, path: str) -> str:
-    from tests.leaderboard.ci.repositories import git
-
     return git(world.hosted.folder, "rev-parse", f"{commit}:{path}")
 
 
 def _store(folder: Path, tree: bytes) -> str:
-    from tests.leaderboard.ci.repositories import git
-
     return git(folder, "hash-object", "-t", "tree", "-w", "--stdin", "--literally", stdin=tree)
 
 

