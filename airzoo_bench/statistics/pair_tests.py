@@ -63,7 +63,7 @@ def resamples_for(count: int) -> int:
     Returns
     -------
     int
-        10,000, as everywhere else, up to 223 variables; 2,000 of more.
+        10,000, as everywhere else, up to 224 variables; 2,000 of more.
     """
     return _MANY if count * (count - 1) // 2 * _MANY <= _WORK else _FEW
 
@@ -323,7 +323,8 @@ def _median_p_values(sample: Sample, draws: Floats, one: int, others: Places) ->
     least = 2 / (found.shape[1] + 1)
     p_values = np.full(len(others), least)
     low, high = found.min(axis=1), found.max(axis=1)
-    near = _TIE * np.maximum(1.0, np.minimum(np.abs(low), np.abs(high)))
+    least_size = np.minimum(np.abs(low), np.abs(high))
+    near = _TIE * np.maximum(1.0, np.where(np.isinf(least_size), 0.0, least_size))
     mixed = (low <= near) & (high >= -near)
     p_values[mixed] = percentile_p_values(paired_difference(draws[others[mixed]], draws[one]))
     p_values[~mixed] = np.minimum(least, _beyond(sample, found[~mixed], one, others[~mixed]))

@@ -33,7 +33,17 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Rates", "average_limits", "difference_limits", "jeffreys_limits", "wilson_limits"]
+__all__ = [
+    "Rates",
+    "Reaches",
+    "average_limits",
+    "difference_limits",
+    "jeffreys_limits",
+    "put_together",
+    "squares_of_hits",
+    "student_squares",
+    "wilson_limits",
+]
 
 _PRIOR = 0.5
 """So many queries more at 0, and at 1, as Jeffreys' prior has it, steady the variance of AP."""
@@ -187,32 +197,86 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
     graded = np.any([(values % 1 != 0).any(axis=1) for values in scenes], axis=0)
     squares = sum(_squares(values, graded, confidence) for values in scenes)
-    down, up = np.sqrt(np.maximum(squares, 0.0)) / count
-    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
+    return put_together(means, np.asarray(squares), count)
 
 
 def _squares(values: Floats, graded: NDArray[np.bool_], confidence: float) -> Floats:
     """Return the squared reaches of a scene's differences, down and up, (2, R)."""
-    from scipy.special import stdtrit
-
     count = values.shape[1]
-    errors = values.std(axis=1, ddof=1) / np.sqrt(count)
-    student = (stdtrit(count - 1, (1 + confidence) / 2) * errors) ** 2
+    student = student_squares(values.var(axis=1, ddof=1), count, confidence)
     vary = np.ptp(values, axis=1) > _ALIKE
     return np.where(graded & vary, student, _squares_of_hits(values, confidence))
 
 
+def student_squares(variances: Floats, count: int, confidence: float) -> Floats:
+    """Return the squared reaches of Student's limits of means of `count` values, (R,)."""
+    from scipy.special import stdtrit
+
+    return np.asarray(stdtrit(count - 1, (1 + confidence) / 2) ** 2 * variances / count)
+
+
 def _squares_of_hits(values: Floats, confidence: float) -> Floats:
-    won, lost = (Rates.of(np.maximum(part, 0.0)) for part in (values, -values))
-    spread = won.spread * lost.spread * values.shape[1]
+    sides = [Rates.of(np.maximum(part, 0.0)) for part in (values, -values)]
+    won, lost = (Reaches.of(rates, confidence) for rates in sides)
+    return squares_of_hits(won, lost, values.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Reaches:
+    """Rates with their standard errors, and how far their limits lie below and above them."""
+
+    means: Floats
+    spread: Floats
+    down: Floats
+    up: Floats
+
+    @classmethod
+    def of(cls, rates: Rates, confidence: float) -> Reaches:
+        """Take Jeffreys' limits of R rates."""
+        return cls(rates.means, rates.spread, *_reaches(rates, confidence))
+
+    @classmethod
+    def of_hits(cls, count: int, confidence: float) -> Reaches:
+        """Take those of 0, 1, ..., `count` hits of so many queries."""
+        means = np.arange(count + 1) / count
+        varied = count * means * (1 - means)
+        ends = _PRIOR * (means**2 + (1 - means) ** 2)
+        sizes = np.maximum(varied * (count + 2 * _PRIOR) / (varied + ends), count)
+        return cls.of(Rates(means, sizes), confidence)
+
+    def at(self, places: NDArray[np.intp]) -> Reaches:
+        """Return those at some places."""
+        return Reaches(*(part[places] for part in (self.means, self.spread, self.down, self.up)))
+
+
+def squares_of_hits(won: Reaches, lost: Reaches, count: int) -> Floats:
+    """Return the squared reaches of a scene's difference of hits, down and up.
+
+    Parameters
+    ----------
+    won, lost : Reaches
+        Shares of the queries that only the first, and only the second method answers.
+    count : int
+        How many queries the scene has.
+
+    Returns
+    -------
+    (2, R) array
+        What `difference_limits` puts together by MOVER.
+    """
+    spread = won.spread * lost.spread * count
     correlation = np.divide(
-        -won.means * lost.means, spread, out=np.zeros(len(values)), where=spread > 0
+        -won.means * lost.means, spread, out=np.zeros(len(won.means)), where=spread > 0
     )
     correlation = np.maximum(correlation, -1.0)
-    down, up = _reaches(won, confidence)
-    lost_down, lost_up = _reaches(lost, confidence)
-    pairs = ((down, lost_up), (up, lost_down))
+    pairs = ((won.down, lost.up), (won.up, lost.down))
     return np.stack([one**2 + other**2 - 2 * correlation * one * other for one, other in pairs])
+
+
+def put_together(means: Floats, squares: Floats, count: int) -> Floats:
+    """Return limits of differences, (R, 2), from the summed squares (2, R) of `count` scenes."""
+    down, up = np.sqrt(np.maximum(squares, 0.0)) / count
+    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
 
 
 def _reaches(rates: Rates, confidence: float) -> tuple[Floats, Floats]:

@@ -48,7 +48,9 @@ def pair_files(table: Json, files: Mapping[str, Any]) -> list[tuple[Json, Json]]
 
 def _score(column: Json, pairs: Json, blobs: Blobs) -> dict[str, Any]:
     digits = 4 if column["unit"] == "share" else 2
-    coded = {key: _coded(pairs[key], digits if key in ("low", "high") else 4, blobs) for key in _OF_PAIRS}
+    coded = {
+        key: _coded(pairs[key], digits if key in ("low", "high") else 4, blobs) for key in _OF_PAIRS
+    }
     return {
         "title": shown(column["title"]),
         "unit": UNITS[column["unit"]],
@@ -74,10 +76,7 @@ def _scene_values(
 ) -> list[list[float | None]]:
     """Return a list a scene of the values of the methods."""
     return [
-        [
-            number(values[place[row["id"]]]) if values else None
-            for row in rows
-        ]
+        [number(values[place[row["id"]]]) if values else None for row in rows]
         for scene in table["scenes"]
         for values in [scenes.get(scene["id"], {}).get(column["key"], {}).get("value")]
     ]

@@ -17,7 +17,8 @@ from airzoo_bench.leaderboard.site.drawings import history_picture
 from airzoo_bench.leaderboard.site.page_compare import compare_data, pair_files
 from airzoo_bench.leaderboard.site.page_front import front_view
 from airzoo_bench.leaderboard.site.page_method import MethodView, method_view, reproduction_rows
-from airzoo_bench.leaderboard.site.page_tables import filter_choices, page_tabs, table_pages
+from airzoo_bench.leaderboard.site.page_parts import filter_choices
+from airzoo_bench.leaderboard.site.page_tables import page_tabs, table_pages
 from airzoo_bench.leaderboard.site.strangers import host_of, plain_name, safe_url, shown, visible
 
 if TYPE_CHECKING:

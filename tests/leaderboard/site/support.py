@@ -87,7 +87,7 @@ def some_runs(runs: Path, count: int = 4, **options: Any) -> Path:
     for number in range(count):
         made = method(f"Method {number}", 0.25 + 0.5 * number / count, **options)
         write_version(runs, f"m{number}", 2 if number == 0 else 1, made, day=number % 28 + 1)
-    first = method("Method 0", 0.2, seed=1, **options)
+    first = method("Method 0", 0.1, seed=1, **options)
     write_version(runs, "m0", 1, first)
     return runs
 

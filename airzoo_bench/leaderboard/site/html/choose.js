@@ -1,4 +1,6 @@
 // Methods chosen by the boxes in their rows: two are compared, more are shown alone.
+const cut = (name) => (name.length > 48 ? `${name.slice(0, 47)}…` : name);
+
 function chooser(tray) {
   const table = document.getElementById(tray.dataset.table);
   const form = document.querySelector(`form.filters[data-table="${tray.dataset.table}"]`);
@@ -8,7 +10,7 @@ function chooser(tray) {
   function show() {
     const rows = chosen();
     tray.hidden = rows.length === 0;
-    said.textContent = `${rows.length} chosen: ${rows.map((row) => row.dataset.name).join("; ")}`;
+    said.textContent = `${rows.length} chosen: ${rows.map((row) => cut(row.dataset.name)).join("; ")}`;
     link.hidden = rows.length !== 2;
     if (rows.length !== 2) return;
     const [a, b] = rows.map((row) => row.dataset.id);
@@ -16,14 +18,15 @@ function chooser(tray) {
   }
 
   table.addEventListener("change", show);
+  only.hidden = !form;
   only.addEventListener("click", () => {
     form.only = new Set(chosen().map((row) => row.dataset.id));
     form.apply("only the chosen ones");
   });
   clear.addEventListener("click", () => {
     for (const row of chosen()) row.querySelector(".pick input").checked = false;
-    form.only = null;
-    form.apply("nothing chosen");
+    if (form) form.only = null;
+    form?.apply("nothing chosen");
     show();
     table.querySelector("tbody tr:not([hidden]) .pick input")?.focus();
   });

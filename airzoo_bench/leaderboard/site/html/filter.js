@@ -43,7 +43,8 @@ function filtered(form) {
 
   form.apply = apply;
   form.addEventListener("submit", (event) => event.preventDefault());
-  form.addEventListener("input", () => { apply(); keep(); });
+  // Some browsers say of a choice only that it has changed.
+  for (const kind of ["input", "change"]) form.addEventListener(kind, () => { apply(); keep(); });
   form.addEventListener("reset", () => setTimeout(() => { form.only = null; apply("filters cleared"); keep(); }));
   restore();
   apply();

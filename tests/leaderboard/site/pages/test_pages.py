@@ -159,14 +159,18 @@ def test_hostile_texts_make_no_markup(hostile_pages: dict[str, Page]) -> None:
         names = {name for _, attrs in page.tags for name in attrs}
         assert not any(name.startswith("on") for name in names), path
         for address in page.values("href"):
-            assert not address.lower().startswith(("javascript", "vbscript", "data:t", "http:", "//"))
+            assert not address.lower().startswith(
+                ("javascript", "vbscript", "data:t", "http:", "//")
+            )
             assert "evil.example" not in address
 
 
 def test_hostile_texts_bring_no_letter_that_is_not_seen() -> None:
     for path, text in render_pages(spoilt(sample(14))).items():
         shown_text = text.decode()
-        found = re.findall("[\x00-\x08\x0b-\x1f\x7f\u200b-\u200f\u202a-\u202e\u2066-\u2069]", shown_text)
+        found = re.findall(
+            "[\x00-\x08\x0b-\x1f\x7f\u200b-\u200f\u202a-\u202e\u2066-\u2069]", shown_text
+        )
         assert not found, (path, found[:3])
         assert "1337" not in shown_text, path  # 7 * 191
 
@@ -204,8 +208,9 @@ def test_a_row_whose_name_leads_elsewhere_is_a_bug() -> None:
 
 def test_a_board_without_any_entry_has_its_pages() -> None:
     files = sample()
-    for name in ("airzoo-mini-retrieval", "airzoo-mini-retrieval-1f2e3d4c", "mini-sealed-retrieval"):
-        files[f"tables/{name}/table.json"]["rows"] = []
+    for path in files:
+        if path.endswith("/table.json"):
+            files[path]["rows"] = []
     files = {path: value for path, value in files.items() if "/pairs/" not in path}
     files["reproductions.json"]["reproductions"] = []
     empty = render_pages(files)

@@ -1,0 +1,275 @@
+"""All pairs from shared draws: the decisions of the suite's own paired tests, and rank ranges."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.pair_intervals import pair_limits
+from airzoo_bench.statistics.pair_tests import pair_draws, pair_p_values, resamples_for
+from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
+from airzoo_bench.statistics.resampling import exact_products
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import paired_permutation, paired_tests
+
+CONFIG = ResamplingConfig(2_000)
+
+
+def made(kind: str, count: int, sizes: tuple[int, ...], seed: int = 0) -> Sample:
+    random = np.random.default_rng(seed)
+    parts = []
+    for size in sizes:
+        ease = random.normal(size=size) + 0.5 * random.normal(size=(count, size))
+        skilled = ease + np.linspace(-0.7, 0.7, count)[:, None]
+        if kind == "hits":
+            parts.append((skilled > 0).astype(float))
+        elif kind == "graded":
+            parts.append(np.clip(np.round(2 * skilled + 2), 0, 5) / 5)
+        else:
+            errors = np.exp(-2 * skilled)
+            errors[skilled < -1.8] = np.inf
+            parts.append(errors)
+    names = tuple(f"scene{number}" for number in range(len(sizes)))
+    shares = kind in ("hits", "graded")
+    return Sample(
+        "query", names, tuple(parts), np.full(count, kind == "medians"), np.full(count, shares)
+    )
+
+
+def own_tests(sample: Sample, config: ResamplingConfig = CONFIG) -> tuple[np.ndarray, np.ndarray]:
+    """Return p of every pair by the suite's own tests, and whether it is exact."""
+    places = list(combinations(range(len(sample.medians)), 2))
+    _, tests = paired_tests(sample, config, places)
+    return np.array([t.p_value for t in tests]), np.array([t.exact for t in tests])
+
+
+def upper(matrix: np.ndarray) -> np.ndarray:
+    return matrix[np.triu_indices(len(matrix), 1)]
+
+
+@pytest.mark.parametrize("kind", ["hits", "graded"])
+@pytest.mark.parametrize("sizes", [(9,), (7, 5), (6, 4, 3)])
+def test_few_queries_are_tested_exactly(kind: str, sizes: tuple[int, ...]) -> None:
+    sample = made(kind, 6, sizes)
+    expected, exact = own_tests(sample)
+    assert exact.sum() > 5
+    found = upper(pair_p_values(sample, CONFIG))
+    assert found[exact] == pytest.approx(expected[exact], rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["hits", "graded"])
+def test_what_draws_resolve_is_as_compare_has_it(kind: str) -> None:
+    sample = made(kind, 8, (80, 50), seed=3)
+    expected, exact = own_tests(sample)
+    found = upper(pair_p_values(sample, CONFIG))
+    resolved = ~exact & (expected > 27 / 2001)
+    assert resolved.sum() > 1
+    assert found[resolved] == pytest.approx(expected[resolved], rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["hits", "graded", "medians"])
+@pytest.mark.parametrize("seed", range(4))
+def test_decisions_after_holm_are_those_of_the_paired_tests(kind: str, seed: int) -> None:
+    sample = made(kind, 5, (40, 25), seed)
+    expected, _ = own_tests(sample, ResamplingConfig())
+    found = upper(correct_pairs(pair_p_values(sample, ResamplingConfig())))
+    assert ((found <= 0.05) == (holm(expected) <= 0.05)).all()
+
+
+def test_medians_are_tested_as_compare_does() -> None:
+    sample = made("medians", 6, (40, 30))
+    expected, _ = own_tests(sample)
+    found = upper(pair_p_values(sample, CONFIG))
+    resolved = expected > 2 / 2001
+    assert resolved.sum() > 3
+    assert found[resolved] == pytest.approx(expected[resolved], rel=1e-9)
+    assert (found[~resolved] <= expected[~resolved]).all()
+
+
+def test_the_tail_is_near_what_very_many_patterns_give() -> None:
+    random = np.random.default_rng(1)
+    hits = (random.random((2, 120)) < np.array([[0.72], [0.42]])).astype(float)
+    sample = Sample("query", ("a",), (hits,), np.zeros(2, bool), np.ones(2, bool))
+    [test] = paired_permutation(sample, ResamplingConfig(400_000), [(0, 1)])
+    assert test.p_value < 26 / 2001
+    found = pair_p_values(sample, CONFIG)[0, 1]
+    assert test.p_value / 2 < found < 3 * test.p_value
+
+
+def test_nothing_is_found_that_no_test_could_find() -> None:
+    # 14 wins of 14: no pattern of signs is as extreme but two of 2**14.
+    hits = np.zeros((2, 40))
+    hits[1, :14] = 1
+    sample = Sample("query", ("a",), (hits,), np.zeros(2, bool), np.ones(2, bool))
+    assert 2.0**-13 <= pair_p_values(sample, CONFIG)[0, 1] < 4 * 2.0**-13
+
+
+def test_identical_methods_are_never_told_apart() -> None:
+    for kind in ("hits", "graded", "medians"):
+        one = made(kind, 1, (30, 20))
+        values = tuple(np.repeat(part, 4, axis=0) for part in one.values)
+        sample = Sample(one.unit, one.groups, values, np.full(4, kind == "medians"))
+        p_values = pair_p_values(sample, CONFIG)
+        assert (p_values == 1).all()
+        ranges = rank_ranges(np.ones(4), correct_pairs(p_values), higher_is_better=True)
+        assert ranges.tolist() == [[1, 4]] * 4
+
+
+def test_values_that_differ_by_rounding_are_ties() -> None:
+    values = np.random.default_rng(0).random((1, 30))
+    both = np.concatenate([values, values * (1 + 1e-13)])
+    sample = Sample("query", ("a",), (both,), np.zeros(2, bool), np.ones(2, bool))
+    assert pair_p_values(sample, CONFIG)[0, 1] == 1
+
+
+def test_means_with_infinite_values_are_tested_by_the_own_test() -> None:
+    random = np.random.default_rng(2)
+    values = random.random((4, 12))
+    values[1, 3], values[2, :5] = np.inf, np.inf
+    sample = Sample("scene", ("",), (values,), np.zeros(4, bool))
+    expected, _ = own_tests(sample)
+    assert upper(pair_p_values(sample, CONFIG)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_median_that_is_infinite_is_worse_beyond_doubt() -> None:
+    random = np.random.default_rng(4)
+    values = random.random((3, 200))
+    values[2, :190] = np.inf
+    sample = Sample("query", ("a",), (values,), np.ones(3, bool))
+    p_values = pair_p_values(sample, CONFIG)
+    assert p_values[0, 2] < 1e-20
+    medians = np.median(values, axis=1)
+    ranges = rank_ranges(medians, correct_pairs(p_values), higher_is_better=False)
+    assert ranges[2].tolist() == [3, 3]
+    assert ranges[0].tolist() == [1, 2]
+
+
+def test_one_scene_with_one_query() -> None:
+    for medians in (False, True):
+        sample = Sample("query", ("a",), (np.array([[0.0], [1.0]]),), np.full(2, medians))
+        assert pair_p_values(sample, CONFIG)[0, 1] == 1
+        assert np.isnan(pair_limits(sample, CONFIG)).all()
+
+
+def test_one_method_has_the_first_rank() -> None:
+    sample = made("hits", 1, (5,))
+    p_values = pair_p_values(sample, CONFIG)
+    assert p_values.tolist() == [[1.0]]
+    assert rank_ranges(np.ones(1), p_values, higher_is_better=True).tolist() == [[1, 1]]
+
+
+def test_scenes_as_units() -> None:
+    random = np.random.default_rng(5)
+    values = random.random((4, 9)) * np.array([[1.0], [1.1], [3.0], [3.2]])
+    sample = Sample("scene", ("",), (values,), np.zeros(4, bool))
+    expected, exact = own_tests(sample)
+    assert exact.all()
+    assert upper(pair_p_values(sample, CONFIG)) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["hits", "graded", "medians"])
+def test_draws_do_not_depend_on_the_other_methods(kind: str) -> None:
+    sample = made(kind, 9, (33, 21))
+    some = [6, 2]
+    alone = Sample(
+        "query", sample.groups, tuple(part[some] for part in sample.values), sample.medians[some]
+    )
+    assert (pair_draws(alone, CONFIG) == pair_draws(sample, CONFIG)[some]).all()
+
+
+def test_products_are_exact_on_their_grid() -> None:
+    random = np.random.default_rng(6)
+    values, factors = random.random((3, 500)) * 1e6, random.integers(0, 2, (500, 7)) * 1.0
+    found = exact_products(values, factors, 500)
+    assert found == pytest.approx(values @ factors, rel=1e-9)
+    assert (found[1:2] == exact_products(values[1:2], factors[:, :], 500)).all()
+    assert (found[:, 3:4] == exact_products(values, factors[:, 3:4], 500)).all()
+
+
+@pytest.mark.parametrize("kind", ["hits", "graded", "medians"])
+def test_intervals_of_pairs_are_those_of_compare(kind: str) -> None:
+    sample = made(kind, 5, (40, 25), seed=8)
+    places = list(combinations(range(5), 2))
+    intervals, _ = paired_tests(sample, CONFIG, places)
+    found = pair_limits(sample, CONFIG)
+    expected = np.array([[interval.low, interval.high] for interval in intervals], float)
+    assert upper(found[0]) == pytest.approx(expected[:, 0], rel=1e-9, abs=1e-12)
+    assert upper(found[1]) == pytest.approx(expected[:, 1], rel=1e-9, abs=1e-12)
+    assert np.isnan(found[0][np.tril_indices(5)]).all()
+
+
+def test_ranges_by_hand() -> None:
+    # The first two differ from the last two, and nothing else is told apart.
+    corrected = np.ones((4, 4))
+    corrected[:2, 2:] = corrected[2:, :2] = 0.01
+    higher = rank_ranges(np.array([0.9, 0.8, 0.3, 0.2]), corrected, higher_is_better=True)
+    assert higher.tolist() == [[1, 2], [1, 2], [3, 4], [3, 4]]
+    lower = rank_ranges(np.array([0.9, 0.8, 0.3, 0.2]), corrected, higher_is_better=False)
+    assert lower.tolist() == [[3, 4], [3, 4], [1, 2], [1, 2]]
+
+
+def test_equal_values_are_never_better_than_each_other() -> None:
+    corrected = np.full((3, 3), 0.001)
+    values = np.array([np.inf, np.inf, 1.0])
+    found = rank_ranges(values, corrected, higher_is_better=False)
+    assert found.tolist() == [[2, 3], [2, 3], [1, 1]]
+
+
+def test_holm_goes_over_all_pairs() -> None:
+    p_values = np.ones((4, 4))
+    p_values[0, 1] = p_values[1, 0] = 0.01  # of 6 pairs: 0.06
+    assert correct_pairs(p_values)[0, 1] == pytest.approx(0.06)
+    assert correct_pairs(p_values[:2, :2])[0, 1] == pytest.approx(0.01)
+
+
+def test_unpaired_tests_take_what_is_known() -> None:
+    values, errors = np.array([0.5, 0.7, np.inf, 0.1]), np.array([0.02, 0.02, 0.1, np.nan])
+    found = unpaired_p_values(values, errors)
+    assert found[0, 1] == pytest.approx(5.733e-7, rel=1e-3)  # 5 standard deviations
+    assert (found[2] == 1).all()
+    assert (found[3] == 1).all()
+
+
+def test_many_methods_share_fewer_draws() -> None:
+    assert [resamples_for(count) for count in (1, 2, 224, 225, 500)] == [10_000] * 3 + [2_000] * 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["hits", "graded", "errors", "medians"])
+def test_ranges_hold_the_true_ranks(kind: str) -> None:
+    """In 95 of 100 benchmarks all true ranks lie in their ranges; methods tie in pairs."""
+    random = np.random.default_rng(11)
+    skills = np.repeat(np.linspace(0, 1.5, 6), 2)
+    tied = (
+        1 + (skills[None, :] > skills[:, None]).sum(1),
+        (skills[None, :] >= skills[:, None]).sum(1),
+    )
+    held, width = 0, 0.0
+    for _ in range(400):
+        parts = []
+        for size in (60, 25, 40):
+            ease = random.normal(size=size) + 0.6 * random.normal(size=(12, size))
+            skilled = ease + skills[:, None]
+            parts.append(
+                (skilled > 0.5).astype(float)
+                if kind == "hits"
+                else np.clip(np.round(skilled + 2), 0, 5) / 5
+                if kind == "graded"
+                else -skilled + 10
+            )
+        medians = np.full(12, kind == "medians")
+        sample = Sample("query", ("a", "b", "c"), tuple(parts), medians)
+        average = np.median if kind == "medians" else np.mean
+        values = np.mean([average(part, axis=1) for part in parts], axis=0)
+        found = rank_ranges(
+            values,
+            correct_pairs(pair_p_values(sample, CONFIG)),
+            higher_is_better=kind in ("hits", "graded"),
+        )
+        held += bool(((found[:, 0] <= tied[0]) & (found[:, 1] >= tied[1])).all())
+        width += float((found[:, 1] - found[:, 0]).mean()) / 400
+    assert held >= 0.95 * 400 - 2 * np.sqrt(400 * 0.05 * 0.95)
+    assert width < 9  # of 11, where nothing is told apart
