@@ -104,6 +104,7 @@ for _name, _command, _examples in (
     ("seal", seal.seal, seal.SEAL_EXAMPLES),
     ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
     ("seal-key", seal.seal_key, seal.KEY_EXAMPLES),
+    ("seal-score", seal.seal_score, seal.SCORE_EXAMPLES),
 ):
     app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
 app.add_typer(export.app, name="export", rich_help_panel=LEADERBOARD)

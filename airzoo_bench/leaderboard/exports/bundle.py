@@ -51,7 +51,7 @@ class Competition:
         """What templates are filled with."""
         return {
             "title": self.protocol.title,
-            "summary": self.protocol.summary,
+            "summary": self.protocol.summary.strip(),
             "protocol": self.protocol,
             "columns": self.settings.columns,
             "sealed": self.settings.sealed,

@@ -69,7 +69,7 @@ def _write_challenge(competition: Competition, folder: Path) -> None:
     competition.write_texts(
         folder,
         _TEXTS,
-        short=fitted(protocol.title, 100),
+        name=fitted(protocol.title, 100),
         about=_ABOUT,
         split=protocol.name,
         schema=leaderboard_schema(competition.settings),

@@ -6,12 +6,15 @@ import datetime
 import importlib.util
 import json
 import math
+import shutil
+import tomllib
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 import yaml
 
 from airzoo_bench.core.errors import UsageError
@@ -50,7 +53,9 @@ def config(exported: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 def check_challenge(folder: Path) -> dict[str, Any]:
     """Hold a challenge to what EvalAI's `challenge_config_utils` refuses."""
     stated = yaml.safe_load((folder / "challenge_config.yaml").read_text(encoding="utf-8"))
-    assert 0 < len(stated["title"]) <= 100 or len(stated["title"]) <= 120
+    named = [stated["title"], *(one["name"] for one in stated["dataset_splits"])]
+    named += [phase[key] for phase in stated["challenge_phases"] for key in ("name", "codename")]
+    assert all(0 < len(name) <= 100 for name in named)
     pages = ("description", "evaluation_details", "terms_and_conditions", "submission_guidelines")
     phases = stated["challenge_phases"]
     for page in [*(stated[name] for name in pages), *(phase["description"] for phase in phases)]:
@@ -108,6 +113,15 @@ class TestChallenge:
     def test_has_no_truth_in_what_is_uploaded(self, exported: Path) -> None:
         with zipfile.ZipFile(exported / "challenge.zip") as archive:
             assert not [n for n in archive.namelist() if n.endswith((".npz", ".csv", ".parquet"))]
+
+    def test_long_titles_are_cut(self, made: Made, tmp_path: Path) -> None:
+        folder = Path(shutil.copytree(made.data, tmp_path / "data"))
+        file = folder / "made" / "protocols" / f"{made.protocol}.toml"
+        values = tomllib.loads(file.read_text()) | {"title": "t" * 120}
+        file.write_text(tomli_w.dumps(values))
+        arguments = [made.protocol, "--data", folder, "--phase", "Test,2027-01-01,2027-02-01"]
+        assert run_main("export", "evalai", *arguments, "--out", tmp_path / "out") == 0
+        check_challenge(unpacked(tmp_path / "out" / "challenge.zip", tmp_path / "challenge"))
 
     def test_phases_must_end(
         self, made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -173,8 +187,6 @@ class TestWorker:
     def test_a_fault_of_the_host_is_not_called_the_submission_s(
         self, made: Made, exported: Path, server: EvalAI, tmp_path: Path
     ) -> None:
-        import shutil
-
         copy = Path(shutil.copytree(exported / "worker", tmp_path / "worker"))
         (copy / "reference" / "benchmark.toml").write_text("broken")
         number = server.submit("preds.npz", made.predictions.read_bytes())
@@ -245,6 +257,11 @@ class TestWorker:
     def test_the_token_is_never_sent_in_the_clear(self, address: str) -> None:
         with pytest.raises(UsageError, match="without encryption"):
             Api(address, TOKEN)
+
+    def test_the_token_follows_no_redirect(self, server: EvalAI) -> None:
+        with pytest.raises(OSError, match="302"):
+            Api(server.url, TOKEN).call("GET", "/moved")
+        assert [path for _, path, _ in server.seen] == ["/moved"]
 
     def test_files_of_the_machine_are_not_submissions(self, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="no web address"):
