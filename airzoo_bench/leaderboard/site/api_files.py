@@ -316,7 +316,7 @@ class ApiFiles:
                 entry.submission.team,
                 self.ids[scored.measured.measures],
                 _sentence(measured),
-                f"#{scored.id}",
+                f"tables/{self.ids[scored.measured.measures]}/methods/{scored.id}.html",
             )
             for scored, older in self.methods
             for entry, measured in ((scored.entry, scored.measured), *older)
