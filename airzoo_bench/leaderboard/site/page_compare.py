@@ -26,7 +26,7 @@ def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]
     blobs = Blobs()
     found = pair_files(table, files)
     place = {row["id"]: number for number, row in enumerate(table["rows"])}
-    rows = [table["rows"][place[name]] for name in found[0][1]["ids"]]
+    rows = [table["rows"][at] for at in sorted(place[name] for name in found[0][1]["ids"])]
     scenes = files.get(f"tables/{table['id']}/scenes.json", {}).get("scenes", {})
     data = {
         "methods": [{"id": row["id"], "name": shown(row["method"])} for row in rows],

@@ -227,16 +227,18 @@ def _reproduction(one: Json, table: Json) -> dict[str, Any]:
         "rescored": CellView(
             shown(one["rescored_text"], _NUMBER),
             _sort(rescored),
-            f"[{low}, {high}]" if low and high else "",
+            f"{low} to {high}" if low and high else "",
         ),
-        "difference": CellView(
-            text if text.startswith("-") or not text else f"+{text}", _sort(difference)
-        ),
+        "difference": CellView(_signed(text), _sort(difference)),
         "within": within,
         "by": shown(one["by"]) if one["by"] else "",
         "date": one["date"] or "",
         "why": shown(one["why"], 1000) if one["why"] else "",
     }
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "−") if text.startswith("-") or not text else f"+{text}"
 
 
 def _difference(printed: float | None, rescored: float | None) -> float | None:

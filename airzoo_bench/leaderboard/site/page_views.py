@@ -131,7 +131,7 @@ def score_at(column: Json, part: Json, row: int) -> dict[str, Any]:
         part[key][row] if row < len(part.get(key, ())) else None for key in ("value", "low", "high")
     )
     text, *limits = numbers_text(column["unit"], value, low, high)
-    interval = f"[{limits[0]}, {limits[1]}]" if all(limits) else ""
+    interval = f"{limits[0]} to {limits[1]}" if all(limits) else ""
     return {"value": value, "text": text, "low": low, "high": high, "interval": interval}
 
 
