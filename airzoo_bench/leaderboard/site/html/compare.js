@@ -54,7 +54,7 @@ async function pairOf(score, a, b) {
 
 function verdict(score, pair) {
   if (Number.isNaN(pair.p_holm)) return "no test";
-  if (pair.p_holm >= 0.05) return "cannot be told apart";
+  if (pair.p_holm > 0.05) return "cannot be told apart";
   return (pair.difference > 0) === score.higher ? "A is better" : "B is better";
 }
 
