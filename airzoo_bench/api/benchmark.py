@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.scene import BlindScene
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
