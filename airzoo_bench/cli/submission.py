@@ -128,6 +128,7 @@ def new(
     key is for.
     """
     from airzoo_bench.cli.submission_questions import complete
+    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
     from airzoo_bench.leaderboard.making import (
         Files,
@@ -138,6 +139,8 @@ def new(
     )
 
     root = board_root(board or Path())
+    if not predictions.exists():
+        raise UsageError("no such file or folder", where=predictions)
     values = complete(
         {
             "protocol": protocol,
