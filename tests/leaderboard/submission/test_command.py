@@ -86,6 +86,8 @@ def test_without_a_terminal_nothing_is_asked(board: Path, preds: Path, command: 
     made = command("submission", "new", preds, *OPTIONS[2:])
     assert made.exit_code == 1
     assert "missing: --protocol" in str(made.exception)
+    missing = command("submission", "new", preds.with_name("nothing.npz"))
+    assert "no such file or folder" in str(missing.exception)
     assert not (board / "submissions").exists()
 
 
@@ -156,6 +158,8 @@ def test_a_benchmark_that_is_not_here_is_said(
     found = command("submission", "check", home, "--data", elsewhere)
     assert found.exit_code == 0
     assert "not scored: benchmark made is not there" in found.stderr
+    asked = command("submission", "check", home, "--data", elsewhere, "--score")
+    assert "not scored: benchmark made is not there" in str(asked.exception)
 
 
 def test_questions_on_a_terminal(board: Path, preds: Path) -> None:
