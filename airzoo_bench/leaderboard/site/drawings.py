@@ -10,6 +10,7 @@ from dataclasses import dataclass
 __all__ = ["Point", "Scale", "history_picture", "interval_picture", "rank_picture", "scale_of"]
 
 _WIDTH, _HEIGHT, _EDGE = 80, 12, 4
+_WIDER = 120  # of intervals, which are short beside their column's range
 _STEP, _BOTTOM, _RISE = 76, 108, 92  # of a history: a version's width; where it stands
 
 
@@ -57,11 +58,13 @@ def rank_picture(low: int, high: int, count: int) -> str:
 
 def interval_picture(point: Point, scale: Scale) -> str:
     """Draw a value as a dot and its interval as a line on the scale of its column."""
-    middle = _HEIGHT / 2
-    drawn = _line("axis", _EDGE, _WIDTH - _EDGE, middle)
+    middle, drawn = _HEIGHT / 2, _line("axis", _EDGE, _WIDER - _EDGE, _HEIGHT / 2)
     if point.low is not None and point.high is not None:
-        drawn += _line("whisker", scale.at(point.low), scale.at(point.high), middle)
-    return _svg(_WIDTH, _HEIGHT, drawn + _dot(scale.at(point.value), middle))
+        low, high = scale.at(point.low, _WIDER), scale.at(point.high, _WIDER)
+        drawn += _line("whisker", low, high, middle)
+    x = _px(scale.at(point.value, _WIDER))
+    dot = f'<circle class="dot" cx="{x}" cy="{_px(middle)}" r="2.5"/>'
+    return _svg(_WIDER, _HEIGHT, drawn + dot)
 
 
 def history_picture(points: Sequence[Point]) -> str:
@@ -101,10 +104,6 @@ def _svg(width: float, height: float, drawn: str) -> str:
 def _line(kind: str, first: float, last: float, y: float) -> str:
     ends = f'x1="{_px(first)}" x2="{_px(last)}" y1="{_px(y)}" y2="{_px(y)}"'
     return f'<line class="{kind}" {ends}/>'
-
-
-def _dot(x: float, y: float) -> str:
-    return f'<circle class="dot" cx="{_px(x)}" cy="{_px(y)}" r="3"/>'
 
 
 def _px(value: float) -> str:

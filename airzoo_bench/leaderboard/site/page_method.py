@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from airzoo_bench.leaderboard.site.drawings import Point
+from airzoo_bench.leaderboard.site.page_parts import finding_text
 from airzoo_bench.leaderboard.site.page_views import (
     KINDS,
     UNITS,
@@ -68,6 +69,7 @@ class MethodView:
     name: str
     kind: str
     tag: str
+    summary: str
     facts: Sequence[tuple[str, str]]
     links: Sequence[tuple[str, str]]
     notes: Sequence[str]
@@ -101,12 +103,9 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         name=shown(row["method"]),
         kind=row["kind"],
         tag=KINDS.get(row["kind"], ""),
+        summary=shown(row["summary"], 1000) if row["summary"] else "",
         facts=_facts(row),
-        links=[
-            (t, u)
-            for t, u in (("code", safe_url(row["code"])), ("paper", safe_url(row["paper"])))
-            if u
-        ],
+        links=_links(row),
         notes=[shown(note, 1000) for note in row["notes"]],
         findings=[_finding(finding, table) for finding in row["findings"]],
         scores=[_score_line(c, row) for c in table["scores"] if c["key"] in row["scores"]],
@@ -120,6 +119,11 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         if found
         else [],
     )
+
+
+def _links(row: Json) -> list[tuple[str, str]]:
+    found = [(title, safe_url(row.get(title))) for title in ("code", "paper", "weights")]
+    return [(title, url) for title, url in found if url]
 
 
 def _facts(row: Json) -> list[tuple[str, str]]:
@@ -147,8 +151,7 @@ def _finding(finding: Json, table: Json) -> str:
     scenes = {scene["id"]: shown(scene["title"]) for scene in table["scenes"]}
     where = scenes.get(finding["scene"], shown(finding["scene"])) if finding["scene"] else "average"
     score = titles.get(finding["score"], finding["score"])
-    why, grade = shown(finding["why"], 1000), shown(finding["grade"])
-    return f"{score}, {where}, printed {shown(finding['printed'])}: {why} ({grade})"
+    return f"{score}, {where}, printed {finding_text(finding)}"
 
 
 def _score_line(column: Json, row: Json) -> Line:

@@ -16,6 +16,7 @@ __all__ = [
     "caption_of",
     "filter_choices",
     "finding_notes",
+    "finding_text",
     "headline",
     "lead_score",
     "method_rows",
@@ -89,6 +90,13 @@ def method_rows(
     return [r for r in rows if r.kind != "floor"], [r for r in rows if r.kind == "floor"]
 
 
+def finding_text(finding: Json) -> str:
+    """Say what the audit finds of a printed number, and where that stands."""
+    source = f"; {shown(finding['source'])}" if finding["source"] else ""
+    why, grade = shown(finding["why"], 1000), shown(finding["grade"])
+    return f"{shown(finding['printed'])}{source}: {why} (audit: {grade})"
+
+
 def finding_notes(row: Json, scene: str, table: Json, notes: Notes) -> dict[str, list[Json]]:
     """Return by score what the audit says of a row's printed numbers."""
     titles = {column["key"]: shown(column["title"]) for column in table["scores"]}
@@ -96,11 +104,7 @@ def finding_notes(row: Json, scene: str, table: Json, notes: Notes) -> dict[str,
     for finding in row["findings"]:
         if finding["scene"] == scene:
             score = titles.get(finding["score"], shown(finding["score"]))
-            text = (
-                f"{shown(row['method'])}, {score}, printed {shown(finding['printed'])}: "
-                f"{shown(finding['why'], 1000)} "
-                f"(audit: {shown(finding['grade'])})"
-            )
+            text = f"{shown(row['method'])}, {score}, printed {finding_text(finding)}"
             found.setdefault(finding["score"], []).append(notes.mark(text))
     return found
 
@@ -134,6 +138,7 @@ def filter_choices(tables: Sequence[TableView]) -> dict[str, Any]:
     """Return what filters can ask of the rows of a page."""
     rows = [row for table in tables for row in table.rows]
     return {
+        "count": max((len(table.rows) for table in tables), default=0),
         "sources": [(k, KINDS.get(k, k)) for k in dict.fromkeys(row.kind for row in rows)],
         "pipelines": sorted({row.pipeline for row in rows if row.pipeline}),
         "training": sorted({name for row in rows for name in row.training or ()}),

@@ -107,9 +107,9 @@ def _results(table: Json, files: Mapping[str, Any]) -> Page:
         rows,
         floors,
         ranked=count > 0,
-        pictured=f"{shown(lead['title'])} and interval" if scale else "",
+        pictured=_pictured(table, lead) if scale and scale.low < scale.high else "",
         scale=_scale_text(lead, scale),
-        facts=True,
+        facts=any(row.pipeline or row.training is not None or row.date for row in rows),
         costs=any(row.cost.text for row in rows),
         choose=len(chosen) > 1,
     )
@@ -169,6 +169,12 @@ def _all_scores(table: Json) -> Page:
 
 def _comparable(table: Json, files: Mapping[str, Any]) -> set[str]:
     return {name for _, pairs in pair_files(table, files) for name in pairs["ids"]}
+
+
+def _pictured(table: Json, lead: Json) -> str:
+    title = shown(lead["title"])
+    any_interval = any(score_of(row, lead["key"])["low"] is not None for row in table["rows"])
+    return f"{title} and interval" if any_interval else title
 
 
 def _scale_text(column: Json, scale: Scale | None) -> str:

@@ -18,14 +18,15 @@ function chooser(tray) {
   }
 
   table.addEventListener("change", show);
+  only.hidden = !form;
   only.addEventListener("click", () => {
     form.only = new Set(chosen().map((row) => row.dataset.id));
     form.apply("only the chosen ones");
   });
   clear.addEventListener("click", () => {
     for (const row of chosen()) row.querySelector(".pick input").checked = false;
-    form.only = null;
-    form.apply("nothing chosen");
+    if (form) form.only = null;
+    form?.apply("nothing chosen");
     show();
     table.querySelector("tbody tr:not([hidden]) .pick input")?.focus();
   });

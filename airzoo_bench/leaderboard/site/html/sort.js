@@ -50,7 +50,7 @@ function tell(table, done) {
   if (!region) return;
   const rows = [...table.tBodies[0].rows];
   const shown = rows.filter((row) => !row.hidden).length;
-  region.textContent = `${shown} of ${rows.length} methods shown${done ? `; ${done}` : ""}.`;
+  region.textContent = `${shown} of ${rows.length} ${rows.length === 1 ? "method" : "methods"} shown${done ? `; ${done}` : ""}.`;
 }
 
 for (const table of document.querySelectorAll("table.sortable")) sortable(table);

@@ -53,7 +53,7 @@ _SPOILT = {
     *("title", "method", "team", "source", "hardware", "licence", "why", "grade", "check"),
     *("printed_by", "printed_text", "rescored_text", "by", "changes", "made_with", "bibtex"),
     *("about", "about_ranks", "about_intervals", "apart", "benchmark_title", "stages"),
-    *("protocol", "protocol_fingerprint", "truth", "benchmark"),
+    *("summary", "protocol", "protocol_fingerprint", "truth", "benchmark"),
 }
 _LISTS = {"authors", "training_data", "notes", "labels", "uses"}
 
@@ -70,6 +70,6 @@ def _spoilt(value: Any, key: str, texts: Iterator[str], addresses: Iterator[str]
         return [next(texts) for _ in value]
     if isinstance(value, list):
         return [_spoilt(v, "", texts, addresses) for v in value]
-    if key in ("paper", "code"):
+    if key in ("paper", "code", "weights"):
         return next(addresses)
     return next(texts) if key in _SPOILT and isinstance(value, str) else value

@@ -12,7 +12,7 @@ pytestmark = NEEDS_CHROMIUM
 
 def test_hostile_texts_run_nothing_and_load_nothing(opened: Opened, hostile_board: Path) -> None:
     methods = sorted(hostile_board.rglob("methods/*.html"))[::3]
-    assert len(methods) > 10
+    assert len(methods) >= 8
     for page in [*(hostile_board / kind for kind in KINDS), *methods]:
         visit(opened, page)
         found = opened.driver.execute_script(
