@@ -139,7 +139,7 @@ class TestAddress:
         size, sha256 = file.stat().st_size, sha256_of_tree(file)
         return {"url": "https://example.org/preds.npz", "bytes": size, "sha256": sha256}
 
-    def test_predictions_are_fetched_once(
+    def test_predictions_are_fetched_where_that_is_asked_and_kept(
         self, board: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         source = write(board, perfect, folder="source")
@@ -150,12 +150,13 @@ class TestAddress:
         def fetch(url: str, into: Path, *, size: int, sha256: str) -> Path:
             asked.append((url, size, sha256))
             into.mkdir(parents=True)
+            (into / ".preds.npz.part").touch()
             return Path(shutil.copy(source / "preds.npz", into))
 
         monkeypatch.setattr("airzoo_bench.leaderboard.fetching.fetch", fetch)
         assert checked(home, data).predictions is None
-        for _ in range(2):
-            found = checked(home, data, fetch=True)
+        for fetched in (True, False):
+            found = checked(home, data, fetch=fetched)
             assert not found.errors
             assert found.predictions is not None
             assert found.predictions.is_relative_to(data / FETCHED)

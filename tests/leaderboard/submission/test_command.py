@@ -156,6 +156,8 @@ def test_a_benchmark_that_is_not_here_is_said(
     found = command("submission", "check", home, "--data", elsewhere)
     assert found.exit_code == 0
     assert "not scored: benchmark made is not there" in found.stderr
+    asked = command("submission", "check", home, "--data", elsewhere, "--score")
+    assert "not scored: benchmark made is not there" in str(asked.exception)
 
 
 def test_questions_on_a_terminal(board: Path, preds: Path) -> None:
