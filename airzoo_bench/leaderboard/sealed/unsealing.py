@@ -21,7 +21,7 @@ from airzoo_bench.core.temporaries import clear_abandoned, temporary_folder
 from airzoo_bench.leaderboard.sealed.archive import opened_archive, pieces_of, read_pieces
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
 
-__all__ = ["OpenTruth", "clear_truth", "opened_truth", "unseal"]
+__all__ = ["OpenTruth", "clear_truth", "memory_folder", "opened_truth", "unseal"]
 
 _MANIFEST_BYTES = 1 << 30
 _MEMORY = Path("/dev/shm")  # files in memory, on Linux
@@ -99,7 +99,7 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[OpenTruth]:
         See `unseal`.
     """
     committed = _commitment_of(public)
-    home = _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+    home = memory_folder()
     try:
         with temporary_folder(home, _NAME) as folder:
             contents = _extract(archive, key, committed, folder, None, silent)
@@ -118,10 +118,14 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[OpenTruth]:
         ) from error
 
 
+def memory_folder() -> Path:
+    """Return where a truth is opened: in memory, else among temporary files."""
+    return _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+
+
 def clear_truth() -> None:
     """Remove what a killed run has left of a truth that was open."""
-    for home in (_MEMORY, Path(tempfile.gettempdir())):
-        clear_abandoned(home)
+    clear_abandoned(memory_folder())
 
 
 Fill = Callable[[Path, str, SealedFile, IO[bytes]], None]

@@ -204,3 +204,30 @@ def test_data_outside_the_folder_are_refused(
     (folder / "benchmark.toml").write_text(moved)
     with pytest.raises(BenchmarkError, match="data outside the folder"):
         sealed_again(folder, str(sealed.key.to_public()))
+
+
+def test_galleries_of_images_and_maps_of_photos(field: Path, tmp_path: Path) -> None:
+    """Of folders only what ids name is public: photos of the gallery, the two maps of a photo."""
+    folder = copied(field, tmp_path)
+    home, data = folder / "scenes" / NAME, folder / "data" / NAME
+    pd.DataFrame({"id": [f"{NAME}/t"], "image": ["t.png"]}).to_parquet(
+        home / "retrieval" / "tiles.parquet"
+    )
+    (home / "retrieval" / "dropped_tiles.csv").write_text(f"id,image\n{NAME}/u,u.png\n")
+    for name in ("t.png", "u.png", "v.png", "answers.json"):
+        (data / "gallery").mkdir(exist_ok=True)
+        (data / "gallery" / name).touch()
+    for name in ("a_dom.tif", "a_dsm.tif", "a_depth.tif", "z_dom.tif"):
+        (data / "maps").mkdir(exist_ok=True)
+        (data / "maps" / name).touch()
+    benchmark = Benchmark.open(field)
+    update = {"gallery": f"data/{NAME}/gallery", "maps": f"data/{NAME}/maps"}
+    scenes = tuple(scene.model_copy(update=update) for scene in benchmark.file.scenes)
+    changed = Benchmark(folder, benchmark.file.model_copy(update={"scenes": scenes}))
+    found = {
+        name.rsplit("/", 1)[1]: part.kind.name
+        for name, part in public_parts(changed).items()
+        if "/gallery/" in name or "/maps/" in name
+    }
+    expected = {"t.png": "PHOTO", "u.png": "PHOTO", "a_dom.tif": "COPY", "a_dsm.tif": "COPY"}
+    assert found == expected

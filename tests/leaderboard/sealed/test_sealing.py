@@ -215,7 +215,10 @@ def small(sealed: SealedField, tmp_path_factory: pytest.TempPathFactory) -> Seal
 
 
 @pytest.mark.parametrize("shared", [False, True], ids=["alone", "beside others"])
-def test_killed_at_many_steps_of_sealing(shared: bool, small: SealedField, tmp_path: Path) -> None:
+@pytest.mark.parametrize("every", [28, pytest.param(2, marks=pytest.mark.slow)])
+def test_killed_at_many_steps_of_sealing(
+    every: int, shared: bool, small: SealedField, tmp_path: Path
+) -> None:
     """In a folder of their own both are exchanged in one step; else the next run puts them back."""
     home = tmp_path / "board"
     home.mkdir()
@@ -225,7 +228,7 @@ def test_killed_at_many_steps_of_sealing(shared: bool, small: SealedField, tmp_p
     write(home, "aa")
     old, kept = fits(small, home), 0
     codes = []
-    for step in (*range(1, 200, 28), *range(200, 400, 7)):
+    for step in (*range(1, 200, every), *range(200, 400, min(7, every))):
         codes.append(run(write, home, "bb", Fault("killed", step)))
         if codes[-1] != -9:
             break
