@@ -18,6 +18,8 @@ from airzoo_bench.core.errors import BenchmarkError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from airzoo_bench.geometry.arrays import Bools, Floats
+
 __all__ = ["read_table", "refuse_cells"]
 
 _POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
@@ -134,8 +136,7 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
         if name == "id":
             refuse_cells(path, name, values, column.duplicated().tolist(), "each id once")
         return column.astype(str)
-    numbers = np.array([_number(value) for value in values], np.float64)
-    missing = np.array([_is_missing(value) for value in values], np.bool_)
+    numbers, missing = _read_numbers(column, values)
     limit = _limit(name)
     wrong = ~(np.abs(numbers) <= limit) & ~missing
     refuse_cells(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
@@ -154,6 +155,17 @@ def _limit(name: str) -> float:
     if "lon" in parts or "lat" in parts:
         return _LARGEST_LON if "lon" in parts else _LARGEST_LAT
     return _LARGEST
+
+
+def _read_numbers(column: pd.Series[Any], values: list[Any]) -> tuple[Floats, Bools]:
+    """Return cells as numbers, NaN where they are none, and whether there is nothing in them."""
+    if column.dtype.kind in "iuf":  # of a parquet file; cell by cell takes 20 times as long
+        numbers = column.to_numpy(np.float64)
+        return numbers, np.isnan(numbers)
+    return (
+        np.array([_number(value) for value in values], np.float64),
+        np.array([_is_missing(value) for value in values], np.bool_),
+    )
 
 
 def _number(value: object) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -22,6 +22,7 @@ from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
     from airzoo_bench.leaderboard.ci.artifact import Artifact
+    from airzoo_bench.leaderboard.ci.ledger import Outcome as Word
     from airzoo_bench.leaderboard.ci.scoring import Rules
 
 __all__ = ["app"]
@@ -135,7 +136,8 @@ def ledger(
         say(enter_merge(read_event(_needed(event, "--event")), remote))
         return
     last = _needed(_last(artifact or []), "--artifact")
-    found = enter(read_artifact(last), outcome.value, remote, root)
+    word = cast("Word", outcome.value)
+    found = enter(read_artifact(last), word, remote, root)
     if out is not None:
         write_artifact(out, found)
     _tell(found)

@@ -22,6 +22,7 @@ from airzoo_bench.cli import (
     demo,
     download,
     evaluate,
+    export,
     leaderboard,
     mini,
     plot,
@@ -100,8 +101,10 @@ for _name, _command, _examples in (
     ("seal", seal.seal, seal.SEAL_EXAMPLES),
     ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
     ("seal-key", seal.seal_key, seal.KEY_EXAMPLES),
+    ("seal-score", seal.seal_score, seal.SCORE_EXAMPLES),
 ):
     app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
+app.add_typer(export.app, name="export", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)

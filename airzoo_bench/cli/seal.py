@@ -1,4 +1,4 @@
-"""``airzoo-bench seal``, ``unseal``, ``seal-key``: benchmarks whose truth stays with its host."""
+"""``airzoo-bench seal`` and what belongs to it: benchmarks whose truth stays with its host."""
 
 from __future__ import annotations
 
@@ -7,18 +7,46 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import examples, progress, put, say
+from airzoo_bench.cli.common import (
+    DataOption,
+    Format,
+    JobsOption,
+    NamesOption,
+    ReaderOption,
+    examples,
+    progress,
+    put,
+    resolve_data,
+    say,
+)
 from airzoo_bench.core.plurals import counted
 
-__all__ = ["KEY_EXAMPLES", "SEAL_EXAMPLES", "UNSEAL_EXAMPLES", "seal", "seal_key", "unseal"]
+__all__ = [
+    "KEY_EXAMPLES",
+    "SCORE_EXAMPLES",
+    "SEAL_EXAMPLES",
+    "UNSEAL_EXAMPLES",
+    "seal",
+    "seal_key",
+    "seal_score",
+    "unseal",
+]
 
 KEY_EXAMPLES = examples("seal-key key.txt")
 SEAL_EXAMPLES = examples("seal mine --out public/mine --archive public/mine.age --to age1...")
 UNSEAL_EXAMPLES = examples(
     "unseal public/mine --archive public/mine.age --key key.txt --out unsealed/mine"
 )
+SCORE_EXAMPLES = examples(
+    "seal-score preds.npz --protocol mine-retrieval --data public/mine --archive public/mine.age "
+    "--key key.txt"
+)
 
 ArchiveOption = Annotated[Path, typer.Option("--archive", help="The archive of the truth.")]
+KeyOption = Annotated[
+    Path | None,
+    typer.Option("--key", help="The key file (default: the key in $AIRZOO_BENCH_KEY)."),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what stands there.")]
 
 
@@ -62,10 +90,7 @@ def unseal(
     public: Annotated[Path, typer.Argument(help="The public folder that `seal` wrote.")],
     archive: ArchiveOption,
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write.")],
-    key: Annotated[
-        Path | None,
-        typer.Option("--key", help="The key file (default: the key in $AIRZOO_BENCH_KEY)."),
-    ] = None,
+    key: KeyOption = None,
     force: ForceOption = False,
 ) -> None:
     """Make a folder of a public one and its archive again, the same to the last byte."""
@@ -74,3 +99,38 @@ def unseal(
 
     run(public, archive, read_key(key), out, replace=force, progress=progress)
     put(f"{out}\n")
+
+
+def seal_score(
+    predictions: Annotated[Path, typer.Argument(help="Predictions, as for `eval`.")],
+    protocol: Annotated[str, typer.Option("--protocol", help="Name of the protocol.")],
+    archive: ArchiveOption,
+    key: KeyOption = None,
+    data: DataOption = None,
+    method: Annotated[
+        str | None, typer.Option("--method", help="Its name (default: that of the file).")
+    ] = None,
+    reader: ReaderOption = None,
+    names: NamesOption = None,
+    jobs: JobsOption = 2,
+) -> None:
+    """Score predictions against a sealed truth, and print what a submitter may be told, as JSON.
+
+    Nothing else of the truth is printed or kept.
+    """
+    from airzoo_bench.evaluation.given import ReadBy
+    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.leaderboard.sealed.keys import read_key
+    from airzoo_bench.leaderboard.sealed.scoring import score_predictions
+
+    answer = score_predictions(
+        predictions,
+        protocol,
+        method or predictions.stem,
+        archive,
+        read_key(key),
+        data=resolve_data(data),
+        read_by=ReadBy(reader, names),
+        resources=Resources(jobs=jobs, progress=progress),
+    )
+    put(answer.model_dump_json(by_alias=True, indent=2) + "\n", Format.JSON)

@@ -186,8 +186,13 @@ def check(
         bool, typer.Option("--fetch", help="Fetch predictions at an address, to check them too.")
     ] = False,
     score: Annotated[
-        bool, typer.Option("--score/--no-score", help="Score them, where the truth is public.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--score/--no-score",
+            help="Score them, or do not (default: where benchmark and predictions are here).",
+            show_default=False,
+        ),
+    ] = None,
     make_again: Annotated[
         bool,
         typer.Option("--make-again", help="Run the suite's baseline again, compare and time it."),
@@ -225,7 +230,9 @@ def check(
         fetch=fetch,
         resources=resources,
     )
-    rescored = _rescored(checked, place, resources, again=make_again) if score else None
+    rescored = None
+    if score is not False and not checked.errors:
+        rescored = _rescored(checked, place, resources, again=make_again, must=bool(score))
     wrong = [*checked.errors, *(rescored.errors if rescored else ())]
     if form == "json":
         put(json.dumps(_values(checked, rescored), indent=1, allow_nan=False) + "\n")
@@ -236,27 +243,35 @@ def check(
 
 
 def _rescored(
-    checked: CheckedSubmission, data: Path, resources: Any, *, again: bool
+    checked: CheckedSubmission, data: Path, resources: Any, *, again: bool, must: bool
 ) -> Rescored | None:
-    """Score what can be scored here; what keeps it from that becomes a warning."""
-    from airzoo_bench.benchmark.folder import find_benchmark
-    from airzoo_bench.core.errors import BenchmarkError
+    """Score; where that cannot be done here, a warning says why, or an error if it must be."""
+    from airzoo_bench.core.errors import SubmissionError
     from airzoo_bench.leaderboard.rescoring import rescore
 
-    if checked.errors:
-        return None
+    hindrance = _hindrance(checked, data)
+    if not hindrance:
+        return rescore(checked, data=data, resources=resources, make_again=again)
+    if must:
+        raise SubmissionError(f"not scored: {hindrance}", where=checked.folder)
+    checked.warnings.append(f"not scored: {hindrance}")
+    return None
+
+
+def _hindrance(checked: CheckedSubmission, data: Path) -> str:
+    """Say what keeps a sound submission from being scored here, if anything does."""
+    from airzoo_bench.benchmark.folder import find_benchmark
+    from airzoo_bench.core.errors import BenchmarkError
+
     if checked.predictions is None:
-        checked.warnings.append("not scored: the predictions are at an address; add --fetch")
-        return None
+        return "the predictions are at an address; add --fetch"
     if checked.benchmark is not None and checked.benchmark.sealed:
-        checked.warnings.append("not scored: the truth is sealed, and only CI has its key")
-        return None
+        return "the truth is sealed, and only CI has its key"
     try:
         find_benchmark(checked.place.benchmark, data)
     except BenchmarkError as error:
-        checked.warnings.append(f"not scored: {error.what}")
-        return None
-    return rescore(checked, data=data, resources=resources, make_again=again)
+        return error.what
+    return ""
 
 
 def _print(checked: CheckedSubmission, rescored: Rescored | None) -> None:

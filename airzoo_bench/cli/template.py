@@ -53,4 +53,5 @@ def template(
     say(f"wrote {written.out}: replace its arrays, which are random, by your own")
     if written.note is not None:
         say(written.note)
-    say(f"next: airzoo-bench eval {written.track} {written.out}{with_data(data)}")
+    command = "check" if written.sealed else f"eval {written.track}"
+    say(f"next: airzoo-bench {command} {written.out}{with_data(data)}")

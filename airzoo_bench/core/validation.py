@@ -138,7 +138,8 @@ def _lacks_what_was_refused(item: Any, every: list[Any]) -> bool:
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
     # Parts such as "<map>" name which of several tables was chosen, and are no keys.
-    key = ".".join(str(part) for part in item["loc"] if not str(part).startswith("<"))
+    named = ".".join(str(part) for part in item["loc"] if not str(part).startswith("<"))
+    key = repr(named[:80])[1:-1]
     if item["type"] == "extra_forbidden":
         return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
     if item["type"] == "json_invalid":

@@ -61,11 +61,22 @@ def run_baseline(
 
 @dataclass(frozen=True)
 class Template:
-    """An example that was written: its track, its path, and what it will score if known."""
+    """An example that was written.
+
+    Attributes
+    ----------
+    track : str
+    out : Path
+    note : str or None
+        What it will score, if known.
+    sealed : bool
+        Whether the truth is sealed, so that it can only be checked.
+    """
 
     track: str
     out: Path
     note: str | None
+    sealed: bool = False
 
 
 def write_template(
@@ -109,6 +120,7 @@ def write_template(
         )
     target = out or Path(track.template_out)
     track.check_template_path(target, force=force)
-    _, truths = read_truths(track, chosen, data, sealed=True)
+    benchmark, truths = read_truths(track, chosen, data, sealed=True)
     track.write_template(target, chosen, truths, kind or (kinds or ("",))[0], seed)
-    return Template(track.name, target, track.template_note(chosen, truths))
+    note = track.template_note(chosen, truths)
+    return Template(track.name, target, note, benchmark.is_sealed)

@@ -124,14 +124,13 @@ def _check_url_size(given: PredictionsGiven, limits: Limits) -> None:
 def _fetched(given: PredictionsGiven, data: Path, *, fetch: bool) -> Path | None:
     """Return the predictions at an address, once they are on this disk."""
     home = data / FETCHED / given.sha256
-    kept = sorted(home.iterdir()) if home.is_dir() else []
-    if kept:
-        return kept[0]
-    if not fetch:
-        return None
-    from airzoo_bench.leaderboard.fetching import fetch as fetch_now
+    if fetch:
+        from airzoo_bench.leaderboard.fetching import fetch as fetch_now
 
-    return fetch_now(str(given.url), home, size=given.size, sha256=given.sha256)
+        return fetch_now(str(given.url), home, size=given.size, sha256=given.sha256)
+    # What begins with a dot is being fetched, or was when a run was stopped.
+    kept = sorted(home.glob("[!.]*"))
+    return kept[0] if kept else None
 
 
 def size_of_tree(path: Path) -> int:

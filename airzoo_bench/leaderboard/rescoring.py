@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError, SubmissionError, UserError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.leaderboard.baselines import Remade, remake
@@ -224,8 +224,8 @@ def _pipeline_errors(submission: Submission, result: Result) -> Iterator[UserErr
     total = sum(counts["queries"] for counts in result.counts.values())
     if near > _NEAR_PRIOR * total and "prior" not in submission.pipeline.uses:
         yield SubmissionError(
-            f"{near:,} of {total:,} poses are the photo's own prior, which pipeline.uses does not "
-            "name",
+            f"{near:,} of {counted(total, 'pose')} {agreeing(near, 'is', 'are')} the photo's own "
+            "prior, which pipeline.uses does not name",
             expected='uses = ["prior"] where GPS and gimbal angles are used, also as a fallback',
             fix='add "prior" to pipeline.uses, or leave queries without an answer out',
         )

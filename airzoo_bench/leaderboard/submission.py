@@ -237,8 +237,8 @@ class PublicSubmission(Strict):
     baseline: Annotated[dict[Name, Setting], Field(max_length=32)] | None = Field(
         None,
         description="Only where `airzoo-bench baseline` made the predictions: its settings that "
-        "are not the default. CI makes them again, compares and times.",
-        examples=[{"clusters": 64}],
+        "are not the default. They can be made again, compared and timed.",
+        examples=[{"words": 2, "double": False}],
     )
     predictions: PredictionsGiven = Field(
         description="Where the predictions lie, and their hash.",

@@ -29,7 +29,7 @@ def training_warnings(submission: Submission, benchmark: str, data: Path) -> Ite
     data : Path
         The data root; training data that are there are compared with the benchmark on the ground.
     """
-    known = _known_ids(data)
+    known = _known_ids(data) if submission.training_data else []
     for name in submission.training_data:
         if _same(name, benchmark):
             yield (

@@ -123,6 +123,8 @@ class RetrievalTruth:
         """How many photos of the scene have no ground point, left out or not."""
         if self.of_images:
             return 0
+        if not set(FOOTPRINT_COLUMNS) <= set(self.footprints):  # of a sealed truth, nobody may know
+            return 0
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
 
@@ -232,7 +234,8 @@ def read_questions(benchmark: Benchmark, scene: str) -> RetrievalTruth:
     queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
     dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
     positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
-    return RetrievalTruth(scene, queries, queries[["id"]], tiles, positives, excluded, dropped)
+    footprints = queries[["id"]].assign(**dict.fromkeys(FOOTPRINT_COLUMNS, np.nan))
+    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
 def read_tiles(home: Path) -> pd.DataFrame:

@@ -42,12 +42,12 @@ from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permut
 
 __all__ = [
     "Places",
+    "hubs",
     "mean_draws",
     "pair_draws",
     "pair_p_values",
     "resamples_for",
     "wanted_pairs",
-    "hubs",
 ]
 
 _RESOLVED = 25
@@ -284,7 +284,7 @@ class _SignedSums:
 def _every_sign(number: int) -> Floats:
     """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
     digits = (np.arange(2 ** (number - 1)) >> np.arange(number)[:, None]) & 1
-    return 1.0 - 2.0 * digits
+    return np.asarray(1.0 - 2.0 * digits, np.float64)
 
 
 def hubs(wanted: NDArray[np.bool_]) -> Places:
@@ -300,7 +300,7 @@ def hubs(wanted: NDArray[np.bool_]) -> Places:
 def _codes(values: Floats) -> NDArray[Any]:
     """Round values to 30 binary digits, those of 1 where they are smaller: what is alike, ties."""
     if values.max(initial=0.0) <= 1.5:
-        return np.rint(np.ldexp(values, 30)).astype(np.int32)
+        return np.asarray(np.rint(np.ldexp(values, 30)), np.int32)
     known = np.where(np.isinf(values), 0.0, np.abs(values))
     sizes = np.frexp(np.maximum(1.0, known))[1]
     return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
@@ -314,7 +314,8 @@ def _normal_tail(scores: Floats) -> Floats:
 
 def _resolved(extreme: NDArray[np.int64], draws: int, tail: Floats) -> Floats:
     counted = (extreme + 1) / (draws + 1)
-    return np.where(extreme >= _RESOLVED, counted, np.minimum(tail, (_RESOLVED + 1) / (draws + 1)))
+    bound = (_RESOLVED + 1) / (draws + 1)
+    return np.asarray(np.where(extreme >= _RESOLVED, counted, np.minimum(tail, bound)))
 
 
 def _of_medians(
@@ -382,7 +383,7 @@ def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
 
     By wins and losses where resamples are infinite, which have no spread.
     """
-    usual = np.isfinite(draws).all(axis=1)
+    usual = np.asarray(np.isfinite(draws).all(axis=1))
     known = draws[usual]
     spread = known.std(axis=1)
     varied = spread > 0

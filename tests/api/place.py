@@ -43,7 +43,7 @@ def true_poses() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     return rotation, np.stack([east, north, height], axis=1)
 
 
-def make_field(root: Path) -> Path:
+def make_field(root: Path, *options: object) -> Path:
     """Prepare the benchmark below `root` / data, which must be the data root, from its sources."""
     sources = root / "sources"
     ground = _map()
@@ -69,7 +69,7 @@ def make_field(root: Path) -> Path:
     files |= {"dom": "dom.tif", "dsm": "dsm.tif", "cloud": "cloud.ply"}
     arguments = [text for key, file in files.items() for text in (f"--{key}", sources / file)]
     sizes = ("--tile-size", 160, "--tile-size", 80)
-    assert run_main("prepare", "photos", "--name", NAME, *arguments, *sizes) == 0
+    assert run_main("prepare", "photos", "--name", NAME, *arguments, *sizes, *options) == 0
     return root / "data" / NAME
 
 

@@ -14,6 +14,7 @@ from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpa
 from airzoo_bench.statistics.resampling import exact_products
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import paired_permutation, paired_tests
+from tests.statistics.simulations import coverage_of_ranks
 
 CONFIG = ResamplingConfig(2_000)
 
@@ -267,36 +268,6 @@ def test_many_methods_share_fewer_draws() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hits", "graded", "errors", "medians"])
 def test_ranges_hold_the_true_ranks(kind: str) -> None:
-    """In 95 of 100 benchmarks all true ranks lie in their ranges; methods tie in pairs."""
-    random = np.random.default_rng(11)
-    skills = np.repeat(np.linspace(0, 1.5, 6), 2)
-    tied = (
-        1 + (skills[None, :] > skills[:, None]).sum(1),
-        (skills[None, :] >= skills[:, None]).sum(1),
-    )
-    held, width = 0, 0.0
-    for _ in range(400):
-        parts = []
-        for size in (60, 25, 40):
-            ease = random.normal(size=size) + 0.6 * random.normal(size=(12, size))
-            skilled = ease + skills[:, None]
-            parts.append(
-                (skilled > 0.5).astype(float)
-                if kind == "hits"
-                else np.clip(np.round(skilled + 2), 0, 5) / 5
-                if kind == "graded"
-                else -skilled + 10
-            )
-        medians = np.full(12, kind == "medians")
-        sample = Sample("query", ("a", "b", "c"), tuple(parts), medians)
-        average = np.median if kind == "medians" else np.mean
-        values = np.mean([average(part, axis=1) for part in parts], axis=0)
-        found = rank_ranges(
-            values,
-            correct_pairs(pair_p_values(sample, CONFIG)),
-            higher_is_better=kind in ("hits", "graded"),
-        )
-        held += bool(((found[:, 0] <= tied[0]) & (found[:, 1] >= tied[1])).all())
-        width += float((found[:, 1] - found[:, 0]).mean()) / 400
-    assert held >= 0.95 * 400 - 2 * np.sqrt(400 * 0.05 * 0.95)
+    held, width = coverage_of_ranks(kind, 400)
+    assert held >= 0.95 - 2 * np.sqrt(0.05 * 0.95 / 400)
     assert width < 9  # of 11, where nothing is told apart

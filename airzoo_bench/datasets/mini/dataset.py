@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.options import Option
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 
@@ -18,6 +21,29 @@ class MiniOptions:
     seed: Annotated[
         int, Option("seed", "Another seed is another place, and another benchmark.", least=0)
     ] = 0
+    key_file: Annotated[
+        Path | None,
+        Option(
+            "key-file",
+            "Make a sealed edition: a file with 32 hexadecimal digits that nobody else knows, "
+            "such as `openssl rand -hex 16` prints. docs/sealed.md says how to host it.",
+        ),
+    ] = None
+
+    @property
+    def source(self) -> int:
+        """What all randomness comes from: the seed, or the key.
+
+        Raises
+        ------
+        UsageError
+            The seed is too large, or the file holds no key.
+        """
+        if self.key_file is not None:
+            return _key_of(self.key_file, self.seed)
+        if self.seed >> 64:
+            raise UsageError("the seed is too large", where="--seed", expected="less than 2**64")
+        return self.seed
 
 
 class AirZooMini(Dataset[MiniOptions]):
@@ -36,13 +62,30 @@ class AirZooMini(Dataset[MiniOptions]):
         """Return the name, which has the seed in it where that is not 0."""
         from airzoo_bench.datasets.mini.prepare import mini_protocols
 
-        return mini_protocols(options.seed).every[0].benchmark
+        return mini_protocols(options.source).every[0].benchmark
 
     def prepare(self, options: MiniOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `mini.prepare.prepare_airzoo_mini`."""
         from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
 
-        return prepare_airzoo_mini(options.seed, settings)
+        return prepare_airzoo_mini(options.source, settings)
+
+
+def _key_of(file: Path, seed: int) -> int:
+    from airzoo_bench.core.files import read_text
+    from airzoo_bench.datasets.mini.noise import keyed
+
+    if seed:
+        raise UsageError("--seed and --key-file are both given", fix="leave one of them out")
+    text = read_text(file, UsageError, "key file", 1 << 10).strip()
+    if not re.fullmatch("[0-9a-fA-F]{32}", text):
+        raise UsageError(
+            "holds no key",
+            where=file,
+            expected="32 hexadecimal digits",
+            fix=f"openssl rand -hex 16 > {file}",
+        )
+    return keyed(bytes.fromhex(text))
 
 
 AIRZOO_MINI = AirZooMini()

@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,7 +28,8 @@ from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
 from airzoo_bench.datasets.mini.export.frames import frame_paths, read_depth, render_frames
 from airzoo_bench.datasets.mini.flights.keyframes import key_frames
 from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-from airzoo_bench.datasets.mini.flights.trajectory import Airspace, trajectory_poses
+from airzoo_bench.datasets.mini.flights.trajectory import Airspace, Trajectory, trajectory_poses
+from airzoo_bench.datasets.mini.noise import derived, is_keyed, seed_of, words
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
@@ -96,24 +98,32 @@ class Photos:
 def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> Photos:
     """Plan the photos of a region, above its surface model (H, W).
 
-    The seed is that of the barrel roll, the order of conditions, and the noise of the photos.
+    The seed is that of the barrel roll, the order of conditions, and the noise of the photos. A key
+    is that of the survey, too, of gusts that take every photo off the smooth line, and of names
+    that tell no order.
     """
+    own = derived(seed, f"photos of {region.name}")
     camera = default_camera()
     airspace = Airspace.over(region, dsm)
-    surveyed = survey(airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
+    surveyed = _survey(airspace, own)
     surveyed = surveyed.take(key_frames(surveyed, camera, airspace.ground_m, _SURVEY_OVERLAP))
-    rolled = barrel_roll(airspace, seed)
+    rolled = barrel_roll(airspace, derived(own, "barrel roll"))
     keys = key_frames(rolled, camera, airspace.ground_m, _ROLL_OVERLAP)
-    count = min(len(keys), _ROLL_PHOTOS)
-    rolled = rolled.take(keys[np.arange(count) * len(keys) // count])
+    number = min(len(keys), _ROLL_PHOTOS)
+    rolled = rolled.take(keys[np.arange(number) * len(keys) // number])
     flights = ((SURVEY, surveyed), (ROLL, rolled))
     poses = [trajectory_poses(flight) for _, flight in flights]
     every = [(weather, time) for time in TIMES for weather in WEATHERS]
     # 7 has no factor in common with 15: all come by in an order that mixes them.
-    turns = [every[(7 * number + seed) % len(every)] for number in range(count)]
+    turns = [every[(7 * row + seed) % len(every)] for row in range(number)]
+    names = [f"{name}_{row:04d}" for name, flight in flights for row in range(len(flight))]
+    if is_keyed(own):
+        turns = sorted(turns, key=_shuffled(own, "conditions"))
+        names = [f"{seed_of(own, name):016x}" for name in names]
+        poses = [_in_gusts(part, own, name) for part, (name, _) in zip(poses, flights, strict=True)]
     weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
     frames = FrameList(
-        names=tuple(f"{name}_{row:04d}" for name, flight in flights for row in range(len(flight))),
+        names=tuple(names),
         camera=camera,
         # Photos are taken from where the truth will say, to the last bit.
         poses=Poses(
@@ -122,9 +132,29 @@ def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> Photos:
         ).rounded(),
         weather=weather,
         time_of_day=time,
-        seed=seed,
+        seed=derived(own, "noise"),
     )
     return Photos(frames, tuple(name for name, flight in flights for _ in range(len(flight))))
+
+
+def _survey(airspace: Airspace, seed: int) -> Trajectory:
+    flown = partial(survey, airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
+    if not is_keyed(seed):
+        return flown()
+    turn, east, north = (words(derived(seed, "survey"), 3) >> np.uint64(11)) * 2.0**-53
+    shift = (float((east - 0.5) * _SURVEY_SIDE_M), float((north - 0.5) * _SURVEY_SIDE_M))
+    return flown(turn_deg=float(360.0 * turn), shift_m=shift)
+
+
+def _in_gusts(poses: Poses, seed: int, flight: str) -> Poses:
+    """Take photos off the line of their flight, each by itself, as far as GPS is off."""
+    names = [f"{flight} {row}" for row in range(len(poses))]
+    return noisy_priors(names, poses, derived(seed, "gusts"))
+
+
+def _shuffled(seed: int, what: str) -> Callable[[object], int]:
+    drawn = count()
+    return lambda _: seed_of(seed, what, next(drawn))
 
 
 def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
@@ -166,7 +196,7 @@ def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progre
 
 
 def mini_protocols(seed: int) -> BenchmarkProtocols:
-    """Return the shipped protocols; with a seed of its own, the benchmark is another."""
+    """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
     return BenchmarkProtocols(
         _protocol("retrieval", RetrievalProtocol, seed),
         _protocol("matching", MatchingProtocol, seed),
@@ -178,9 +208,10 @@ def _protocol(track: str, kind: type[P], seed: int) -> P:
     protocol = protocol_of_track(f"airzoo-mini-{track}", Path(), kind)
     if seed == 0:
         return protocol
-    name = f"{protocol.benchmark}-{seed}"
+    which, said = ("sealed", "sealed edition") if is_keyed(seed) else (str(seed), f"seed {seed}")
+    name = f"{protocol.benchmark}-{which}"
     changes = {"name": f"{name}-{protocol.track}", "benchmark": name}
-    return protocol.model_copy(update=changes | {"title": f"{protocol.title}, seed {seed}"})
+    return protocol.model_copy(update=changes | {"title": f"{protocol.title}, {said}"})
 
 
 def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
@@ -192,7 +223,7 @@ def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
     Parameters
     ----------
     seed : int
-        Of worlds, flights, photos and priors.
+        Of worlds, flights, photos and priors; or a key, see `noise.keyed`.
     settings : PrepareSettings
 
     Raises
@@ -205,7 +236,7 @@ def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
     worlds = make_worlds(
         regions,
         settings.root,
-        seed,
+        derived(seed, "worlds"),
         jobs=settings.jobs,
         progress=settings.progress,
         note=settings.note,
@@ -270,7 +301,7 @@ def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -
     images = tuple(f"{name}{IMAGE_SUFFIX}" for name in frames.names)
     plane = median_height(files["dsm"])
     ids = [f"{region.name}/{name}" for name in frames.names]
-    priors = noisy_priors(ids, frames.poses, seed)
+    priors = noisy_priors(ids, frames.poses, derived(seed, f"priors of {region.name}"))
     cameras = frames.camera.take(np.zeros(len(frames), dtype=np.int64))
     table = photo_table(region.name, images, cameras, frames.poses, priors, plane)
     conditions = pd.DataFrame(

@@ -19,7 +19,7 @@ from airzoo_bench.leaderboard.ci.entries import answer_path
 from airzoo_bench.leaderboard.ci.git import Repository
 from airzoo_bench.leaderboard.ci.paths import checked_path
 from airzoo_bench.leaderboard.ci.rules import BASE, read_files
-from airzoo_bench.leaderboard.ci.scoring import Rules, is_sealed
+from airzoo_bench.leaderboard.ci.scoring import OF_BOARD, Rules, is_sealed
 from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.rescoring import rescore
 from airzoo_bench.leaderboard.runs import RUN_FILE, Claimed, Run, newest_runs, read_run, write_run
@@ -75,7 +75,9 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
             new = _New(place, tree, commit, repository, branch, rules, work)
             try:
                 yield Scored(place, new.score(out))
-            except SubmissionError as fault:
+            except UserError as fault:
+                if isinstance(fault, OF_BOARD):
+                    raise
                 yield Scored(place, None, fault)
 
 

@@ -80,10 +80,10 @@ def touched(
             where=pull.base,
             fix=f"start your branch from {pull.base}",
         )
-    changes = repository.changes(base, pull.head, _MOST_FILES)
-    if not any(change.path.startswith(_ROOT) for change in changes):
+    now, before = (repository.resolve(f"{commit}:submissions") for commit in (pull.head, base))
+    if now == before:  # whatever else it changes is none of a board's business
         return None
-    place = _place_of(changes)
+    place = _place_of(repository.changes(base, pull.head, _MOST_FILES))
     _check_place(place, board)
     tree = repository.resolve(f"{pull.head}:{place.path}") or ""
     _check_owner(repository, place, pull, board, ledger)

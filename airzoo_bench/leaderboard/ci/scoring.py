@@ -25,10 +25,10 @@ from airzoo_bench.leaderboard.rescoring import rescore
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.parts import Resources
 
-__all__ = ["Rules", "is_sealed", "score_pull_request"]
+__all__ = ["OF_BOARD", "Rules", "is_sealed", "score_pull_request"]
 
-# What no submitter can put right: it stops the run.
-_OF_BOARD = (BoardError, BenchmarkError, ProtocolError)
+OF_BOARD = (BoardError, BenchmarkError, ProtocolError)
+"""What no submitter can put right: it stops the run."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def _refused(
 ) -> Artifact:
     problems = []
     for fault in faults:
-        if isinstance(fault, _OF_BOARD):
+        if isinstance(fault, OF_BOARD):
             raise fault
         given = problem_of(fault).model_dump()
         problems.append({key: text and _without(text, work) for key, text in given.items()})

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -137,11 +138,14 @@ def _public_parquet(path: Path, columns: Sequence[str]) -> bytes:
     import pyarrow.parquet as pq
 
     table = read_table(path, ("id",))
-    named = set(pq.read_schema(path).metadata or {})
-    plain = set(table.columns) <= set(columns) and named <= {b"pandas"}
+    said: dict[bytes, bytes] = pq.read_schema(path).metadata or {}
+    # Of a table, pandas keeps notes too.
+    noted = json.loads(said.get(b"pandas", b"{}")).get("attributes")
+    plain = set(said) <= {b"pandas"} and not noted and set(table.columns) <= set(columns)
     if plain and table["id"].is_monotonic_increasing:
         return path.read_bytes()
     public = table[[name for name in table.columns if name in columns]].sort_values("id")
+    public.attrs = {}
     out = io.BytesIO()
     public.to_parquet(out, index=False)
     return out.getvalue()

@@ -31,6 +31,7 @@ _KNOWN = frozenset(
     (
         *("jfif", "jfif_version", "jfif_unit", "jfif_density", "dpi", "adobe", "adobe_transform"),
         *("progressive", "progression", "transparency", "interlace", "compression"),
+        "resolution",
     )
 )
 _MARKS = (b"Exif\0\0", b"http://ns.adobe.com", b"<x:xmpmeta", b"Photoshop 3.0", b"ICC_PROFILE")

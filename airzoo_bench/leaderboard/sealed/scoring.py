@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.sealed.rounding import (
     LEAST_QUERIES,
     Spread,
+    drawn,
     overall_estimate,
     told,
     told_alone,
@@ -28,7 +29,10 @@ from airzoo_bench.leaderboard.submission import Submission
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.results.result import ScoreColumn
 
-__all__ = ["ToScore", "score_sealed", "told_of"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ToScore", "score_predictions", "score_sealed", "told_of"]
 
 _Told = tuple[dict[str, dict[str, Estimate]], dict[str, Estimate]]
 
@@ -83,52 +87,71 @@ def score_sealed(
     submission, predictions = checked.submission, checked.predictions
     if submission is None or predictions is None:
         raise SubmissionError("there are no predictions to score")
-    protocol = find_protocol(submission.protocol, data)
-    public = find_benchmark(protocol.benchmark, data, sealed=True)
+    return score_predictions(
+        predictions,
+        submission.protocol,
+        submission.method,
+        archive,
+        key,
+        data=data,
+        read_by=checked.read_by,
+        resources=resources,
+    )
+
+
+def score_predictions(
+    predictions: Path,
+    protocol: str,
+    method: str,
+    archive: Path,
+    key: Any,
+    *,
+    data: Path,
+    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+) -> SealedAnswer:
+    """Score predictions that belong to no submission; see `score_sealed`.
+
+    Parameters
+    ----------
+    predictions : Path
+    protocol, method : str
+        The protocol's name, and what the method is called.
+    archive : Path
+    key : pyrage.x25519.Identity
+    data : Path
+    read_by : ReadBy
+        How the predictions are to be read.
+    resources : Resources
+
+    Raises
+    ------
+    UserError
+        See `score_sealed`.
+    """
+    public = find_benchmark(find_protocol(protocol, data).benchmark, data, sealed=True)
     clear_truth()
     # What can be said of predictions without the truth is said before it is opened.
-    for error in check(
-        predictions,
-        data=public.folder,
-        protocol=submission.protocol,
-        resources=resources,
-        read_by=checked.read_by,
-    ).errors:
+    given: dict[str, Any] = {"protocol": protocol, "resources": resources, "read_by": read_by}
+    for error in check(predictions, data=public.folder, **given).errors:
         raise error
-    with opened_truth(public.folder, archive, key) as folder:
-        evaluation = _evaluated(checked, submission, predictions, folder, resources)
-        return _answer(evaluation, submission, public)
+    with opened_truth(public.folder, archive, key) as truth:
+        try:
+            evaluation = evaluate(predictions, data=truth.folder, method=method, **given)
+        except UserError:
+            # What it says may come from the truth.
+            raise SubmissionError(
+                "cannot be scored, for a reason that only the truth shows, and that is not told",
+                where=predictions,
+                fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
+            ) from None
+        return _answer(evaluation, public, truth.salt)
 
 
-def _evaluated(
-    checked: ToScore,
-    submission: Submission,
-    predictions: Path,
-    folder: Path,
-    resources: Resources,
-) -> Evaluation:
-    """Score against the open truth, of whose errors nothing is repeated."""
-    try:
-        return evaluate(
-            predictions,
-            data=folder,
-            protocol=submission.protocol,
-            method=submission.method,
-            resources=resources,
-            read_by=checked.read_by,
-        )
-    except UserError:
-        raise SubmissionError(
-            "cannot be scored, for a reason that only the truth shows, and that is not told",
-            where=predictions,
-            fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
-        ) from None
-
-
-def _answer(evaluation: Evaluation, submission: Submission, public: Benchmark) -> SealedAnswer:
+def _answer(evaluation: Evaluation, public: Benchmark, salt: str) -> SealedAnswer:
     result = evaluation.result
     columns = tuple(column for column in result.columns if column.headline)
-    scenes, overall = told_of(evaluation, columns)
+    scenes, overall = told_of(evaluation, columns, salt)
     sealed = public.file.sealed
     return SealedAnswer(
         schema=1,
@@ -138,7 +161,7 @@ def _answer(evaluation: Evaluation, submission: Submission, public: Benchmark) -
         protocol_fingerprint=result.protocol.fingerprint,
         benchmark=result.truth.benchmark,
         truth_commitment="" if sealed is None else sealed.commitment,
-        method=submission.method,
+        method=result.predictions.method,
         predictions_sha256=result.predictions.sha256,
         columns=columns,
         queries={scene: counts["queries"] for scene, counts in result.counts.items()},
@@ -149,7 +172,7 @@ def _answer(evaluation: Evaluation, submission: Submission, public: Benchmark) -
     )
 
 
-def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
+def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...], salt: str) -> _Told:
     """Round the scores of scenes and overall.
 
     Parameters
@@ -158,6 +181,8 @@ def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
         With its records.
     columns : tuple of ScoreColumn
         The scores to tell.
+    salt : str
+        See `rounding.drawn`.
 
     Returns
     -------
@@ -170,7 +195,7 @@ def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
     records = evaluation.records
     rows = {scene: records[records["scene"] == scene] for scene in evaluation.result.scenes}
     spreads = {
-        scene: {one.key: Spread.of(of[one.key].to_numpy(np.float64), one) for one in columns}
+        scene: {one.key: _spread(of, one, f"{scene} {one.key}", salt) for one in columns}
         for scene, of in rows.items()
     }
     scenes = {
@@ -181,8 +206,16 @@ def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:
     overall = {}
     for one in columns:
         parts = [found[one.key] for found in spreads.values()]
-        overall[one.key] = told(overall_estimate(evaluation.result.overall[one.key], parts))
+        draw = drawn(salt, one.key, np.array([part.draw for part in parts]))
+        overall[one.key] = told(overall_estimate(evaluation.result.overall[one.key], parts, draw))
     return scenes, overall
+
+
+def _spread(rows: pd.DataFrame, column: ScoreColumn, name: str, salt: str) -> Spread:
+    values = rows[column.key].to_numpy(np.float64)
+    # Most queries move no median: then it is drawn as before.
+    told_from = np.median(values, keepdims=True) if column.average == "median" else values
+    return Spread.of(values, column, drawn(salt, name, told_from))
 
 
 def _told_scenes(evaluation: Evaluation, columns: tuple[ScoreColumn, ...]) -> _Told:

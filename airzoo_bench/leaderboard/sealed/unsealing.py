@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,11 +21,27 @@ from airzoo_bench.core.temporaries import clear_abandoned, temporary_folder
 from airzoo_bench.leaderboard.sealed.archive import opened_archive, pieces_of, read_pieces
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
 
-__all__ = ["clear_truth", "opened_truth", "unseal"]
+__all__ = ["OpenTruth", "clear_truth", "memory_folder", "opened_truth", "unseal"]
 
 _MANIFEST_BYTES = 1 << 30
 _MEMORY = Path("/dev/shm")  # files in memory, on Linux
 _NAME = "airzoo-truth"
+
+
+@dataclass(frozen=True)
+class OpenTruth:
+    """A truth that is open.
+
+    Attributes
+    ----------
+    folder : Path
+        A benchmark folder: the truth, and links to public files. Photos may be missing.
+    salt : str
+        256 bits that lie in the archive alone, in hexadecimal.
+    """
+
+    folder: Path
+    salt: str
 
 
 def unseal(
@@ -65,7 +82,7 @@ def unseal(
 
 
 @contextmanager
-def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
+def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[OpenTruth]:
     """Open the truth for scoring, in memory where the system has files there.
 
     The folder is private to its owner. It is removed however the block ends, by SIGTERM too; what
@@ -74,8 +91,7 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
 
     Yields
     ------
-    Path
-        A benchmark folder: the truth, and links to public files. Photos may be missing.
+    OpenTruth
 
     Raises
     ------
@@ -83,7 +99,7 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
         See `unseal`.
     """
     committed = _commitment_of(public)
-    home = _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+    home = memory_folder()
     try:
         with temporary_folder(home, _NAME) as folder:
             contents = _extract(archive, key, committed, folder, None, silent)
@@ -91,7 +107,7 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
                 if file.how == "public":
                     (folder / name).parent.mkdir(parents=True, exist_ok=True)
                     (folder / name).symlink_to(_there(public / name).resolve())
-            yield folder
+            yield OpenTruth(folder, contents.salt)
     except OSError as error:
         if not str(error.filename or home).startswith(str(home)):
             raise
@@ -102,10 +118,14 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
         ) from error
 
 
+def memory_folder() -> Path:
+    """Return where a truth is opened: in memory, else among temporary files."""
+    return _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+
+
 def clear_truth() -> None:
     """Remove what a killed run has left of a truth that was open."""
-    for home in (_MEMORY, Path(tempfile.gettempdir())):
-        clear_abandoned(home)
+    clear_abandoned(memory_folder())
 
 
 Fill = Callable[[Path, str, SealedFile, IO[bytes]], None]

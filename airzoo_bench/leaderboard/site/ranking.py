@@ -114,7 +114,7 @@ def _tested(
         p_values = pair_p_values(ordered, resampling, draws, new)
         limits = pair_limits(ordered, resampling, new)
         fresh = np.stack([np.triu(p_values, 1), *limits])
-        found = np.where(np.triu(wanted_pairs(len(stems), new), 1), fresh, found)
+        found = np.where(wanted_pairs(len(stems), new), fresh, found)
         with atomic_write(file) as stream:
             write_npz(stream, {"stems": stems[order], "pairs": found})
     p_values, low, high = found

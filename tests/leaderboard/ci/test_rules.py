@@ -89,6 +89,14 @@ def test_pull_request_without_submission_is_none_of_ours(world: World) -> None:
     assert touched(repository, pull, BOARD, []) is None
 
 
+def test_large_change_of_something_else_is_none_of_ours(world: World) -> None:
+    head = world.hosted.pull_of(1, {f"docs/{number}.md": b"text" for number in range(3000)})
+    pull = PullRequest(1, head, "refs/pull/1/head", "main", MINE, merged=False)
+    repository = Repository.create(world.folder / "bare.git", str(world.hosted.folder))
+    fetch_pull_request(repository, pull)
+    assert touched(repository, pull, BOARD, []) is None
+
+
 def test_head_three_commits_behind_main_changes_only_its_own(world: World) -> None:
     head = world.hosted.pull_of(1, SOUND)
     for number in range(3):

@@ -194,6 +194,11 @@ def test_from_an_empty_repository_to_a_board(
     assert "of 2 by" in comment
     assert "Not told apart from `Salad`" in comment
 
+    # Nobody supersedes what another account has submitted, whatever team they say they are.
+    submit(board, other, worse(perfect), "Vinegar", "--force", "--supersedes", "salad")
+    comment = board.ci(3, board.propose(other, 3), BOB, code=1)
+    assert "supersedes salad, which belongs to another account" in comment
+
 
 def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     board: Board, perfect: dict[str, list[Any]]

@@ -20,7 +20,8 @@ WORKFLOWS = sorted(
     [*(ROOT / ".github" / "workflows").glob("*.y*ml"), *(STARTER / "github").glob("[!z]*.yml")]
 )
 LEADERBOARD = STARTER / "github" / "leaderboard.yml"
-TEMPLATES = [*WORKFLOWS, STARTER / "gitlab" / "gitlab-ci.yml"]
+DOCS = [ROOT / "docs" / "leaderboard.md", STARTER / "both" / "SUBMITTING.md"]
+TEMPLATES = [*WORKFLOWS, STARTER / "gitlab" / "gitlab-ci.yml", *DOCS]
 
 
 def ids(path: Path) -> str:
@@ -115,26 +116,32 @@ def test_every_command_and_option_exists(path: Path) -> None:
 
     from airzoo_bench.cli.main import app
 
-    text = re.sub(r"\s*\\?\n\s*", " ", path.read_text(encoding="utf-8"))
-    calls = re.findall(
-        r'(?:airzoo-bench|airzoo-bench\)") (leaderboard [^#]*?)(?= - | \|\||$)', text
-    )
+    calls = commands(path)
+    assert calls or path.name == "ci.yml"
     for call in calls:
         words = call.split()
         group: Any = typer.main.get_command(app)
-        while words and words[0] in getattr(group, "commands", {}):
-            group = group.commands[words.pop(0)]
-        options = {name for one in group.params for name in one.opts}
-        given = [word for word in words if word.startswith("--") and word != "--"]
-        for option in given[: _own(words)]:
-            assert option in options, (call, option)
-    assert calls or "leaderboard" not in path.name
+        while hasattr(group, "list_commands"):
+            group = group.get_command(None, words.pop(0))
+        options = {name for one in group.params for name in (*one.opts, *one.secondary_opts)}
+        assert {word for word in words if word.startswith("--")} <= options, call
 
 
-def _own(words: list[str]) -> int:
-    """Count the options before a next command begins in the same text."""
-    ends = [n for n, word in enumerate(words) if word.endswith(":") or word in ("fi", "if")]
-    return sum(word.startswith("--") for word in words[: min(ends, default=len(words))])
+def commands(path: Path) -> list[str]:
+    """Return the calls of airzoo-bench in a workflow's commands, or in blocks of a document."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        lines = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    elif "jobs" in yaml.safe_load(text):
+        lines = [step.get("run", "") for step in steps(path)]
+    else:
+        lines = [line for job in yaml.safe_load(text).values() if isinstance(job, dict)
+                 for line in job.get("script", [])]  # fmt: skip
+    joined = "\n".join(lines).replace("\\\n", " ")
+    found = re.findall(
+        r"airzoo-bench(?:\)\")? ((?:leaderboard|submission|seal|baseline).*)", joined
+    )
+    return [re.split(r" \|\| ", call)[0] for call in found]
 
 
 def test_zizmor_finds_nothing() -> None:

@@ -65,7 +65,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", list(REFUSED), ids=ascii)
 def test_other_names_are_refused_with_the_reason(name: str) -> None:
-    with pytest.raises(ValueError, match="has|begins|not in") as error:
+    with pytest.raises(ValueError, match=r"has|begins|not in") as error:
         board_name(name)
     assert REFUSED[name] in str(error.value)
 
@@ -136,13 +136,11 @@ def test_lookalikes_among_latin_letters_are_refused_or_have_the_skeleton() -> No
 
 
 @given(st.text(max_size=40))
-def test_any_text_is_taken_or_refused_and_what_is_taken_is_harmless(text: str) -> None:
+def test_any_text_is_taken_or_refused_and_what_is_shown_is_harmless(text: str) -> None:
     for rule in (plain_line, shown_line, board_name):
         try:
             taken = rule(text)
         except ValueError as error:
-            assert str(error).isprintable()
-            continue
-        assert taken == text
+            taken = str(error)  # shown as well
         assert taken.isprintable()
         assert not any(unicodedata.bidirectional(c) in ("RLO", "LRO", "RLE", "LRE") for c in taken)

@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.flights.trajectory import MARGIN_M, Airspace, Trajectory, rounded
+from airzoo_bench.datasets.mini.noise import words
 from airzoo_bench.datasets.mini.world.model import CRS, Region
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat
@@ -49,8 +50,7 @@ def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Trajectory
     horizon and nadir about once a minute. In orbits the camera looks to the scene's centre, in
     sweeps ahead with a slow swing. The seed turns and scales the pattern.
     """
-    # The same whatever the version of numpy.
-    raw = np.random.PCG64(seed).random_raw(5 + 3 * rounds)
+    raw = words(seed, 5 + 3 * rounds)
     draws = np.asarray(raw >> np.uint64(11), dtype=np.float64) * 2.0**-53
     reach = airspace.region.side_m / 2 - MARGIN_M
     centre = airspace.region.side_m / 2 + (draws[:2] - 0.5) * 0.1 * reach
@@ -68,11 +68,19 @@ def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Trajectory
     return fly(airspace.region, place, _pace(line), yaw, low + (high - low) * nod)
 
 
-def survey(airspace: Airspace, *, side_m: float = 240.0, spacing_m: float = 40.0) -> Trajectory:
+def survey(
+    airspace: Airspace,
+    *,
+    side_m: float = 240.0,
+    spacing_m: float = 40.0,
+    turn_deg: float = 0.0,
+    shift_m: tuple[float, float] = (0.0, 0.0),
+) -> Trajectory:
     """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees.
 
     Level, at the lowest altitude of the airspace, at 5 to 12 m/s, over a square in the region's
-    middle. Lines lie `spacing_m` apart, those across twice as far.
+    middle, or shifted from there and turned clockwise. Lines lie `spacing_m` apart, those across
+    twice as far.
 
     Raises
     ------
@@ -81,7 +89,7 @@ def survey(airspace: Airspace, *, side_m: float = 240.0, spacing_m: float = 40.0
         wide.
     """
     half = airspace.region.side_m / 2
-    middle = np.array((half, half))
+    middle = half + np.array(shift_m)
     room = (half - MARGIN_M) - side_m / 2
     if not (0.0 < spacing_m <= side_m and room >= 0.0):
         raise UsageError(
@@ -104,7 +112,8 @@ def survey(airspace: Airspace, *, side_m: float = 240.0, spacing_m: float = 40.0
         _labelled(_arc(radius, start, start - 360.0 * east * north), _INWARDS, inwards),
     )
     table = np.concatenate(parts)
-    line, wanted = smooth_line(table[:, :2] + middle, table[:, 2:])
+    corners = _rotated(table[:, :2], turn_deg) if turn_deg else table[:, :2]
+    line, wanted = smooth_line(corners + middle, table[:, 2:])
     place = np.column_stack((line, np.full(len(line), airspace.floor_m)))
     yaw = _looking(line, wanted[:, 0], middle)
     return fly(airspace.region, place, _pace(line), yaw, _eased(wanted[:, 1]))

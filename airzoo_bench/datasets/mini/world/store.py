@@ -33,6 +33,7 @@ from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
 from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.core.validation import Strict
+from airzoo_bench.datasets.mini.noise import hash_of, is_keyed
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField
@@ -66,7 +67,9 @@ class _Index(Strict):
 
 def world_folder(root: Path, region: Region, seed: int) -> Path:
     """Return where below a data root a world is kept."""
-    return root / "mini-worlds" / f"{region.name}-{seed}"
+    # A key stands in no name; the number tells worlds of different keys apart.
+    number = hash_of(seed, 0)[0] if is_keyed(seed) else seed
+    return root / "mini-worlds" / f"{region.name}-{number}"
 
 
 def ensure_world(

@@ -1,0 +1,1 @@
+"""Benchmarks and results for other platforms: Codabench, EvalAI, Hugging Face."""

@@ -1,0 +1,5 @@
+"""The evaluation script."""
+
+from .main import evaluate
+
+__all__ = ["evaluate"]

@@ -1,0 +1,75 @@
+"""`leaderboard init`: what it writes, what it leaves alone, and what is the board's own fault."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from airzoo_bench.leaderboard.board import read_board
+from airzoo_bench.leaderboard.starter.write import starter_files
+from tests.leaderboard.ci.repositories import Hosted, event, write_event
+from tests.support import run_main
+
+
+@pytest.mark.parametrize("hosted", [[], ["--gitlab"]])
+def test_init_writes_a_board_that_can_be_read(tmp_path: Path, hosted: list[str]) -> None:
+    assert run_main("leaderboard", "init", tmp_path / "b", "--repository", "lab/x-1", *hosted) == 0
+    board = read_board(tmp_path / "b" / "leaderboard.toml")
+    assert (board.repository, board.url) == ("lab/x-1", "https://lab.github.io/x-1/")
+    written = {p.relative_to(tmp_path / "b").as_posix() for p in (tmp_path / "b").rglob("*.*")}
+    assert (".gitlab-ci.yml" in written) == bool(hosted)
+    assert (".github/workflows/board.yml" in written) == (not hosted)
+    assert (tmp_path / "b" / ".ci" / "get-data").stat().st_mode & 0o111
+
+
+def test_board_without_a_name_can_be_read_too(tmp_path: Path) -> None:
+    assert run_main("leaderboard", "init", tmp_path / "b") == 0
+    assert read_board(tmp_path / "b" / "leaderboard.toml").repository is None
+
+
+@pytest.mark.parametrize("path", starter_files(None, gitlab=False))
+def test_init_replaces_no_file_and_then_writes_none(
+    tmp_path: Path, path: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / path
+    own.parent.mkdir(parents=True, exist_ok=True)
+    own.write_text("mine")
+    assert run_main("leaderboard", "init", tmp_path) == 2
+    assert f"none is replaced: 1 ({path})" in capsys.readouterr().err
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [own]
+    assert own.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["lab", "lab/x/y", "lab/", "a b/c", "lab/x;y", "läb/x"])
+def test_repository_must_be_a_name(tmp_path: Path, name: str) -> None:
+    assert run_main("leaderboard", "init", tmp_path / "b", "--repository", name) == 2
+    assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize("fault", ["event", "board", "remote", "ledger", "work"])
+def test_faults_of_the_board_are_none_of_a_submission(
+    tmp_path: Path, fault: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_main("leaderboard", "init", tmp_path / "b")
+    hosted = Hosted.create(tmp_path / "hosted.git", {"README.md": b"x"})
+    files = {"submissions/airzoo-mini/retrieval/x/submission.toml": b"x"}
+    head = hosted.pull_of(1, files)  # type: ignore[arg-type]
+    file, remote = write_event(tmp_path / "event.json", event(1, head)), hosted.folder
+    if fault == "event":
+        file.write_text("{}")
+    if fault == "board":
+        (tmp_path / "b" / "leaderboard.toml").write_text("schema = 9\n")
+    if fault == "remote":
+        remote = tmp_path / "nowhere.git"
+    if fault == "ledger":
+        hosted.move("refs/heads/leaderboard-data", hosted.commit(None, {"ledger.csv": b"a,b\n"}))
+    if fault == "work":
+        (tmp_path / "work" / "submissions").mkdir(parents=True)
+    code = run_main(
+        "leaderboard", "ci", "score", "--event", file, "--remote", remote, "--root",
+        tmp_path / "b", "--data", tmp_path, "--work", tmp_path / "work", "--out", tmp_path / "f",
+    )  # fmt: skip
+    assert code == 2
+    assert not (tmp_path / "f").exists()
+    assert capsys.readouterr().err.count("airzoo-bench: ") == 1

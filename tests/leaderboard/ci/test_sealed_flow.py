@@ -1,0 +1,184 @@
+"""A sealed benchmark in CI: a try is taken, the truth is opened without network, and counted."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import Result
+
+from tests.leaderboard.ci.repositories import event, git, write_event
+from tests.leaderboard.ci.test_walk_through import ADA, BOARD, Board, submit
+from tests.support import write_raster
+
+pytest.importorskip("pyrage")
+
+Run = Callable[..., Result]
+LIMITS = "[limits]\ntries = 1\ndays = 30\n"
+
+
+@pytest.fixture
+def board(tmp_path: Path, data: Path, command: Run, monkeypatch: pytest.MonkeyPatch) -> Board:
+    """Return a board of the made benchmark whose truth is sealed."""
+    _complete(data / "made")
+    command("seal-folder", data / "made", "--force")
+    made = Board(tmp_path / "world", command)
+    made.run("leaderboard", "init", made.main, "--repository", "lab/board")
+    key = made.home / "key.txt"
+    to = made.run("seal-key", key).stdout.strip()
+    public = tmp_path / "public"
+    archive = public / "made.age"
+    made.run("seal", data / "made", "--out", public / "made", "--archive", archive, "--to", to)
+    archive.replace(made.main / "made.age")
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(public))
+    monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo")])
+    (made.main / "leaderboard.toml").write_text(
+        BOARD.replace("[[benchmarks]]", f"{LIMITS}[[benchmarks]]") + 'sealed = "made.age"\n'
+    )
+    made.push_main("A sealed board")
+    return made
+
+
+def _complete(folder: Path) -> None:
+    """Give a made benchmark its map and photos, which a sealed one must have."""
+    write_raster(folder / "dom.tif", np.full((3, 64, 64), 90, np.uint8))
+    (folder / "images").mkdir()
+    for number in range(6):
+        Image.new("RGB", (32, 24), (number, 90, 30)).save(folder / f"images/q{number:05d}.jpg")
+
+
+def scored(board: Board, number: int, head: str, account: int = ADA) -> Path:
+    """Play the job that checks, and return the folder of its files."""
+    board.runs += 1
+    work = board.home / f"run{board.runs}"
+    work.mkdir()
+    done = board.run(
+        "leaderboard", "ci", "score", "--event",
+        write_event(work / "event.json", event(number, head, account)),
+        "--remote", board.hosted.folder, "--out", work / "found-score.json",
+        "--work", work / "work", "--root", board.main,
+    )  # fmt: skip
+    assert done.stdout == "sealed\n"
+    return work
+
+
+def opened(board: Board, work: Path, *more: object, code: int = 0) -> Result:
+    return board.run(
+        "leaderboard", "ci", "sealed", "--artifact", work / "found-score.json", "--work",
+        work / "work", "--root", board.main, "--out", work / "found-sealed.json",
+        "--key", board.home / "key.txt", *more, code=code,
+    )  # fmt: skip
+
+
+def test_sealed_submission_from_pull_request_to_board(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    head = board.propose(fork, 1)
+    work = scored(board, 1, head)
+    board.ledger("started", "--artifact", work / "found-score.json", "--out", work / "try.json")
+    opened(board, work)
+    artifacts = [work / name for name in ("found-score.json", "try.json", "found-sealed.json")]
+    board.ledger("scored", "--artifact", artifacts[0], "--artifact", artifacts[2])
+    board.run("leaderboard", "ci", "comment", *artifacts, "--out", work / "comment.md")
+    comment = (work / "comment.md").read_text()
+    assert "Rounded to half a standard error" in comment
+    assert "| `average` | 10 |" in comment
+    found = json.loads((work / "found-sealed.json").read_text())
+    assert "records_sha256" not in json.dumps(found)
+
+    # One try within 30 days: the next commit has none, and its truth is not opened.
+    submit(board, fork, perfect, "Salad", "--force", "--summary", "Other words.")
+    work = scored(board, 1, board.propose(fork, 1))
+    refused = board.home / "refused.json"
+    done = board.command(
+        "leaderboard", "ci", "ledger", "started", "--artifact", work / "found-score.json",
+        "--remote", board.hosted.folder, "--root", board.main, "--out", refused,
+    )  # fmt: skip
+    assert done.exit_code == 1
+    assert "this account has had 1 try on made within 30 days" in done.stderr
+    board.run("leaderboard", "ci", "comment", refused, "--out", work / "comment.md")
+    assert "this account has had 1 try" in (work / "comment.md").read_text()
+
+    # What was pushed after the scoring is not what is merged: the board says so.
+    newest = git(fork, "rev-parse", "HEAD")
+    board.merge(1, newest, ADA)
+    data = board.home / "late"
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
+        "--root", board.main,
+    )  # fmt: skip
+    assert done.exit_code == 1
+    assert "were not scored against the sealed truth before they were merged" in done.stderr
+    git(board.main, "revert", "--no-edit", "HEAD")
+    git(board.main, "push", "--quiet", "origin", "HEAD:main")
+
+    # The commit that was scored gets its answer on the board, without the key.
+    git(fork, "push", "--quiet", "--force", "origin", f"{head}:refs/pull/1/head")
+    board.merge(1, head, ADA)
+    run = board.rescore() / "runs/made/retrieval/salad/1"
+    assert sorted(path.name for path in run.iterdir()) == [
+        "answer.json",
+        "run.json",
+        "submission.toml",
+    ]
+
+
+def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any]]) -> None:
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    found = work / "found-score.json"
+    for outcome in ("started", "failed", "started", "failed"):
+        board.ledger(outcome, "--artifact", found)
+    board.run("leaderboard", "ci", "comment", found, "--out", work / "comment.md")
+    assert "This does not count as a try" in (work / "comment.md").read_text()
+
+
+def test_files_that_changed_between_the_jobs_are_not_scored(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    [path] = (work / "work").rglob("*.npz")
+    path.write_bytes(path.read_bytes() + b"x")
+    done = opened(board, work, code=1)
+    assert "to the last byte" in str(done.exception)
+    assert not (work / "found-sealed.json").exists()
+
+
+def test_truth_is_not_opened_where_there_is_a_network(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth0")])
+    done = opened(board, board.home, code=1)
+    assert "not opened while there is a network (eth0)" in str(done.exception)
+
+
+def test_unshared_process_has_the_loopback_alone() -> None:
+    unshare = shutil.which("unshare")
+    allowed = unshare and not subprocess.run([unshare, "--net", "true"], stderr=-3).returncode
+    if not allowed:
+        pytest.skip("unshare --net needs root here")
+    check = "from airzoo_bench.leaderboard.ci.sealed import check_no_network as c; c()"
+    for line, code in (([unshare, "--net"], 0), ([], 1 if _has_network() else 0)):
+        done = subprocess.run(
+            [*line, sys.executable, "-c", check], env=os.environ, stderr=subprocess.DEVNULL
+        )
+        assert done.returncode == code
+
+
+def _has_network() -> bool:
+    return any(name != "lo" for _, name in socket.if_nameindex())

@@ -1,0 +1,327 @@
+"""Sealing and back: bytes, keys, damage, and a process that is killed at any step."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from airzoo_bench.api.benchmark import load_benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.temporaries import clear_abandoned
+from airzoo_bench.leaderboard.sealed.archive import Member, opened_archive, write_archive
+from airzoo_bench.leaderboard.sealed.keys import load_pyrage
+from airzoo_bench.leaderboard.sealed.sealing import seal
+from airzoo_bench.leaderboard.sealed.unsealing import opened_truth, unseal
+from tests.api.place import NAME
+from tests.hostile.crash_points import Fault, run
+from tests.leaderboard.sealed.conftest import SALT, SealedField
+from tests.support import run_main
+
+_NO_FAULT = 3
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_unsealed_is_what_was_sealed(sealed: SealedField, tmp_path: Path) -> None:
+    unseal(sealed.public, sealed.archive, sealed.key, tmp_path / "out")
+    assert content(tmp_path / "out") == content(sealed.folder)
+
+
+def test_the_commitment_is_salted(sealed: SealedField, tmp_path: Path) -> None:
+    found = set()
+    for number, salt in enumerate((SALT, SALT, "6b" * 32)):
+        made = seal(
+            sealed.folder,
+            tmp_path / f"p{number}",
+            tmp_path / f"{number}.age",
+            sealed.key.to_public(),
+            make_salt=lambda salt=salt: salt,  # type: ignore[misc]
+        )
+        found.add(made.commitment)
+        opened = Benchmark.open(tmp_path / f"p{number}", sealed=True).file.sealed
+        assert opened is not None
+        assert opened.commitment == made.commitment
+    assert len(found) == 2
+    assert content(tmp_path / "p0") == content(tmp_path / "p1") == content(sealed.public)
+    again = seal(
+        sealed.folder, tmp_path / "p3", tmp_path / "3.age", sealed.key.to_public()
+    ).commitment
+    assert again not in found
+
+
+def test_archives_of_one_truth_differ_and_hide_its_size(
+    sealed: SealedField, tmp_path: Path
+) -> None:
+    sizes = set()
+    for size in range(100_000, 105_000, 97):
+        path = tmp_path / "x.age"
+        with path.open("wb") as stream:
+            member = Member("a", size, lambda size=size: iter([bytes(size)]))  # type: ignore[misc]
+            write_archive(stream, [member], sealed.key.to_public())
+        sizes.add(path.stat().st_size >> 11)  # age adds up to 300 bytes at random
+    assert len(sizes) <= 4
+
+
+def spoiled(archive: Path, path: Path, change: Callable[[bytearray], Any]) -> Path:
+    data = bytearray(archive.read_bytes())
+    change(data)
+    path.write_bytes(data)
+    return path
+
+
+CHANGES: dict[str, Callable[[bytearray], Any]] = {
+    "a byte in the middle": lambda d: d.__setitem__(len(d) // 2, d[len(d) // 2] ^ 1),
+    "a byte of the end": lambda d: d.__setitem__(-1, d[-1] ^ 1),
+    "a byte of the head": lambda d: d.__setitem__(3, d[3] ^ 1),
+    "half of it": lambda d: d.__delitem__(slice(len(d) // 2, None)),
+    "the last byte": lambda d: d.__delitem__(-1),
+    "more at its end": lambda d: d.extend(b"more"),
+    "nothing": lambda d: d.clear(),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_a_damaged_archive_opens_nothing(
+    change: Callable[[bytearray], Any], sealed: SealedField, tmp_path: Path
+) -> None:
+    archive = spoiled(sealed.archive, tmp_path / "x.age", change)
+    with pytest.raises(BenchmarkError, match="damaged, cut off"):
+        unseal(sealed.public, archive, sealed.key, tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.age"]
+
+
+def test_another_key(sealed: SealedField, tmp_path: Path) -> None:
+    other = load_pyrage().x25519.Identity.generate()
+    with pytest.raises(BenchmarkError, match="sealed to another key"):
+        unseal(sealed.public, sealed.archive, other, tmp_path / "out")
+
+
+def test_an_archive_of_another_run(sealed: SealedField, tmp_path: Path) -> None:
+    seal(sealed.folder, tmp_path / "p", tmp_path / "x.age", sealed.key.to_public())
+    with pytest.raises(BenchmarkError, match="belongs to another public folder"):
+        unseal(sealed.public, tmp_path / "x.age", sealed.key, tmp_path / "out")
+
+
+def test_a_public_photo_that_was_changed(sealed: SealedField, tmp_path: Path) -> None:
+    public = Path(shutil.copytree(sealed.public, tmp_path / NAME))
+    for name in ("a.png", "b.png"):  # cut, and as it was
+        path = public / "data" / NAME / "images" / name
+        kept = path.read_bytes()
+        path.write_bytes(kept[:-9] + bytes([kept[-9] ^ 1]) + kept[-8:])
+        with pytest.raises(BenchmarkError, match="was changed since it was sealed"):
+            unseal(public, sealed.archive, sealed.key, tmp_path / "out")
+        path.write_bytes(kept)
+    path.unlink()
+    with pytest.raises(BenchmarkError, match="is missing"):
+        unseal(public, sealed.archive, sealed.key, tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x"])
+def test_an_archive_that_anybody_could_have_sealed_writes_nowhere_else(
+    name: str, sealed: SealedField, tmp_path: Path
+) -> None:
+    """The public key is public: members are held to a manifest whose names stay in the folder."""
+    path = tmp_path / "x.age"
+    with path.open("wb") as stream:
+        file = {"sha256": SALT, "size": 1, "how": "sealed"}
+        manifest = {"format": 1, "salt": SALT, "files": {name: file}}
+        text = json.dumps(manifest).encode()
+        members = [
+            Member("manifest.json", len(text), lambda: iter([text])),
+            Member(f"files/{name}", 1, lambda: iter([b"x"])),
+        ]
+        write_archive(stream, members, sealed.key.to_public())
+    with pytest.raises(BenchmarkError, match=r"another version|another public"):
+        unseal(sealed.public, path, sealed.key, tmp_path / "out")
+
+
+def test_a_file_that_changes_while_it_is_sealed(sealed: SealedField, tmp_path: Path) -> None:
+    member = Member("a", 5, lambda: iter([b"x"]))
+    with (tmp_path / "x.age").open("wb") as stream:  # noqa: SIM117
+        with pytest.raises(BenchmarkError, match="was changed while"):
+            write_archive(stream, [member], sealed.key.to_public())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk(sealed: SealedField) -> None:
+    member = Member("a", 5_000_000, lambda: iter([bytes(5_000_000)]))
+    with Path("/dev/full").open("wb", buffering=0) as stream:  # noqa: SIM117
+        with pytest.raises(OSError, match="No space left"):
+            write_archive(stream, [member], sealed.key.to_public())
+
+
+def test_large_truth_takes_little_memory(sealed: SealedField, tmp_path: Path) -> None:
+    import tracemalloc
+
+    def pieces() -> Any:
+        for _ in range(96):
+            yield bytes(1 << 20)
+
+    tracemalloc.start()
+    with (tmp_path / "x.age").open("wb") as stream:
+        write_archive(stream, [Member("a", 96 << 20, pieces)], sealed.key.to_public())
+    with opened_archive(tmp_path / "x.age", sealed.key) as members:
+        for _, file in members:
+            while file.read(1 << 20):
+                pass
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 16 << 20
+
+
+# --- killed ---
+
+
+def replaced(sealed: SealedField) -> Callable[[Path, str], None]:
+    def write(home: Path, salt: str) -> None:
+        place = home / NAME, home / "truth.age"
+        key = sealed.key.to_public()
+        seal(sealed.folder, *place, key, replace=True, make_salt=lambda: salt * 32)
+
+    return write
+
+
+def fits(sealed: SealedField, home: Path) -> str:
+    """Return the commitment of a public folder whose archive opens and belongs to it."""
+    with opened_truth(home / NAME, home / "truth.age", sealed.key) as truth:
+        assert (truth.folder / f"scenes/{NAME}/retrieval/positives.npz").is_file()
+    file = Benchmark.open(home / NAME, sealed=True).file
+    assert file.sealed is not None
+    return file.sealed.commitment
+
+
+@pytest.fixture(scope="module")
+def small(sealed: SealedField, tmp_path_factory: pytest.TempPathFactory) -> SealedField:
+    """Return a folder of fewer files, for what is sealed again and again."""
+    folder = Path(shutil.copytree(sealed.folder, tmp_path_factory.mktemp("small") / NAME))
+    for name in ("retrieval/tiles", "matching/crops"):
+        shutil.rmtree(folder / "scenes" / NAME / name)
+    return replace(sealed, folder=folder)
+
+
+@pytest.mark.parametrize("shared", [False, True], ids=["alone", "beside others"])
+@pytest.mark.parametrize("every", [28, pytest.param(2, marks=pytest.mark.slow)])
+def test_killed_at_many_steps_of_sealing(
+    every: int, shared: bool, small: SealedField, tmp_path: Path
+) -> None:
+    """In a folder of their own both are exchanged in one step; else the next run puts them back."""
+    home = tmp_path / "board"
+    home.mkdir()
+    if shared:
+        (home / "leaderboard.toml").write_text("")
+    write = replaced(small)
+    write(home, "aa")
+    old, kept = fits(small, home), 0
+    codes = []
+    for step in (*range(1, 200, every), *range(200, 400, min(7, every))):
+        codes.append(run(write, home, "bb", Fault("killed", step)))
+        if codes[-1] != -9:
+            break
+        if shared:
+            clear_abandoned(home)
+        kept += fits(small, home) == old
+        if fits(small, home) != old:
+            write(home, "aa")
+    assert codes[-1] == _NO_FAULT
+    assert kept > len(codes) / 2
+    assert fits(small, home) != old
+    write(home, "aa")
+    assert not [path for path in home.iterdir() if path.name.startswith(".")]
+
+
+def test_killed_while_it_unseals(sealed: SealedField, tmp_path: Path) -> None:
+    def write(home: Path, _: str) -> None:
+        unseal(sealed.public, sealed.archive, sealed.key, home / "out", replace=True)
+
+    for step in range(1, 60, 6):
+        assert run(write, tmp_path, "", Fault("killed", step)) == -9
+        assert not (tmp_path / "out").exists()
+    write(tmp_path, "")
+    assert content(tmp_path / "out") == content(sealed.folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+# --- what a submitter runs ---
+
+
+def test_a_method_is_given_what_it_is_given_of_the_whole(sealed: SealedField) -> None:
+    whole, public = load_benchmark(sealed.folder), load_benchmark(sealed.public)
+    for one, other in zip(whole.scenes, public.scenes, strict=True):
+        assert [tile.id for tile in one.tiles()] == [tile.id for tile in other.tiles()]
+        assert [photo.id for photo in one.photos()] == [photo.id for photo in other.photos()]
+        assert [crop.window for crop in one.crops()] == [crop.window for crop in other.crops()]
+        assert {p.id for p in one.queries()} <= {p.id for p in other.queries()}
+
+
+TRACKS = ("retrieval", "matching", "reconstruction")
+
+
+@pytest.mark.parametrize("track", TRACKS)
+def test_templates_are_checked_and_not_scored(
+    track: str, sealed: SealedField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / ("preds" if track == "reconstruction" else "preds.npz")
+    data = ("--data", sealed.public)
+    assert run_main("template", f"{NAME}-{track}", *data, "--out", out) == 0
+    assert "0.00%" not in capsys.readouterr().err
+    assert run_main("check", out, *data) == 0
+    assert "were not compared" not in "".join(capsys.readouterr())
+    assert run_main("eval", track, out, *data) == 2
+    assert "is sealed: only its host can score predictions" in capsys.readouterr().err
+
+
+def test_predictions_of_another_benchmark_are_found_in_public(
+    sealed: SealedField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, ranked = tmp_path / "preds.npz", [[f"{NAME}/b", *[""] * 99]]
+    np.savez(path, protocol=f"{NAME}-retrieval", query_ids=["x/a"], ranked_ids=ranked)
+    assert run_main("check", path, "--data", sealed.public) in (1, 2)
+    assert "none of its query ids belongs" in "".join(capsys.readouterr())
+
+
+def test_opened_truth_is_private_and_goes(sealed: SealedField) -> None:
+    seen = []
+    for error in (None, UserError("x"), KeyboardInterrupt(), SystemExit(143)):
+        try:
+            with opened_truth(sealed.public, sealed.archive, sealed.key) as truth:
+                folder = truth.folder
+                seen.append(folder)
+                assert folder.stat().st_mode & 0o077 == 0
+                Benchmark.open(folder)
+                if error is not None:
+                    raise error
+        except type(error or UserError):
+            assert error is not None
+        assert not folder.exists()
+    assert len(set(seen)) == 4
+
+
+def test_truth_of_a_killed_run_is_cleared_by_the_next(sealed: SealedField) -> None:
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        with opened_truth(sealed.public, sealed.archive, sealed.key) as truth:
+            os.write(write, str(truth.folder).encode())
+            os.kill(os.getpid(), 9)
+    os.waitpid(child, 0)
+    left = Path(os.read(read, 4096).decode())
+    os.close(read)
+    os.close(write)
+    assert left.exists()
+    with opened_truth(sealed.public, sealed.archive, sealed.key):
+        assert not left.exists()

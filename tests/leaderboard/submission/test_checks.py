@@ -1,0 +1,263 @@
+"""What the check of a submission's folder refuses, and of what it warns."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.datasets.geometry_checks import footprint_sets
+from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.leaderboard.checks import CheckedSubmission
+from airzoo_bench.leaderboard.predictions_given import FETCHED
+from airzoo_bench.results.result import write_result
+from tests.leaderboard.submission.support import checked, write, write_board
+from tests.support import MadeScene, made_protocol, write_benchmark
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Path:
+    write_board(tmp_path / "board")
+    return tmp_path / "board"
+
+
+def only_error(found: CheckedSubmission) -> str:
+    assert len(found.errors) == 1, [str(error) for error in found.errors]
+    return str(found.errors[0])
+
+
+def test_a_sound_submission_has_no_fault(board: Path, data: Path, perfect: Any) -> None:
+    found = checked(write(board, perfect), data)
+    assert not found.errors
+    assert not found.warnings
+    assert found.protocol is not None
+    assert found.protocol.name == "made-retrieval"
+    assert found.predictions == found.folder / "preds.npz"
+
+
+def test_predictions_are_held_to_the_benchmark(board: Path, data: Path, perfect: Any) -> None:
+    perfect["ranked_ids"][0][1] = perfect["ranked_ids"][0][0]
+    found = checked(write(board, perfect), data)
+    assert "each tile once a query" in only_error(found)
+
+
+class TestPlace:
+    def test_a_benchmark_that_the_board_has_not(
+        self, board: Path, data: Path, perfect: Any
+    ) -> None:
+        home = write(board, perfect)
+        moved = board / "submissions" / "mad" / "retrieval" / "salad"
+        moved.parent.mkdir(parents=True)
+        shutil.move(home, moved)
+        assert "no place for a submission (did you mean 'made'?)" in only_error(
+            checked(moved, data)
+        )
+
+    def test_another_track(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        moved = board / "submissions" / "made" / "matching" / "salad"
+        moved.parent.mkdir(parents=True)
+        shutil.move(home, moved)
+        message = only_error(checked(moved, data))
+        assert "the folder is of matching of made" in message
+        assert "submissions/made/retrieval" in message
+
+    def test_a_protocol_that_the_board_has_not(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect, protocol="airzoo-mini-retrieval")
+        assert "by which this board does not score made" in only_error(checked(home, data))
+
+    def test_a_protocol_is_never_a_path(
+        self, board: Path, data: Path, perfect: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "own.toml").write_text("x", encoding="utf-8")
+        home = write(board, perfect, protocol="own.toml")
+        assert "by which this board does not score made" in only_error(checked(home, data))
+
+
+class TestFiles:
+    def test_a_link(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        (home / "names.txt").symlink_to("/etc/passwd")
+        assert "a link, a pipe or a device" in only_error(checked(home, data))
+
+    def test_a_pipe(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        os.mkfifo(home / "pipe")
+        assert "a link, a pipe or a device" in only_error(checked(home, data))
+
+    def test_what_nobody_speaks_of(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        (home / "conftest.py").write_text("", encoding="utf-8")
+        assert "1 entry (conftest.py)" in only_error(checked(home, data))
+
+    def test_too_many(
+        self, board: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("airzoo_bench.leaderboard.predictions_given._MOST_FILES", 1)
+        assert "holds more than 1 files" in only_error(checked(write(board, perfect), data))
+
+    def test_too_large(self, board: Path, data: Path, perfect: Any) -> None:
+        write_board(board, "[limits]\ncommitted_bytes = 1000\n")
+        message = only_error(checked(write(board, perfect), data))
+        assert "at most 1,000 bytes" in message
+        assert "--url" in message
+
+    def test_other_bytes_than_announced(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        file = home / "preds.npz"
+        content = bytearray(file.read_bytes())
+        content[-1] ^= 1
+        file.write_bytes(bytes(content))
+        assert "key 'predictions.sha256' is" in only_error(checked(home, data))
+        file.write_bytes(bytes(content) + b"x")
+        assert "key 'predictions.bytes' is" in only_error(checked(home, data))
+
+    def test_a_file_that_is_not_there(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        (home / "preds.npz").unlink()
+        assert "key 'predictions.file' is 'preds.npz', which is not there" in only_error(
+            checked(home, data)
+        )
+
+    def test_no_submission_file(self, board: Path, data: Path) -> None:
+        home = board / "submissions" / "made" / "retrieval" / "salad"
+        home.mkdir(parents=True)
+        assert "no such submission file" in only_error(checked(home, data))
+
+
+class TestAddress:
+    def given(self, home: Path) -> dict[str, Any]:
+        file = home / "preds.npz"
+        size, sha256 = file.stat().st_size, sha256_of_tree(file)
+        return {"url": "https://example.org/preds.npz", "bytes": size, "sha256": sha256}
+
+    def test_predictions_are_fetched_where_that_is_asked_and_kept(
+        self, board: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        source = write(board, perfect, folder="source")
+        home = write(board, perfect, method="Other", predictions=self.given(source))
+        (home / "preds.npz").unlink()
+        asked = []
+
+        def fetch(url: str, into: Path, *, size: int, sha256: str) -> Path:
+            asked.append((url, size, sha256))
+            into.mkdir(parents=True)
+            (into / ".preds.npz.part").touch()
+            return Path(shutil.copy(source / "preds.npz", into))
+
+        monkeypatch.setattr("airzoo_bench.leaderboard.fetching.fetch", fetch)
+        assert checked(home, data).predictions is None
+        for fetched in (True, False):
+            found = checked(home, data, fetch=fetched)
+            assert not found.errors
+            assert found.predictions is not None
+            assert found.predictions.is_relative_to(data / FETCHED)
+        given = self.given(source)
+        assert asked == [(given["url"], given["bytes"], given["sha256"])]
+
+    def test_more_than_the_board_fetches(self, board: Path, data: Path, perfect: Any) -> None:
+        write_board(board, "[limits]\nurl_bytes = 100\n")
+        given = self.given(write(board, perfect, folder="source"))
+        home = write(board, perfect, method="Other", predictions=given)
+        (home / "preds.npz").unlink()
+        assert "at most 100, the limit of this board" in only_error(checked(home, data))
+
+
+class TestNames:
+    @pytest.mark.parametrize(
+        ("changes", "said"),
+        [
+            ({"method": "Salad", "team": "Other"}, "'Salad', which looks like 'SALAD'"),
+            ({"method": "New", "team": "Example Iab"}, "which looks like 'Example Lab'"),
+            ({}, "your team has a method 'SALAD' here already, in salad"),
+            ({"method": "New", "supersedes": "nothing"}, "'nothing', which is not there"),
+            ({"method": "New", "supersedes": "second"}, "which is not there"),
+            ({"method": "New", "team": "Other", "supersedes": "salad"}, "of team 'Example Lab'"),
+        ],
+    )
+    def test_refused(
+        self, board: Path, data: Path, perfect: Any, changes: dict[str, Any], said: str
+    ) -> None:
+        write(board, perfect)
+        assert said in only_error(checked(write(board, perfect, "second", **changes), data))
+
+    def test_the_successor_of_an_own_submission(
+        self, board: Path, data: Path, perfect: Any
+    ) -> None:
+        write(board, perfect)
+        assert not checked(write(board, perfect, "second", supersedes="salad"), data).errors
+
+    def test_the_same_method_of_another_team_is_only_said(
+        self, board: Path, data: Path, perfect: Any
+    ) -> None:
+        write(board, perfect)
+        found = checked(write(board, perfect, "second", team="Other"), data)
+        assert not found.errors
+        assert found.warnings == [
+            "'SALAD' is on this board already, of team 'Example Lab', in salad"
+        ]
+
+
+class TestTrainingData:
+    def test_the_benchmark_itself(self, board: Path, data: Path, perfect: Any) -> None:
+        [warning] = checked(write(board, perfect, training_data=["Made"]), data).warnings
+        assert "are, or are of one dataset with, the benchmark made" in warning
+
+    def test_a_slip_of_a_known_name(self, board: Path, data: Path, perfect: Any) -> None:
+        [warning] = checked(write(board, perfect, training_data=["uav-visloq"]), data).warnings
+        assert "did you mean 'uav-visloc'?" in warning
+
+    def test_ground_that_both_see(
+        self, board: Path, data: Path, perfect: Any, scenes: list[MadeScene]
+    ) -> None:
+        write_benchmark(data / "drives", made_protocol(scenes, "drives"), scenes)
+        home = write(board, perfect, training_data=["drives"])
+        # The made benchmark has no poses to see the ground from: that is said, not passed over.
+        [warning] = checked(home, data).warnings
+        assert "training data 'drives' were not compared with the benchmark" in warning
+        corners = np.array([[[0, 0], [0, 1], [1, 1], [1, 0]]]) * 1e-3
+        sets = [NamedFootprints(name, ("a",), corners, np.zeros(1, bool)) for name in "xy"]
+        with mock.patch(f"{footprint_sets.__name__}.read_footprints", side_effect=sets):
+            [warning] = checked(home, data).warnings
+        assert "see the ground of 1 test photo of 1: `airzoo-bench check-split drives made`" in (
+            warning
+        )
+
+
+class TestClaimed:
+    def test_a_result_of_other_predictions(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        result = evaluate(home / "preds.npz", data=data, method="Other").result
+        write_result(home / "result.json", result)
+        assert "its method is 'Other'" in only_error(checked(home, data))
+
+    def test_a_result_that_was_edited(self, board: Path, data: Path, perfect: Any) -> None:
+        home = write(board, perfect)
+        result = evaluate(home / "preds.npz", data=data, method="SALAD").result
+        write_result(home / "result.json", result.model_copy(update={"notes": ("x",)}))
+        assert "the checksum does not fit" in only_error(checked(home, data))
+
+
+class TestBaseline:
+    @pytest.mark.parametrize(
+        ("settings", "said"),
+        [
+            ({"word": 2}, "'baseline.word' is no setting of the retrieval baseline (did you mean"),
+            ({"words": 1}, "'baseline.words' is 1: not from 2 to 4096"),
+            ({"words": 2.5}, "'baseline.words' is 2.5: not a whole number"),
+            ({"double": 1}, "'baseline.double' is 1: not true or false"),
+            ({"words": True}, "'baseline.words' is true: not a whole number"),
+        ],
+    )
+    def test_settings_that_it_has_not(
+        self, board: Path, data: Path, perfect: Any, settings: dict[str, Any], said: str
+    ) -> None:
+        assert said in only_error(checked(write(board, perfect, baseline=settings), data))
