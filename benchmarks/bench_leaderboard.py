@@ -62,7 +62,8 @@ def board(count: int, sizes: dict[str, int]) -> None:
     """Time the command that builds a board: from nothing, again, and with one changed."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        columns = (*COLUMNS[:2], HIT.model_copy(update={"key": "recall@3", "title": "R@3"}), COLUMNS[2])
+        more = HIT.model_copy(update={"key": "recall@3", "title": "R@3"})
+        columns = (*COLUMNS[:2], more, COLUMNS[2])
         for number in range(count):
             one = method(f"Method {number}", 0.2 + 0.6 * number / count, sizes, columns)
             write_version(root / "runs", f"m{number}", 1, one)

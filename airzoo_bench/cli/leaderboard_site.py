@@ -55,7 +55,8 @@ def build(
     what the first has kept and takes seconds.
     """
     from airzoo_bench.leaderboard.board import read_board
-    from airzoo_bench.leaderboard.site.build import Given, build_board
+    from airzoo_bench.leaderboard.site.api_files import Given
+    from airzoo_bench.leaderboard.site.build import build_board
     from airzoo_bench.leaderboard.site.reproductions import REPRODUCTIONS_FILE, read_links
 
     stated = read_board(board) if board.is_file() or board != Path("leaderboard.toml") else None

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.bootstrap_limits import quantiles
 from airzoo_bench.statistics.intervals import FEWEST
-from airzoo_bench.statistics.pair_tests import Places, mean_draws
+from airzoo_bench.statistics.pair_tests import Places, hubs, mean_draws, wanted_pairs
+from airzoo_bench.statistics.resampling import unit_products
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 from airzoo_bench.statistics.shares import (
     Reaches,
@@ -23,11 +24,13 @@ from airzoo_bench.statistics.shares import (
 __all__ = ["pair_limits"]
 
 _CELLS = 1 << 21
-_CANCELLED = 1e-6  # of two squares: what is left of their difference has few digits
+_CANCELLED = 1e-3  # of two squares: what is left of their difference has few digits
 _PARTS = 1 << 20  # shares that differ by less than one of these differ by rounding
 
 
-def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
+def pair_limits(
+    sample: Sample, resampling: ResamplingConfig, chosen: Places | None = None
+) -> Floats:
     """Take the interval of every difference: of shares by MOVER, of all else by percentiles.
 
     Parameters
@@ -36,20 +39,24 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
         V variables of one kind: all shares, or none. Values are finite or +inf.
     resampling : ResamplingConfig
         Number of resamples, seed, confidence.
+    chosen : (C,) array of int, optional
+        Of the pairs that have one of these variables; of all where left out.
 
     Returns
     -------
     (2, V, V) array
-        Low and high of row minus column, above the diagonal; NaN below, on it, and where a group
-        has fewer than `FEWEST` units.
+        Low and high of row minus column, above the diagonal; NaN below, on it, for pairs that were
+        not asked for, and where a group has fewer than `FEWEST` units. Those of a pair are the same
+        to the last bit whatever the other variables are.
     """
     count = len(sample.medians)
     limits = np.full((2, count, count), np.nan)
-    if min(part.shape[1] for part in sample.values) < FEWEST:
+    wanted = wanted_pairs(count, chosen)
+    if min(part.shape[1] for part in sample.values) < FEWEST or not wanted.any():
         return limits
     by_shares = sample.shares is not None and bool(sample.shares.all())
     rows = _of_shares if by_shares else _by_percentiles
-    for one, others, found in rows(sample, resampling):
+    for one, others, found in rows(sample, resampling, wanted):
         limits[:, one, others] = found.T
     return limits
 
@@ -57,79 +64,80 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
 _Found = Iterator[tuple[int, Places, Floats]]
 
 
-def _by_percentiles(sample: Sample, resampling: ResamplingConfig) -> _Found:
+def _by_percentiles(
+    sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]
+) -> _Found:
     draws = mean_draws(sample, resampling)
     step = max(1, _CELLS // resampling.resamples)
     for one in range(len(draws) - 1):
-        for start in range(one + 1, len(draws), step):
-            some = np.arange(start, min(start + step, len(draws)))
+        others = np.flatnonzero(wanted[one])
+        for start in range(0, len(others), step):
+            some = others[start : start + step]
             yield one, some, _percentiles(draws, one, some, resampling.confidence)
 
 
-def _of_shares(sample: Sample, resampling: ResamplingConfig) -> _Found:
+def _of_shares(sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]) -> _Found:
     """Take `difference_limits` from what pairs need of each scene, which matrix products give."""
-    confidence = resampling.confidence
+    confidence, rows = resampling.confidence, hubs(wanted)
     hits = all(((part == 0) | (part == 1)).all() for part in sample.values)
     kind = _Hits if hits else _Graded
-    scenes = [kind(part, confidence) for part in sample.values]
+    scenes = [kind(part, rows, confidence) for part in sample.values]
     means = np.mean([part.mean(axis=1) for part in sample.values], axis=0)
-    for one in range(len(means) - 1):
-        others = np.arange(one + 1, len(means))
+    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
+        others = np.flatnonzero(wanted[one])
         squares = np.zeros((2, len(others)))
-        usual = np.zeros(len(others), np.bool_) if not hits else np.ones(len(others), np.bool_)
-        alike = np.zeros(len(others), np.bool_)
+        graded, unsure = np.zeros((2, len(others)), np.bool_)
         for scene in scenes:
-            found, graded, constant = scene.squares(one, others)
+            found, fractions, cancelled = scene.squares(one, others)
             squares += found
-            usual |= graded
-            alike |= constant
-        usual &= ~alike
+            graded |= fractions
+            unsure |= cancelled
         yield one, others, put_together(means[one] - means[others], squares, len(scenes))
-        yield one, others[~usual], _directly(sample, one, others[~usual], confidence)
+        direct = others[unsure | ~(graded | hits)]
+        yield one, direct, _directly(sample, one, direct, confidence)
+
+
+_Squares = tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]
+"""Squared reaches; whether differences have fractions; whether too few digits are left."""
 
 
 class _Hits:
     """A scene of hits: how many each method wins of another says all."""
 
-    def __init__(self, values: Floats, confidence: float) -> None:
+    def __init__(self, values: Floats, rows: Places, confidence: float) -> None:
         self._count = values.shape[1]
-        self._wins = np.rint(values @ (1 - values).T).astype(np.intp)
+        self._both = unit_products(values, rows)
         self._reaches = Reaches.of_hits(self._count, confidence)
 
-    def squares(
-        self, one: int, others: Places
-    ) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
-        won = self._reaches.at(self._wins[one, others])
-        lost = self._reaches.at(self._wins[others, one])
+    def squares(self, one: int, others: Places) -> _Squares:
+        both = self._both[one, others]
+        won = (self._both[one, one] - both).astype(np.intp)
+        lost = (self._both[others, others] - both).astype(np.intp)
+        reaches = self._reaches.at(won), self._reaches.at(lost)
         no = np.zeros(len(others), np.bool_)
-        return squares_of_hits(won, lost, self._count), ~no, no
+        return squares_of_hits(*reaches, self._count), no, no
 
 
 class _Graded:
-    """A scene of graded shares: the variance of differences; says where that is not enough."""
+    """A scene of graded shares, whose differences have Student's limits."""
 
-    def __init__(self, values: Floats, confidence: float) -> None:
+    def __init__(self, values: Floats, rows: Places, confidence: float) -> None:
         self._count, self._confidence = values.shape[1], confidence
-        self._centred = values - values.mean(axis=1, keepdims=True)
-        self._products = self._centred @ self._centred.T
+        self._products = unit_products(values - values.mean(axis=1, keepdims=True), rows)
         parts = np.rint((values % 1) * _PARTS).astype(np.int32)
         self._parts = np.where(parts == _PARTS, 0, parts)
 
-    def squares(
-        self, one: int, others: Places
-    ) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
+    def squares(self, one: int, others: Places) -> _Squares:
         own, theirs = self._products[one, one], self._products[others, others]
         sums = own + theirs - 2 * self._products[one, others]
-        constant = sums <= _CANCELLED * (own + theirs)
-        found = student_squares(
-            np.maximum(sums, 0.0) / (self._count - 1), self._count, self._confidence
-        )
-        graded = np.zeros(len(others), np.bool_)
+        variances = np.maximum(sums, 0.0) / (self._count - 1)
+        found = student_squares(variances, self._count, self._confidence)
+        fractions = np.zeros(len(others), np.bool_)
         step = max(1, (_CELLS >> 2) // self._count)
         for start in range(0, len(others), step):
             some = slice(start, start + step)
-            graded[some] = (self._parts[others[some]] != self._parts[one]).any(axis=1)
-        return np.stack([found, found]), graded, constant
+            fractions[some] = (self._parts[others[some]] != self._parts[one]).any(axis=1)
+        return np.stack([found, found]), fractions, sums <= _CANCELLED * (own + theirs)
 
 
 def _directly(sample: Sample, one: int, others: Places, confidence: float) -> Floats:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +34,26 @@ from airzoo_bench.statistics.resampling import (
     resample_counts,
     sign_flips,
     stream_key,
+    unit_products,
     weighted_averages,
 )
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
 from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
 
-__all__ = ["Places", "mean_draws", "pair_draws", "pair_p_values", "resamples_for"]
+__all__ = [
+    "Places",
+    "hubs",
+    "mean_draws",
+    "pair_draws",
+    "pair_p_values",
+    "resamples_for",
+    "wanted_pairs",
+]
 
 _RESOLVED = 25
 _SURE = 6.0  # standard deviations; Hoeffding: less than one of 10**7 draws is as extreme
 _SLACK = 1e-9
-_CANCELLED = 1e-6  # of two squares: what is left of their difference has few digits
+_CANCELLED = 1e-3  # of two squares: what is left of their difference has few digits
 _WORK = 2.5e8
 _FEW, _MANY = 2_000, 10_000
 _CELLS = 1 << 22
@@ -89,7 +99,7 @@ def pair_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
     draws = np.zeros((len(sample.medians), resampling.resamples))
     for group, part in zip(sample.groups, sample.values, strict=True):
         units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
-        _, values = _codes(np.where(np.isinf(part), 0.0, part))
+        values = np.where(np.isinf(part), 0.0, part)
         whole = exact_products(values, np.ones((units, 1)), units)
         for first, size in blocks(units, resampling.resamples):
             kept = sign_flips(units, first, size, key).astype(np.float64)
@@ -99,7 +109,10 @@ def pair_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
 
 
 def pair_p_values(
-    sample: Sample, resampling: ResamplingConfig, draws: Floats | None = None
+    sample: Sample,
+    resampling: ResamplingConfig,
+    draws: Floats | None = None,
+    chosen: Places | None = None,
 ) -> Floats:
     """Test every two variables of a sample.
 
@@ -111,37 +124,57 @@ def pair_p_values(
         Number of draws, seed.
     draws : (V, B) array, optional
         From `pair_draws` of the same sample, where they were made before.
+    chosen : (C,) array of int, optional
+        Test the pairs that have one of these variables; all where left out.
 
     Returns
     -------
     (V, V) array
-        Two-sided p, symmetric; 1 on the diagonal.
+        Two-sided p, symmetric; 1 on the diagonal, NaN for pairs that were not tested. That of a
+        pair is the same to the last bit whatever the other variables are.
     """
     count = len(sample.medians)
-    found = np.ones((count, count))
-    if count > 1:
+    found = np.where(np.eye(count, dtype=bool), 1.0, np.nan)
+    wanted = wanted_pairs(count, chosen)
+    if wanted.any():
         draws = pair_draws(sample, resampling) if draws is None else draws
         tests = _of_medians if sample.medians.any() else _of_means
-        for one, others, p_values in tests(sample, resampling, draws):
+        for one, others, p_values in tests(sample, resampling, draws, wanted):
             found[one, others] = found[others, one] = p_values
     return found
 
 
+def wanted_pairs(count: int, chosen: Places | None) -> NDArray[np.bool_]:
+    """Return which pairs, above the diagonal, have a chosen variable; all where none is named."""
+    wanted = np.ones((count, count), np.bool_)
+    if chosen is not None:
+        wanted[:] = False
+        wanted[chosen], wanted[:, chosen] = True, True
+    return np.triu(wanted, 1)
+
+
 _Tested = Iterator[tuple[int, Places, Floats]]
+_Wanted = NDArray[np.bool_]
 
 
-def _of_means(sample: Sample, resampling: ResamplingConfig, draws: Floats) -> _Tested:
+def _rows(wanted: _Wanted) -> Iterator[tuple[int, Places]]:
+    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
+        yield one, np.flatnonzero(wanted[one])
+
+
+def _of_means(
+    sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: _Wanted
+) -> _Tested:
     failing = np.any([np.isinf(part).any(axis=1) for part in sample.values], axis=0)
-    places = np.arange(len(failing))
-    for one in places[:-1]:
-        later = places[one + 1 :]
-        boundless = later if failing[one] else later[failing[later]]
-        for first, size in blocks(2 * resampling.resamples, len(boundless)):
-            part = boundless[first : first + size]
-            tests = paired_permutation(sample, resampling, [(int(one), int(b)) for b in part])
-            yield int(one), part, np.array([test.p_value for test in tests])
-    if not failing.all():
-        yield from _SignedSums.of(sample, draws).tests(places[~failing])
+    either = failing | failing[:, None]
+    for one, others in _rows(wanted & either):
+        for first, size in blocks(2 * resampling.resamples, len(others)):
+            part = others[first : first + size]
+            tests = paired_permutation(sample, resampling, [(one, int(other)) for other in part])
+            yield one, part, np.array([test.p_value for test in tests])
+    finite = wanted & ~either
+    if finite.any():
+        yield from _SignedSums.of(sample, draws, finite).tests(finite)
 
 
 @dataclass(frozen=True)
@@ -152,8 +185,8 @@ class _SignedSums:
     ----------
     values : (V, N) array
         Each unit divided by the size of its group, so that sums are sums of the groups' means.
-    codes : (V, N) array of int
-        Equal where two variables have the same value of a unit.
+    codes : (V, N) array
+        Equal where two variables tie on a unit.
     sums : (V,) array
         Of the values as they are.
     squares : (V, V) array
@@ -163,25 +196,26 @@ class _SignedSums:
     """
 
     values: Floats
-    codes: NDArray[np.integer]
+    codes: NDArray[Any]
     sums: Floats
     squares: Floats
     draws: Floats
 
     @classmethod
-    def of(cls, sample: Sample, draws: Floats) -> _SignedSums:
-        parts = [_codes(np.where(np.isinf(part), 0.0, part)) for part in sample.values]
-        codes = np.concatenate([codes for codes, _ in parts], axis=1)
-        values = np.concatenate([same / same.shape[1] for _, same in parts], axis=1)
-        return cls(values, codes, values.sum(axis=1), values @ values.T, draws)
+    def of(cls, sample: Sample, draws: Floats, wanted: _Wanted) -> _SignedSums:
+        parts = [np.where(np.isinf(part), 0.0, part) for part in sample.values]
+        values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
+        squares = unit_products(values, hubs(wanted))
+        return cls(
+            values, _codes(np.concatenate(parts, axis=1)), values.sum(axis=1), squares, draws
+        )
 
-    def tests(self, places: Places) -> _Tested:
+    def tests(self, wanted: _Wanted) -> _Tested:
         """Test pairs; exactly where all patterns of signs are no more than the draws."""
         resamples = self.draws.shape[1]
         most = int(np.log2(resamples))
         few: list[tuple[int, Places, NDArray[np.int64]]] = []
-        for start, one in enumerate(places.tolist()):
-            others = places[start + 1 :]
+        for one, others in _rows(wanted):
             spread = self._spread(one, others)
             observed = np.abs(self.sums[others] - self.sums[one])
             scores = np.divide(observed, spread, out=np.zeros(len(others)), where=spread > 0)
@@ -202,7 +236,8 @@ class _SignedSums:
         squares = own + theirs - 2 * self.squares[one, others]
         for place in np.flatnonzero(squares < _CANCELLED * (own + theirs)):
             squares[place] = ((self.values[one] - self.values[others[place]]) ** 2).sum()
-        return np.sqrt(squares)
+        rounding = squares <= _SLACK**2 * (own + theirs)
+        return np.sqrt(np.where(rounding, 0.0, squares))
 
     def _extreme(self, one: int, others: Places, least: Floats) -> NDArray[np.int64]:
         counts = np.zeros(len(others), np.int64)
@@ -249,18 +284,26 @@ class _SignedSums:
 def _every_sign(number: int) -> Floats:
     """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
     digits = (np.arange(2 ** (number - 1)) >> np.arange(number)[:, None]) & 1
-    return 1.0 - 2.0 * digits
+    return np.asarray(1.0 - 2.0 * digits, np.float64)
 
 
-def _codes(values: Floats) -> tuple[NDArray[np.integer], Floats]:
-    """Number values; those that `paired_difference` takes for ties are one, as is a chain of them."""
-    known, codes = np.unique(values, return_inverse=True)
-    apart = paired_difference(known[1:], known[:-1]) != 0
-    numbers = np.concatenate([[0], np.cumsum(apart)])
-    same = known[np.concatenate([[True], apart])][numbers]
-    kind = np.int16 if numbers[-1] < np.iinfo(np.int16).max else np.int32
-    shape = values.shape
-    return numbers.astype(kind)[codes].reshape(shape), same[codes].reshape(shape)
+def hubs(wanted: NDArray[np.bool_]) -> Places:
+    """Return variables of which every wanted pair has one: few where few were chosen."""
+    both = wanted | wanted.T
+    count = both.sum(axis=1)
+    most = np.flatnonzero(count == count.max())
+    rest = both.copy()
+    rest[most], rest[:, most] = False, False
+    return np.flatnonzero(both.any(axis=1)) if rest.any() else most
+
+
+def _codes(values: Floats) -> NDArray[Any]:
+    """Round values to 30 binary digits, those of 1 where they are smaller: what is alike, ties."""
+    if values.max(initial=0.0) <= 1.5:
+        return np.asarray(np.rint(np.ldexp(values, 30)), np.int32)
+    known = np.where(np.isinf(values), 0.0, np.abs(values))
+    sizes = np.frexp(np.maximum(1.0, known))[1]
+    return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
 
 
 def _normal_tail(scores: Floats) -> Floats:
@@ -271,18 +314,22 @@ def _normal_tail(scores: Floats) -> Floats:
 
 def _resolved(extreme: NDArray[np.int64], draws: int, tail: Floats) -> Floats:
     counted = (extreme + 1) / (draws + 1)
-    return np.where(extreme >= _RESOLVED, counted, np.minimum(tail, (_RESOLVED + 1) / (draws + 1)))
+    bound = (_RESOLVED + 1) / (draws + 1)
+    return np.asarray(np.where(extreme >= _RESOLVED, counted, np.minimum(tail, bound)))
 
 
-def _of_medians(sample: Sample, resampling: ResamplingConfig, draws: Floats) -> _Tested:
+def _of_medians(
+    sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: _Wanted
+) -> _Tested:
     if not draws.shape[1]:  # too few units: no interval, and so no finding
+        yield from ((one, others, np.ones(len(others))) for one, others in _rows(wanted))
         return
-    codes = [_codes(part)[0] for part in sample.values]
+    codes = [_codes(part) for part in sample.values]
     floors = np.array([p_floor(k) for k in range(sum(part.shape[1] for part in codes) + 1)])
     step = max(1, (_CELLS >> 2) // resampling.resamples)
-    for one in range(len(draws) - 1):
-        for start in range(one + 1, len(draws), step):
-            some = np.arange(start, min(start + step, len(draws)))
+    for one, others in _rows(wanted):
+        for start in range(0, len(others), step):
+            some = others[start : start + step]
             unlike = np.zeros(len(some), np.int64)
             for part in codes:
                 unlike += np.count_nonzero(part[some] != part[one], axis=1)
@@ -336,7 +383,7 @@ def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
 
     By wins and losses where resamples are infinite, which have no spread.
     """
-    usual = np.isfinite(draws).all(axis=1)
+    usual = np.asarray(np.isfinite(draws).all(axis=1))
     known = draws[usual]
     spread = known.std(axis=1)
     varied = spread > 0

@@ -14,6 +14,7 @@ from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpa
 from airzoo_bench.statistics.resampling import exact_products
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import paired_permutation, paired_tests
+from tests.statistics.simulations import coverage_of_ranks
 
 CONFIG = ResamplingConfig(2_000)
 
@@ -180,6 +181,32 @@ def test_draws_do_not_depend_on_the_other_methods(kind: str) -> None:
     assert (pair_draws(alone, CONFIG) == pair_draws(sample, CONFIG)[some]).all()
 
 
+@pytest.mark.parametrize("kind", ["hits", "graded", "medians", "errors"])
+def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind: str) -> None:
+    sample = made(kind, 7, (33, 21))
+    if kind == "errors":
+        sample = Sample("query", sample.groups, sample.values, np.zeros(7, bool))
+    p_values, limits = pair_p_values(sample, CONFIG), pair_limits(sample, CONFIG)
+    new = np.array([4, 1])
+    tested = pair_p_values(sample, CONFIG, chosen=new)
+    known = ~np.isnan(tested)
+    assert known.sum() == 7 + 2 * (6 + 5)
+    assert (tested[known] == p_values[known]).all()
+    some = pair_limits(sample, CONFIG, new)
+    between = ~np.isnan(some)
+    assert between.sum() == 2 * 11
+    assert (some[between] == limits[between]).all()
+    few = [1, 2, 4]
+    shares = None if sample.shares is None else sample.shares[few]
+    alone = Sample(
+        "query", sample.groups, tuple(v[few] for v in sample.values), sample.medians[few], shares
+    )
+    assert (pair_p_values(alone, CONFIG) == p_values[np.ix_(few, few)]).all()
+    assert upper(pair_limits(alone, CONFIG)[0]).tolist() == [
+        limits[0][one, other] for one, other in combinations(few, 2)
+    ]
+
+
 def test_products_are_exact_on_their_grid() -> None:
     random = np.random.default_rng(6)
     values, factors = random.random((3, 500)) * 1e6, random.integers(0, 2, (500, 7)) * 1.0
@@ -196,8 +223,9 @@ def test_intervals_of_pairs_are_those_of_compare(kind: str) -> None:
     intervals, _ = paired_tests(sample, CONFIG, places)
     found = pair_limits(sample, CONFIG)
     expected = np.array([[interval.low, interval.high] for interval in intervals], float)
-    assert upper(found[0]) == pytest.approx(expected[:, 0], rel=1e-9, abs=1e-12)
-    assert upper(found[1]) == pytest.approx(expected[:, 1], rel=1e-9, abs=1e-12)
+    digits = 1e-5 if kind == "graded" else 1e-9
+    assert upper(found[0]) == pytest.approx(expected[:, 0], rel=digits, abs=1e-12)
+    assert upper(found[1]) == pytest.approx(expected[:, 1], rel=digits, abs=1e-12)
     assert np.isnan(found[0][np.tril_indices(5)]).all()
 
 
@@ -240,36 +268,6 @@ def test_many_methods_share_fewer_draws() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hits", "graded", "errors", "medians"])
 def test_ranges_hold_the_true_ranks(kind: str) -> None:
-    """In 95 of 100 benchmarks all true ranks lie in their ranges; methods tie in pairs."""
-    random = np.random.default_rng(11)
-    skills = np.repeat(np.linspace(0, 1.5, 6), 2)
-    tied = (
-        1 + (skills[None, :] > skills[:, None]).sum(1),
-        (skills[None, :] >= skills[:, None]).sum(1),
-    )
-    held, width = 0, 0.0
-    for _ in range(400):
-        parts = []
-        for size in (60, 25, 40):
-            ease = random.normal(size=size) + 0.6 * random.normal(size=(12, size))
-            skilled = ease + skills[:, None]
-            parts.append(
-                (skilled > 0.5).astype(float)
-                if kind == "hits"
-                else np.clip(np.round(skilled + 2), 0, 5) / 5
-                if kind == "graded"
-                else -skilled + 10
-            )
-        medians = np.full(12, kind == "medians")
-        sample = Sample("query", ("a", "b", "c"), tuple(parts), medians)
-        average = np.median if kind == "medians" else np.mean
-        values = np.mean([average(part, axis=1) for part in parts], axis=0)
-        found = rank_ranges(
-            values,
-            correct_pairs(pair_p_values(sample, CONFIG)),
-            higher_is_better=kind in ("hits", "graded"),
-        )
-        held += bool(((found[:, 0] <= tied[0]) & (found[:, 1] >= tied[1])).all())
-        width += float((found[:, 1] - found[:, 0]).mean()) / 400
-    assert held >= 0.95 * 400 - 2 * np.sqrt(400 * 0.05 * 0.95)
+    held, width = coverage_of_ranks(kind, 400)
+    assert held >= 0.95 - 2 * np.sqrt(0.05 * 0.95 / 400)
     assert width < 9  # of 11, where nothing is told apart

@@ -7,7 +7,9 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.plurals import counted
@@ -22,6 +24,7 @@ from airzoo_bench.results.files import records_path, result_paths
 
 __all__ = ["Entry", "Faults", "read_entries", "result_entries", "waiting"]
 
+T = TypeVar("T")
 RESULT, ANSWER = "result.json", "answer.json"
 _NUMBER = re.compile(r"[1-9][0-9]{0,5}")
 _SHOWN = 20
@@ -33,12 +36,13 @@ class Faults:
     def __init__(self) -> None:
         self.found: list[UserError] = []
 
-    def catch(self, work: Callable[[], None]) -> None:
-        """Do something, and keep the error of the user that it ends with."""
+    def caught(self, work: Callable[[], T]) -> T | None:
+        """Return what something gives, or keep the error of the user that it ends with."""
         try:
-            work()
+            return work()
         except UserError as error:
             self.found.append(error)
+            return None
 
     def refuse(self) -> None:
         """Raise what was found, all in one message.
@@ -118,11 +122,9 @@ def read_entries(runs: Path, faults: Faults) -> list[Entry]:
     """
     found: dict[tuple[str, str], Entry] = {}
     for folder in sorted(path for path in runs.glob("*/*/*") if path.is_dir()):
-        versions: list[Entry] = []
-        for version in _versions(folder, faults):
-            faults.catch(lambda version=version: versions.append(_entry(runs, version)))  # type: ignore[misc]
-        if versions:
-            newest, *older = versions
+        versions = [faults.caught(partial(_entry, runs, one)) for one in _versions(folder, faults)]
+        if all(versions) and versions:
+            newest, *older = [one for one in versions if one is not None]
             table = folder.parent.relative_to(runs).as_posix()
             found[table, folder.name] = replace(newest, older=tuple(older))
     return _superseded(found, faults)

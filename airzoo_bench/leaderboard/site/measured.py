@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.parallel import parallel_map
-from airzoo_bench.core.version import __version__
 from airzoo_bench.core.validation import validated
+from airzoo_bench.core.version import __version__
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.site.entries import Entry
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import ScoreColumn, read_result
 from airzoo_bench.results.sampling import is_share, make_sample, score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.tables.breakdown import (
@@ -148,8 +148,6 @@ def _load(file: Path) -> Measured:
 
 def _store(asked: tuple[Path, Path]) -> dict[str, Any] | None:
     """Measure one and keep it; the error as what makes it, since it comes from another process."""
-    from airzoo_bench.core.errors import UserError
-
     path, file = asked
     try:
         found, values = _sealed(path) if path.name == "answer.json" else _open(path)

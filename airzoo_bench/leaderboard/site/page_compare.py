@@ -15,7 +15,9 @@ from airzoo_bench.report.packing import Blobs, page_json
 
 __all__ = ["compare_data", "pair_files"]
 
-_OF_PAIRS = ("low", "high", "p", "p_holm")
+_LIMITS, _P_VALUES = ("low", "high"), ("p", "p_holm")
+# Shares are shown in percent with two digits; p has more, so that what is significant stays so.
+_DIGITS = {"share": 4, "m": 2, "deg": 2, "p": 6}
 
 
 def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]:
@@ -26,7 +28,7 @@ def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]
     blobs = Blobs()
     found = pair_files(table, files)
     place = {row["id"]: number for number, row in enumerate(table["rows"])}
-    rows = [table["rows"][place[name]] for name in found[0][1]["ids"]]
+    rows = [table["rows"][at] for at in sorted(place[name] for name in found[0][1]["ids"])]
     scenes = files.get(f"tables/{table['id']}/scenes.json", {}).get("scenes", {})
     data = {
         "methods": [{"id": row["id"], "name": shown(row["method"])} for row in rows],
@@ -47,10 +49,8 @@ def pair_files(table: Json, files: Mapping[str, Any]) -> list[tuple[Json, Json]]
 
 
 def _score(column: Json, pairs: Json, blobs: Blobs) -> dict[str, Any]:
-    digits = 4 if column["unit"] == "share" else 2
-    coded = {
-        key: _coded(pairs[key], digits if key in ("low", "high") else 4, blobs) for key in _OF_PAIRS
-    }
+    coded = {key: _coded(pairs[key], column["unit"], blobs) for key in _LIMITS}
+    coded |= {key: _coded(pairs[key], "p", blobs) for key in _P_VALUES}
     return {
         "title": shown(column["title"]),
         "unit": UNITS[column["unit"]],
@@ -64,10 +64,10 @@ def _score(column: Json, pairs: Json, blobs: Blobs) -> dict[str, Any]:
     }
 
 
-def _coded(packed: str, digits: int, blobs: Blobs) -> dict[str, Any]:
+def _coded(packed: str, unit: str, blobs: Blobs) -> dict[str, Any]:
     """Return numbers as codes into the list of the different ones."""
     values: Floats = np.frombuffer(base64.b64decode(packed), "<f4").astype(np.float64)
-    different, codes = np.unique(np.round(values, digits), return_inverse=True)
+    different, codes = np.unique(np.round(values, _DIGITS[unit]), return_inverse=True)
     return {"values": different.tolist(), "codes": blobs.array(codes)}
 
 

@@ -112,7 +112,7 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         columns=column_views(headline),
         scenes=_scene_lines(table, headline, found),
         history=[_version(version, headline, repository) for version in history],
-        points=_points(history, lead["key"]),
+        points=_points(history, lead["key"], table["id"]),
         score=f"{shown(lead['title'])} in {UNITS[lead['unit']]}",
         bibtex=_bibtex(found["bibtex"]) if found else "",
         reproductions=reproduction_rows(found["reproductions"], {table["id"]: table})
@@ -188,7 +188,9 @@ def _version(version: Json, columns: Sequence[Json], repository: str | None) -> 
     )
 
 
-def _points(history: Sequence[Json], key: str) -> list[Point]:
+def _points(history: Sequence[Json], key: str, table: str) -> list[Point]:
+    """Return a score of the versions that may be compared with the newest, the oldest first."""
+    history = [version for version in history if version["table"] == table]
     found = [(v["number"], v["scores"].get(key)) for v in reversed(history[:_MOST_VERSIONS])]
     return [
         Point(value, number(s["low"]), number(s["high"]), shown(s["text"]), f"version {version}")
@@ -227,16 +229,18 @@ def _reproduction(one: Json, table: Json) -> dict[str, Any]:
         "rescored": CellView(
             shown(one["rescored_text"], _NUMBER),
             _sort(rescored),
-            f"[{low}, {high}]" if low and high else "",
+            f"{low} to {high}" if low and high else "",
         ),
-        "difference": CellView(
-            text if text.startswith("-") or not text else f"+{text}", _sort(difference)
-        ),
+        "difference": CellView(_signed(text), _sort(difference)),
         "within": within,
         "by": shown(one["by"]) if one["by"] else "",
         "date": one["date"] or "",
         "why": shown(one["why"], 1000) if one["why"] else "",
     }
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "−") if text.startswith("-") or not text else f"+{text}"
 
 
 def _difference(printed: float | None, rescored: float | None) -> float | None:

@@ -42,6 +42,8 @@ def page_tabs(table: Json, files: Mapping[str, Any]) -> list[Tab]:
     """Return the pages of a table, the plain results first."""
     base = f"tables/{table['id']}"
     tabs = [Tab("index.html", "Results")]
+    if not table["rows"]:
+        return tabs
     if ranked_count(table):
         tabs.append(Tab("ranks.html", "Rank ranges"))
     if any(not column["headline"] for column in table["scores"]):

@@ -131,23 +131,16 @@ def score_at(column: Json, part: Json, row: int) -> dict[str, Any]:
         part[key][row] if row < len(part.get(key, ())) else None for key in ("value", "low", "high")
     )
     text, *limits = numbers_text(column["unit"], value, low, high)
-    interval = f"[{limits[0]}, {limits[1]}]" if all(limits) else ""
+    interval = f"{limits[0]} to {limits[1]}" if all(limits) else ""
     return {"value": value, "text": text, "low": low, "high": high, "interval": interval}
 
 
-def cell_view(
-    score: Json | None, *, lead: bool = False, notes: Sequence[Json] = (), rank: bool = False
-) -> CellView:
+def cell_view(score: Json | None, *, lead: bool = False, notes: Sequence[Json] = ()) -> CellView:
     """Return a score as a cell; none where the row has no such score."""
     if score is None or score["value"] is None:
         return CellView(notes=notes)
-    value = number(score["value"])
-    ranks = score.get("rank") if rank else None
-    interval = score["interval"]
-    if not interval and score.get("standard_error") is not None:
-        interval = "rounded"
-    sort = f"{value:.9g}"
-    return CellView(score["text"], sort, rank_text(ranks) if rank else interval, lead, notes)
+    sort = f"{number(score['value']):.9g}"
+    return CellView(score["text"], sort, score["interval"], lead, notes)
 
 
 def column_views(columns: Sequence[Json], lead: str = "") -> list[ColumnView]:

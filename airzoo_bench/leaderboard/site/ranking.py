@@ -5,19 +5,24 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.site.api import API, Pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.pair_intervals import pair_limits
-from airzoo_bench.statistics.pair_tests import pair_draws, pair_p_values, resamples_for
+from airzoo_bench.statistics.pair_tests import (
+    pair_draws,
+    pair_p_values,
+    resamples_for,
+    wanted_pairs,
+)
 from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
@@ -62,14 +67,12 @@ def rank(
     """
     resampling = ResamplingConfig(resamples_for(len(ids)))
     sample = sample_of(measured, arrays, column)
-    draws = _draws(sample, arrays, column.key, resampling, cache)
-    p_values = pair_p_values(sample, resampling, draws)
+    p_values, *limits = _tested(sample, arrays, column.key, resampling, cache)
     corrected = correct_pairs(p_values)
     values = np.array([one.values[OVERALL][column.key] for one in measured])
     ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
     if len(ids) < 2:
         return Ranked(ranges, None)
-    limits = pair_limits(sample, resampling)
     upper = np.triu_indices(len(ids), 1)
     pairs = Pairs(
         API,
@@ -85,6 +88,53 @@ def rank(
         _about(sample, resampling),
     )
     return Ranked(ranges, pairs)
+
+
+def _tested(
+    sample: Sample, arrays: Sequence[Path], key: str, resampling: ResamplingConfig, cache: Path
+) -> Floats:
+    """Return p, low and high of row minus column, (3, V, V): what was known before and the rest.
+
+    Pairs are taken in the order of their hashes. A pair then has the same to the last bit whatever
+    the other methods are and wherever they stand, so that known ones and new ones fit together.
+    """
+    stems = np.array([path.stem for path in arrays])
+    order = np.argsort(stems)
+    ordered = replace(
+        sample,
+        values=tuple(part[order] for part in sample.values),
+        medians=sample.medians[order],
+        shares=None if sample.shares is None else sample.shares[order],
+    )
+    name = f"pairs {key} {resampling.resamples} {resampling.seed} {sample.unit} {sample.groups}"
+    file = cache / f"{hashlib.sha256(name.encode()).hexdigest()}.npz"
+    found, new = _known(file, stems[order])
+    if len(new):
+        draws = _draws(ordered, [arrays[place] for place in order], key, resampling, cache)
+        p_values = pair_p_values(ordered, resampling, draws, new)
+        limits = pair_limits(ordered, resampling, new)
+        fresh = np.stack([np.triu(p_values, 1), *limits])
+        found = np.where(wanted_pairs(len(stems), new), fresh, found)
+        with atomic_write(file) as stream:
+            write_npz(stream, {"stems": stems[order], "pairs": found})
+    p_values, low, high = found
+    low, high = (
+        np.where(np.tri(len(stems), k=-1) > 0, -b.T, a) for a, b in ((low, high), (high, low))
+    )
+    p_values = np.triu(p_values, 1) + np.triu(p_values, 1).T + np.eye(len(stems))
+    place = np.argsort(order)
+    return np.stack([p_values, low, high])[:, place[:, None], place]
+
+
+def _known(file: Path, stems: NDArray[np.str_]) -> tuple[Floats, NDArray[np.intp]]:
+    """Return what an earlier build found of pairs, and which methods it did not have."""
+    found = np.full((3, len(stems), len(stems)), np.nan)
+    if not file.is_file():
+        return found, np.arange(len(stems))
+    with np.load(file, allow_pickle=False) as kept:
+        _, here, there = np.intersect1d(stems, kept["stems"], return_indices=True)
+        found[:, here[:, None], here] = kept["pairs"][:, there[:, None], there]
+    return found, np.setdiff1d(np.arange(len(stems)), here)
 
 
 def _draws(
@@ -123,7 +173,7 @@ def _about(sample: Sample, resampling: ResamplingConfig) -> str:
 
 
 def _packed(values: Floats) -> str:
-    return base64.b64encode(values.astype("<f4").tobytes()).decode()
+    return base64.b64encode((values + 0.0).astype("<f4").tobytes()).decode()  # no -0.0
 
 
 def rank_sealed(measured: Sequence[Measured], column: ScoreColumn) -> Ranked:

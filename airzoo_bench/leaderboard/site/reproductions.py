@@ -148,7 +148,7 @@ def _of_pair(
             own.team,
             own.rescored,
             why,
-        )  # fmt: skip
+        )
         for scene, (mine, theirs) in parts.items()
         for key, printed in theirs.items()
         if key in mine and printed.value is not None

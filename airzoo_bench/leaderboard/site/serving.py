@@ -8,7 +8,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.leaderboard.site.build import MARK
+from airzoo_bench.leaderboard.site.api_files import MARK
 
 __all__ = ["serve_folder"]
 

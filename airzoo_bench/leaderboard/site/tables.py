@@ -11,6 +11,7 @@ from typing import Any
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.leaderboard.site import api
 from airzoo_bench.leaderboard.site.api import API, Condition, Links, Row, Scene, TableFile
+from airzoo_bench.leaderboard.site.breakdowns import by_condition, by_scene
 from airzoo_bench.leaderboard.site.measured import OVERALL, RESAMPLING
 from airzoo_bench.leaderboard.site.ranking import Ranked, rank, rank_sealed
 from airzoo_bench.leaderboard.site.reported import Reported
@@ -157,9 +158,9 @@ def make_table(about: About, methods: Sequence[Scored], reported: Reported, cach
     )
     by_row = {name: found for name, (_, found) in ordered.items()}
     files: dict[str, Any] = {paths[key]: found for key, found in pairs.items()}
-    files[f"{base}/scenes.json"] = _by_scene(table, by_row)
+    files[f"{base}/scenes.json"] = by_scene(table, by_row)
     if conditions:
-        files[f"{base}/conditions.json"] = _by_condition(table, conditions, methods)
+        files[f"{base}/conditions.json"] = by_condition(table, conditions, methods)
     return Made(table, by_row, files)
 
 
@@ -264,53 +265,6 @@ def _about_intervals(methods: Sequence[Scored]) -> str:
 def _version_notes(methods: Sequence[Scored]) -> list[str]:
     versions = sorted({one.measured.made_with for one in methods})
     return [f"made with airzoo-bench {', '.join(versions)}"] if versions else []
-
-
-def _by_scene(table: TableFile, rows: Mapping[str, Scores]) -> dict[str, Any]:
-    def column(scene: str, key: str) -> api.SceneColumn:
-        scores = [found.get(scene, {}).get(key) for found in rows.values()]
-        parts = [
-            tuple(None if one is None else getattr(one, name) for one in scores)
-            for name in ("value", "low", "high")
-        ]
-        none = all(one is None for one in parts[1])
-        return api.SceneColumn(parts[0], () if none else parts[1], () if none else parts[2])
-
-    scenes = {s.id: {c.key: column(s.id, c.key) for c in table.scores} for s in table.scenes}
-    return {"api": API, "table": table.id, "scenes": scenes}
-
-
-def _by_condition(
-    table: TableFile, conditions: Sequence[Mapping[str, Any]], methods: Sequence[Scored]
-) -> dict[str, Any]:
-    own = {one.id: {c["by"]: c for c in one.measured.conditions} for one in methods}
-
-    def value(row: Row, condition: Mapping[str, Any], group: int, key: str) -> Any:
-        found = own.get(row.id, {}).get(condition["by"])
-        if found is None or found["labels"] != condition["labels"] or key not in found["values"]:
-            return None
-        return found["values"][key][group]
-
-    return {
-        "api": API,
-        "table": table.id,
-        "conditions": [
-            {
-                "by": condition["by"],
-                "groups": [
-                    {
-                        c.key: {
-                            "value": [value(row, condition, group, c.key) for row in table.rows]
-                        }
-                        for c in table.scores
-                        if c.headline
-                    }
-                    for group in range(len(condition["labels"]))
-                ],
-            }
-            for condition in conditions
-        ],
-    }
 
 
 def table_id(protocol: str, measures: tuple[Any, ...], *, current: bool) -> str:

@@ -1,4 +1,7 @@
-"""Writes a sample of the board's API, of made-up numbers: python -m tests.leaderboard.site.make_sample OUT [ROWS]."""
+"""Writes a sample of the board's API, of made-up numbers.
+
+Usage: ``python -m tests.leaderboard.site.make_sample OUT [ROWS]``
+"""
 
 from __future__ import annotations
 
@@ -99,17 +102,33 @@ def table(name: str, rows: list[Row], *, current: bool = True, sealed: bool = Fa
     base = f"api/v1/tables/{name}"
     downloads = [f"downloads/{name}.{end}" for end in ("csv", "json", "tex", "md")]
     return TableFile(
-        API, name, "AirZoo-Mini, aerial image retrieval", "airzoo-mini", "AirZoo-Mini", 1, "retrieval",
-        "airzoo-mini-retrieval", 2, "a" * 64, "b" * 64, sealed, current,
-        "" if current else "an earlier truth: airzoo-mini v1", "query", SCENES, columns(name),
+        API,
+        name,
+        "AirZoo-Mini, aerial image retrieval",
+        "airzoo-mini",
+        "AirZoo-Mini",
+        1,
+        "retrieval",
+        "airzoo-mini-retrieval",
+        2,
+        "a" * 64,
+        "b" * 64,
+        sealed,
+        current,
+        "" if current else "an earlier truth: airzoo-mini v1",
+        "query",
+        SCENES,
+        columns(name),
         tuple(rows),
-        () if sealed else (Condition("altitude_m", "altitude [m]", ("below 100", "100 and more"), (30, 48)),),
+        ()
+        if sealed
+        else (Condition("altitude_m", "altitude [m]", ("below 100", "100 and more"), (30, 48)),),
         "Rank ranges: 1 + methods significantly better to N - methods significantly worse; paired "
         "permutation tests, Holm over all pairs of a column, 5 %.",
         "95 % intervals of the average over scenes.",
         ("made with airzoo-bench 0.1.0",),
         Links(f"{base}/scenes.json", None if sealed else f"{base}/conditions.json", *downloads),
-    )  # fmt: skip
+    )
 
 
 def packed(values: Any) -> str:
@@ -123,8 +142,10 @@ def files_of(made: TableFile) -> dict[str, Any]:
     values = {s.key: [r.scores[s.key].value for r in made.rows] for s in made.scores}
     of_scene = {k: SceneColumn(tuple(v), tuple(v), tuple(v)) for k, v in values.items()}
     files[f"{base}/scenes.json"] = {
-        "api": API, "table": made.id, "scenes": {s.id: of_scene for s in made.scenes}
-    }  # fmt: skip
+        "api": API,
+        "table": made.id,
+        "scenes": {s.id: of_scene for s in made.scenes},
+    }
     if made.conditions:
         files[f"{base}/conditions.json"] = {
             "api": API,
@@ -145,23 +166,44 @@ def files_of(made: TableFile) -> dict[str, Any]:
             d = own[one] - own[two]
             p = np.exp(-40 * np.abs(d))
             files[f"{base}/pairs/{place}.json"] = Pairs(
-                API, column.key, tuple(r.id for r in scored), tuple(own.tolist()),
-                packed(d - 0.05), packed(d + 0.05), packed(p), packed(np.minimum(1, p * len(d))),
-                len(d), 10_000, "Paired permutation test.",
-            )  # fmt: skip
+                API,
+                column.key,
+                tuple(r.id for r in scored),
+                tuple(own.tolist()),
+                packed(d - 0.05),
+                packed(d + 0.05),
+                packed(p),
+                packed(np.minimum(1, p * len(d))),
+                len(d),
+                10_000,
+                "Paired permutation test.",
+            )
     for r in made.rows:
         if r.kind in ("re-scored", "sealed", "reported"):
             history = tuple(
-                Version(v, r.id, r.method, r.date, r.rescored, "0.1.0", made.id, r.scores,
-                        "R@1 +1.20 points" if v > 1 else "", f"runs/airzoo-mini/retrieval/{r.id}/{v}")
+                Version(
+                    v,
+                    r.id,
+                    r.method,
+                    r.date,
+                    r.rescored,
+                    "0.1.0",
+                    made.id,
+                    r.scores,
+                    "R@1 +1.20 points" if v > 1 else "",
+                    f"runs/airzoo-mini/retrieval/{r.id}/{v}",
+                )
                 for v in range(r.version, 0, -1)
-            )  # fmt: skip
+            )
             files[f"{base}/methods/{r.id}.json"] = MethodFile(
-                API, made.id, r, {s.id: r.scores for s in made.scenes},
+                API,
+                made.id,
+                r,
+                {s.id: r.scores for s in made.scenes},
                 () if r.kind == "reported" else history,
                 f"@misc{{{r.id},\n  title = {{Method {r.id}}},\n  year = {{2026}}\n}}\n",
                 (),
-            )  # fmt: skip
+            )
     return files
 
 
@@ -176,19 +218,51 @@ def sample(count: int = 12) -> dict[str, Any]:
         table("mini-sealed-retrieval", [row(n, 3, "sealed") for n in range(3)], sealed=True),
     ]
     links = [
-        TableLink(t.id, t.title, t.track, t.protocol, 2, t.sealed, t.current, t.apart, len(t.rows),
-                  sum(r.kind == "reported" for r in t.rows), "2026-11-20")
+        TableLink(
+            t.id,
+            t.title,
+            t.track,
+            t.protocol,
+            2,
+            t.sealed,
+            t.current,
+            t.apart,
+            len(t.rows),
+            sum(r.kind == "reported" for r in t.rows),
+            "2026-11-20",
+        )
         for t in tables
-    ]  # fmt: skip
+    ]
     board = BoardIndex(
-        API, "A sample board", "https://example.org/board", "example/board", "2026-11-20", "0.1.0",
-        (Benchmark("airzoo-mini", "AirZoo-Mini", tuple(links[:2])),
-         Benchmark("mini-sealed", "AirZoo-Mini, sealed", tuple(links[2:]))),
-    )  # fmt: skip
+        API,
+        "A sample board",
+        "https://example.org/board",
+        "example/board",
+        "2026-11-20",
+        "0.1.0",
+        (
+            Benchmark("airzoo-mini", "AirZoo-Mini", tuple(links[:2])),
+            Benchmark("mini-sealed", "AirZoo-Mini, sealed", tuple(links[2:])),
+        ),
+    )
     found = Reproduction(
-        "airzoo-mini-retrieval", "SALAD", "method-0", "airzoo-paper, tab:uav-visloc", "", "recall@1",
-        0.88, "88.00", 0.9, "90.00", 0.85, 0.95, True, "Team 0", "2026-11-20", "newer weights",
-    )  # fmt: skip
+        "airzoo-mini-retrieval",
+        "SALAD",
+        "method-0",
+        "airzoo-paper, tab:uav-visloc",
+        "",
+        "recall@1",
+        0.88,
+        "88.00",
+        0.9,
+        "90.00",
+        0.85,
+        0.95,
+        True,
+        "Team 0",
+        "2026-11-20",
+        "newer weights",
+    )
     files: dict[str, Any] = {
         "board.json": board,
         "reproductions.json": {"api": API, "reproductions": [found]},

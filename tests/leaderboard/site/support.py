@@ -12,7 +12,8 @@ import numpy as np
 
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.runs import Run, write_run
-from airzoo_bench.leaderboard.site.build import Given, build_board
+from airzoo_bench.leaderboard.site.api_files import Given
+from airzoo_bench.leaderboard.site.build import build_board
 from airzoo_bench.leaderboard.submission import PublicSubmission, submission_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
@@ -45,7 +46,7 @@ def submission(method: str, **fields: Any) -> PublicSubmission:
 def method(
     name: str,
     rate: float,
-    sizes: Mapping[str, int] = {"east": 30, "west": 20},  # noqa: B006 - never changed
+    sizes: Mapping[str, int] = {"east": 30, "west": 20},
     columns: Sequence[ScoreColumn] = COLUMNS,
     seed: int = 0,
     **result: Any,
@@ -99,18 +100,18 @@ def given(root: Path, results: Sequence[Path] = (), **changes: Any) -> Given:
             "schema": 1,
             "title": "A board",
             "url": "https://example.org/board",
-            "benchmarks": ({"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},),
+            "benchmarks": (
+                {"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},
+            ),
         }
-    )  # fmt: skip
+    )
     made = Given(root / "runs", root / "submissions", results, board, (), root / "data")
     return replace(made, **changes)
 
 
 def built(root: Path, out: str = "site", cache: str = "cache", **changes: Any) -> Path:
     """Build the board of a folder."""
-    return build_board(
-        given(root, **changes), root / out, root / cache, note=lambda text: None
-    )
+    return build_board(given(root, **changes), root / out, root / cache, note=lambda text: None)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

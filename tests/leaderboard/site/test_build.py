@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.leaderboard.site.build import MARK, build_board
+from airzoo_bench.leaderboard.site.api_files import MARK
+from airzoo_bench.leaderboard.site.build import build_board
 from airzoo_bench.results.best import value_of
 from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import read_scored
@@ -69,7 +70,8 @@ def test_values_and_intervals_are_those_of_the_result(root: Path) -> None:
 
 
 def test_ranges_hold_all_methods_and_tell_far_ones_apart(root: Path) -> None:
-    ranks = {name: row["scores"]["recall@1"]["rank"] for name, row in rows_of(root / "site").items()}
+    rows = rows_of(root / "site")
+    ranks = {name: row["scores"]["recall@1"]["rank"] for name, row in rows.items()}
     assert ranks["m3"][0] == 1
     assert ranks["m0"][1] == 4
     assert ranks["m3"][1] < 4
@@ -85,7 +87,8 @@ def test_any_two_as_compare_prints_them(root: Path) -> None:
         tables = {name: matrix(pairs, name) for name in ("low", "high", "p", "p_holm")}
         first, other = by_id[pairs["ids"][0]], by_id[pairs["ids"][2]]
         column = next(c for c in first.result.columns if c.key == key)
-        made = compare([other, first], [column], reference=other.name, resampling=ResamplingConfig())
+        config = ResamplingConfig()
+        made = compare([other, first], [column], reference=other.name, resampling=config)
         [pair] = made.pairs
         difference = pairs["values"][0] - pairs["values"][2]
         assert difference == pytest.approx(pair.difference)
@@ -158,6 +161,11 @@ def test_plain_results_in_any_order(tmp_path: Path, results: list[int]) -> None:
     assert rows["net-0"]["team"] == ""
     one = built(tmp_path, out="sorted", results=paths)
     assert files_of(one) == files_of(site)
+
+
+def test_two_processes_give_the_same_bytes(root: Path) -> None:
+    site = build_board(given(root), root / "two", root / "fresh", jobs=2, note=print)
+    assert files_of(site) == files_of(root / "site")
 
 
 def test_names_that_would_share_a_page_do_not(tmp_path: Path) -> None:

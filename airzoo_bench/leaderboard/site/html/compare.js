@@ -54,7 +54,7 @@ async function pairOf(score, a, b) {
 
 function verdict(score, pair) {
   if (Number.isNaN(pair.p_holm)) return "no test";
-  if (pair.p_holm >= 0.05) return "cannot be told apart";
+  if (pair.p_holm > 0.05) return "cannot be told apart";
   return (pair.difference > 0) === score.higher ? "A is better" : "B is better";
 }
 
@@ -76,7 +76,7 @@ const head = (text) => el("th", { scope: "row", class: "t stick" }, text);
 async function overall(a, b) {
   return Promise.all(data.scores.map(async (score) => {
     const pair = await pairOf(score, a.id, b.id);
-    const interval = Number.isNaN(pair.low) ? "–" : `[${shown(pair.low, score.share, true)}, ${shown(pair.high, score.share, true)}]`;
+    const interval = Number.isNaN(pair.low) ? "–" : `${shown(pair.low, score.share, true)} to ${shown(pair.high, score.share, true)}`;
     return el("tr", {}, head(`${score.title} [${score.unit}]`), cell(shown(pair.one, score.share)), cell(shown(pair.other, score.share)),
       cell(shown(pair.difference, score.share, true)), cell(interval), cell(picture(score, pair), "t"),
       cell(shownP(pair.p)), cell(shownP(pair.p_holm)), cell(verdict(score, pair), "verdict"));

@@ -140,10 +140,12 @@ def test_reported_rows_are_apart_and_findings_stand_beside_their_cells() -> None
     rows = re.findall(r"<tr data-id.*?</tr>", text, re.DOTALL)
     reported = [row for row in rows if 'class="reported"' in row]
     assert len(reported) == 4
-    assert all("reported, not re-scored" in row and "checkbox" not in row for row in reported)
+    said = [re.sub("<[^>]*>", "", row) for row in reported]
+    assert all("reported, not re-scored" in row for row in said)
+    assert not any("checkbox" in row for row in reported)
     found = [row for row in reported if 'class="mark" href="#note-' in row]
     assert len(found) == 2
-    assert 'aria-label="Note 2: Method 1, R@1, printed 61.20: its scenes give 60.1' in found[0]
+    assert 'aria-label="†2, note: Method 1, R@1, printed 61.20: its scenes give 60.1' in found[0]
     assert found[0].index("72.50") < found[0].index("#note-2") < found[0].index("70.50")
     assert '<li id="note-2"><b>†2</b> Method 1, R@1, printed 61.20' in text
 
@@ -215,7 +217,21 @@ def test_a_board_without_any_entry_has_its_pages() -> None:
     files["reproductions.json"]["reproductions"] = []
     empty = render_pages(files)
     assert b"No entry yet" in empty["index.html"]
-    assert "tables/airzoo-mini-retrieval/compare.html" not in empty
+    assert b"No entry yet" in empty["tables/airzoo-mini-retrieval/index.html"]
+    for name in ("compare", "scenes", "ranks"):
+        assert f"tables/airzoo-mini-retrieval/{name}.html" not in empty
     nothing = {"board.json": files["board.json"] | {"benchmarks": []}}
     nothing["reproductions.json"] = files["reproductions.json"]
     assert b"no benchmark yet" in render_pages(nothing)["index.html"]
+
+
+def test_a_history_draws_only_versions_that_may_be_compared() -> None:
+    files = sample()
+    versions = files["tables/airzoo-mini-retrieval/methods/method-2.json"]["history"]
+    page = "tables/airzoo-mini-retrieval/methods/method-2.html"
+    assert len(versions) == 3
+    drawn = render_pages(files)[page].decode()
+    assert [f"version {n}" in drawn for n in (1, 2, 3)] == [True] * 3
+    versions[2]["table"] = "airzoo-mini-retrieval-1f2e3d4c"
+    drawn = render_pages(files)[page].decode()
+    assert [f"version {n}" in drawn for n in (1, 2, 3)] == [False, True, True]

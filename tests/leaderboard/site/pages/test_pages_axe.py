@@ -74,7 +74,7 @@ def test_everything_is_reached_by_tab_and_what_has_the_focus_is_seen(
 def test_a_note_is_a_link_to_what_it_says(opened: Opened, board: Path) -> None:
     visit(opened, board / TABLE / "index.html")
     mark = opened.one("td .mark")
-    assert mark.get_attribute("aria-label").startswith("Note 2: Method 1, R@1, printed 61.20")
+    assert mark.get_attribute("aria-label").startswith("†2, note: Method 1, R@1, printed 61.20")
     opened.driver.execute_script("arguments[0].focus()", mark)
     opened.press(webdriver.Keys.ENTER)
     assert opened.one(":target").text.startswith("†2 Method 1, R@1, printed 61.20")

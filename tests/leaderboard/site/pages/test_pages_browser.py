@@ -166,11 +166,11 @@ def test_a_comparison_shows_what_the_file_of_pairs_has(
     values = pairs["values"]
     difference = f"{100 * (values[a] - values[b]):+.2f}".replace("-", "−")
     assert cells[:3] == [f"{100 * values[a]:.2f}", f"{100 * values[b]:.2f}", difference]
-    assert cells[3] == f"[{100 * low:+.2f}, {100 * high:+.2f}]".replace("-", "−")
+    assert cells[3] == f"{100 * low:+.2f} to {100 * high:+.2f}".replace("-", "−")
     assert cells[5] == ("< 0.0001" if p < 0.00005 else f"{p:.4f}")
     assert cells[6] == ("< 0.0001" if holm < 0.00005 else f"{holm:.4f}")
     better = "A is better" if values[a] > values[b] else "B is better"
-    assert cells[7] == (better if holm < 0.05 else "cannot be told apart")
+    assert cells[7] == (better if holm <= 0.05 else "cannot be told apart")
     assert len(opened.all("#scenes tbody tr")) == 2
 
 
