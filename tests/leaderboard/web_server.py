@@ -11,10 +11,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from airzoo_bench.leaderboard.fetching import Network, Patience
+import pytest
+
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.leaderboard.fetching import Network, Patience, fetch
 
 HOST = "data.example.org"
+URL = f"https://{HOST}/files/preds.npz"
+CONTENT = b"predictions" * 30_000
 PUBLIC = "93.184.215.14"
 HASTY = Patience(silence=5.0, answer=5.0, slowest=1e9, longest=5.0)
 
@@ -102,3 +108,17 @@ def running_server(folder: Path, *names: str) -> Iterator[WebServer]:
         yield server
         listener.shutdown(socket.SHUT_RDWR)
     thread.join()
+
+
+def redirect(location: str, status: str = "302 Found") -> Answer:
+    lines = (f"Location: {location}", "Content-Length: 0")
+    return lambda _, peer: peer.sendall(head(*lines, status=status))
+
+
+def refusal(server: WebServer, into: Path, url: str = URL, **changes: Any) -> str:
+    """Fetch what must not arrive; nothing of it may be left on disk."""
+    settings = {"size": len(CONTENT), "sha256": sha256(CONTENT), "network": server.network()}
+    with pytest.raises(SubmissionError) as caught:
+        fetch(url, into, **(settings | changes))
+    assert not into.exists() or not list(into.iterdir())
+    return str(caught.value)

@@ -105,6 +105,10 @@ def running_evalai(split: str, labels: list[str]) -> Iterator[EvalAI]:
             given = parse_qs(self.rfile.read(size).decode(), keep_blank_values=True)
             token = self.headers.get("Authorization")
             state.seen.append((self.command, self.path, token))
+            if self.path == "/moved":
+                self.send_response(302)
+                self.send_header("Location", f"{state.url}/elsewhere")
+                return self.end_headers()
             if self.path in state.files:
                 return self._send(200, state.files[self.path])
             if token != f"Bearer {TOKEN}":

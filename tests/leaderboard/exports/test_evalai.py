@@ -258,6 +258,11 @@ class TestWorker:
         with pytest.raises(UsageError, match="without encryption"):
             Api(address, TOKEN)
 
+    def test_the_token_follows_no_redirect(self, server: EvalAI) -> None:
+        with pytest.raises(OSError, match="302"):
+            Api(server.url, TOKEN).call("GET", "/moved")
+        assert [path for _, path, _ in server.seen] == ["/moved"]
+
     def test_files_of_the_machine_are_not_submissions(self, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="no web address"):
             Api("https://eval.ai", TOKEN).download("file:///etc/passwd", tmp_path)
