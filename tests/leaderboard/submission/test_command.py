@@ -86,6 +86,8 @@ def test_without_a_terminal_nothing_is_asked(board: Path, preds: Path, command: 
     made = command("submission", "new", preds, *OPTIONS[2:])
     assert made.exit_code == 1
     assert "missing: --protocol" in str(made.exception)
+    missing = command("submission", "new", preds.with_name("nothing.npz"))
+    assert "no such file or folder" in str(missing.exception)
     assert not (board / "submissions").exists()
 
 
