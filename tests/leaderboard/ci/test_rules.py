@@ -326,6 +326,32 @@ def _store(folder: Path, tree: bytes) -> str:
     return git(folder, "hash-object", "-t", "tree", "-w", "--stdin", "--literally", stdin=tree)
 
 
+def test_many_files_are_fetched_in_few_steps_and_only_these(world: World) -> None:
+    files = {f"{HOME}/mine/p/{number}.npz": f"{number}".encode() for number in range(150)}
+    assert world.look(1, world.hosted.pull_of(1, SOUND | files)) == []
+    bare = world.folder / "bare.git"
+    for number in range(150):
+        out = world.folder / "out" / HOME / "mine" / "p" / f"{number}.npz"
+        assert out.read_bytes() == f"{number}".encode()
+    theirs = git(world.hosted.folder, "rev-parse", f"main:{HOME}/theirs/p.npz")
+    listed = git(bare, "cat-file", "--batch-all-objects", "--batch-check=%(objectname)").split()
+    assert theirs not in listed
+    assert len(list((bare / "objects" / "pack").glob("*.pack"))) < 10
+
+
+def test_folders_beyond_what_git_can_follow(world: World) -> None:
+    path = f"{HOME}/mine/{'a/' * 30_000}x"
+    stream = (
+        "blob\nmark :1\ndata 1\nx\ncommit refs/heads/deep\ncommitter a <a@b> 1 +0000\n"
+        f"data 1\nx\nfrom {world.hosted.tip()}\nM 100644 :1 {path}\n"
+    )
+    git(world.hosted.folder, "fast-import", "--quiet", stdin=stream.encode())
+    head = world.hosted.tip("deep")
+    world.hosted.pull(1, head)
+    [fault] = world.look(1, head)
+    assert isinstance(fault, RefusedError)
+
+
 def test_history_of_its_own(world: World) -> None:
     head = world.hosted.commit(None, SOUND)
     world.hosted.pull(1, head)
