@@ -11,8 +11,9 @@ import numpy as np
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
+from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark, needed
-from airzoo_bench.benchmark.queries import read_excluded, read_queries
+from airzoo_bench.benchmark.queries import read_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
