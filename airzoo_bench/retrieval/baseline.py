@@ -25,8 +25,9 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.evaluation.parts import DOUBLED, Baseline, Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.sift import extract
+from airzoo_bench.retrieval.questions import scene_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
 if TYPE_CHECKING:
     import pandas as pd
