@@ -14,6 +14,7 @@ from airzoo_bench.cli.common import (
     JobsOption,
     MemoryOption,
     memory_bytes,
+    printable,
     progress,
     put,
     resolve_data,
@@ -142,7 +143,7 @@ def _print(checked: CheckedSubmission, rescored: Rescored | None) -> None:
     if rescored is not None:
         show(scenes_table(rescored.evaluation.result), Format.TERMINAL)
         for line in rescored.lines:
-            put(f"{line}\n")
+            put(f"{printable(line)}\n")
     errors = [*checked.errors, *(rescored.errors if rescored else ())]
     for error in errors:
         say(str(error))
