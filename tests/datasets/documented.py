@@ -22,7 +22,7 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 # Where `prepare photos` refuses, by what is at fault.
 REFUSING = {
     "Folders, names and the CRS of the poses": ["datasets/sources", "geometry/crs"],
-    "Photos and their metadata": ["formats/photos", "benchmark/images", "datasets/dji"],
+    "Photos and their metadata": ["formats/photos", "benchmark/images", "datasets/photo_metadata"],
     "Cameras and poses": [
         *(
             "datasets/poses",
