@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.folder import Benchmark, needed
+from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
@@ -37,7 +37,6 @@ __all__ = [
     "photo_table",
     "poses_of",
     "query_table",
-    "read_excluded",
     "read_queries",
     "with_unposed",
     "write_queries",
@@ -52,7 +51,6 @@ CAMERA_COLUMNS = (*SIZE_COLUMNS, *FOCAL_COLUMNS, *PRINCIPAL_POINT_COLUMNS, *DIST
 POSE_COLUMNS = ("qw", "qx", "qy", "qz", "x", "y", "z")
 NO_POSE = "no pose"
 PRIOR_COLUMNS = tuple(f"prior_{name}" for name in POSE_COLUMNS)
-_LISTED = {"matching": "crops.csv", "reconstruction": "photos.csv"}
 
 
 def query_table(
@@ -89,27 +87,6 @@ def write_queries(folder: Path, queries: pd.DataFrame) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     ordered = queries.sort_values("id", kind="stable")
     ordered.to_csv(folder / "queries.csv", index=False, lineterminator="\n")
-
-
-def read_excluded(benchmark: Benchmark, scene: str, track: str) -> pd.DataFrame:
-    """Read which photos of a scene a track leaves out, with the reasons.
-
-    Where the truth is sealed these are the photos that a public table of the track does not list,
-    and none where there is no such table.
-
-    Raises
-    ------
-    BenchmarkError
-        See `read_table`.
-    """
-    folder = benchmark.scene_folder(scene)
-    if not benchmark.is_sealed:
-        return read_table(folder / track / "excluded.csv", (*IDENTITY_COLUMNS, "reason"))
-    photos = read_table(folder / "queries.csv", IDENTITY_COLUMNS)[list(IDENTITY_COLUMNS)]
-    listed = _LISTED.get(track)
-    asked = photos["id"] if listed is None else read_table(folder / track / listed, ("id",))["id"]
-    left_out = photos[~photos["id"].isin(asked)].reset_index(drop=True)
-    return left_out.assign(reason="not asked")
 
 
 def read_queries(

@@ -10,7 +10,7 @@ import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.datasets.dji import PhotoPrior
+from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.datasets.photo_options import HeightOptions
 from airzoo_bench.datasets.sources import vertical_unit_m
 from airzoo_bench.geometry.arrays import Floats

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-    from airzoo_bench.datasets.dji import PhotoPrior
+    from airzoo_bench.datasets.photo_metadata import PhotoPrior
     from airzoo_bench.geometry.cameras import Cameras
     from airzoo_bench.geometry.poses import Poses
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from airzoo_bench.benchmark.queries import SceneInputs, poses_of
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.mistakes import position_cause
+from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights

@@ -12,11 +12,11 @@ import numpy as np
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes, surface_centres
 from airzoo_bench.datasets.native import paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.photo_options import PhotoOptions, SceneOptions
 from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.poses import read_poses

@@ -16,8 +16,8 @@ import numpy as np
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.photo_facts import median
+from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import (

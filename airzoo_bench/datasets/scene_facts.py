@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, cameras_of, poses_of
-from airzoo_bench.datasets.dji import PhotoPrior
 from airzoo_bench.datasets.map_facts import MapFacts, MapShift, map_facts, map_shift
 from airzoo_bench.datasets.photo_facts import (
     Cameras3D,
@@ -22,6 +21,7 @@ from airzoo_bench.datasets.photo_facts import (
     median,
     survey_photos,
 )
+from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.datasets.priors import (
     PriorFacts,
     WithoutPrior,

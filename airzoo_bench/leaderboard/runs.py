@@ -15,9 +15,9 @@ from pydantic import Field, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import atomic_write, read_text
-from airzoo_bench.core.validation import Strict, validation_message
+from airzoo_bench.core.validation import Positive, Strict, validation_message
 
-__all__ = ["RUN_FILE", "Claimed", "Run", "newest_runs", "read_run", "write_run"]
+__all__ = ["RUN_FILE", "Claimed", "MadeAgain", "Run", "newest_runs", "read_run", "write_run"]
 
 RUN_FILE = "run.json"
 
@@ -39,6 +39,19 @@ class Claimed(Strict):
     lines: tuple[str, ...]
 
 
+class MadeAgain(Strict):
+    """What CI measured when it made the predictions of the suite's own baseline again.
+
+    Attributes
+    ----------
+    same_bytes : bool
+        Whether they are those of the submission; another processor may round otherwise.
+    """
+
+    seconds_per_query: Positive
+    same_bytes: bool
+
+
 class Run(Strict):
     """When a submission was scored, at which commit, by which version.
 
@@ -54,6 +67,8 @@ class Run(Strict):
         Of airzoo-bench.
     claimed : Claimed or None
         None where no result came with it.
+    made_again : MadeAgain or None
+        None where CI could not make the predictions.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -62,6 +77,7 @@ class Run(Strict):
     tree: ObjectId
     version: str
     claimed: Claimed | None = None
+    made_again: MadeAgain | None = None
 
 
 def read_run(path: Path) -> Run:

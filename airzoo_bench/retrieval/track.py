@@ -24,12 +24,13 @@ from airzoo_bench.retrieval.predictions import (
     deep_validation_errors,
     validation_errors,
 )
+from airzoo_bench.retrieval.questions import scene_truth
 from airzoo_bench.retrieval.reading import read_retrieval
 from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_scene
 from airzoo_bench.retrieval.scores import RECORDED, retrieval_scores
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,7 +80,7 @@ class RetrievalTrack(
             yield from deep_validation_errors(predictions, scores.descriptor_metric, scenes)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
-        """See `truth.read_truth` and, where it is sealed, `truth.read_questions`."""
+        """See `questions.scene_truth`."""
         return scene_truth(benchmark, scene)
 
     def match_scene(

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import conditions_of, read_excluded, read_queries
+from airzoo_bench.benchmark.queries import conditions_of, read_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.plurals import counted
@@ -31,10 +30,9 @@ __all__ = [
     "POSITION_COLUMNS",
     "RetrievalTruth",
     "boxes_of",
-    "read_questions",
+    "read_tile_table",
     "read_tiles",
     "read_truth",
-    "scene_truth",
     "write_truth",
 ]
 
@@ -193,7 +191,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     queries = read_queries(folder, excluded)
     tiles = read_tiles(home)
     footprints = _read_footprints(home / "footprints.csv", tiles)
-    dropped = _read_tile_table(home / "dropped_tiles.csv")
+    dropped = read_tile_table(home / "dropped_tiles.csv")
     if footprints["id"].tolist() != queries["id"].tolist():
         raise BenchmarkError(
             "the footprints are not those of queries.csv",
@@ -214,30 +212,6 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
-def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
-    """Read a scene's truth by `read_truth`, or by `read_questions` where it is sealed."""
-    if benchmark.is_sealed:
-        return read_questions(benchmark, scene)
-    return read_truth(benchmark.scene_folder(scene), scene)
-
-
-def read_questions(benchmark: Benchmark, scene: str) -> RetrievalTruth:
-    """Read what a scene asks where the truth is sealed: queries and tiles, without any answer.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing or lacks a column.
-    """
-    folder = benchmark.scene_folder(scene)
-    excluded = read_excluded(benchmark, scene, "retrieval")
-    queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
-    dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
-    positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
-    footprints = queries[["id"]].assign(**dict.fromkeys(FOOTPRINT_COLUMNS, np.nan))
-    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
-
-
 def read_tiles(home: Path) -> pd.DataFrame:
     """Read the table of a scene's tiles from the folder of its retrieval track.
 
@@ -246,7 +220,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
     BenchmarkError
         It is missing, lacks a column, or boxes or sizes are none.
     """
-    tiles = _read_tile_table(home / "tiles.parquet")
+    tiles = read_tile_table(home / "tiles.parquet")
     _check_sorted(tiles, home / "tiles.parquet")
     if "image" in tiles.columns:
         return tiles
@@ -262,7 +236,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
     return tiles
 
 
-def _read_tile_table(path: Path) -> pd.DataFrame:
+def read_tile_table(path: Path) -> pd.DataFrame:
     """Read a table of tiles or, as its columns tell, of images."""
     found = read_table(path, ("id",))
     if "image" in found.columns:

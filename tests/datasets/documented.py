@@ -22,9 +22,15 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 # Where `prepare photos` refuses, by what is at fault.
 REFUSING = {
     "Folders, names and the CRS of the poses": ["datasets/sources", "geometry/crs"],
-    "Photos and their metadata": ["formats/photos", "benchmark/images", "datasets/dji"],
+    "Photos and their metadata": ["formats/photos", "benchmark/images", "datasets/photo_metadata"],
     "Cameras and poses": [
-        *("datasets/poses", "geometry/cameras", "geometry/rotations", "geometry/poses"),
+        *(
+            "datasets/poses",
+            "datasets/posed_photos",
+            "geometry/cameras",
+            "geometry/rotations",
+            "geometry/poses",
+        ),
         "geometry/units",
     ],
     "Heights": ["geometry/vertical", "datasets/height_systems"],
@@ -36,7 +42,7 @@ REFUSING = {
     "Cloud": ["datasets/cloud_checks"],
     "All together": [
         *("datasets/photos", "datasets/photos_dataset", "datasets/scene_content"),
-        *("datasets/native_prepare", "datasets/scene_additions"),
+        *("datasets/native_prepare", "datasets/scene_run", "datasets/scene_additions"),
     ],
 }
 # Which argument of a function that refuses is the message.

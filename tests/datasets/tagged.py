@@ -10,7 +10,7 @@ from PIL import Image
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat
-from tests.datasets.test_dji import packet
+from tests.datasets.test_photo_metadata import packet
 from tests.support import (
     MAP_SIZE_M,
     NORTH_WEST,

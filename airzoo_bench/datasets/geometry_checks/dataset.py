@@ -25,8 +25,8 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
-from airzoo_bench.datasets.dji import read_prior
 from airzoo_bench.datasets.map_facts import check_overlap
+from airzoo_bench.datasets.photo_metadata import read_prior
 from airzoo_bench.datasets.raster_checks import check_map, surveyed
 from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.geometry.cameras import Cameras

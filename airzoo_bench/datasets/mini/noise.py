@@ -20,26 +20,24 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.datasets.mini.keys import derived, is_keyed, word_of
+
 __all__ = [
     "GOLDEN",
     "Dice",
     "Singles",
     "Textures",
-    "derived",
     "direction",
     "floor_log2",
     "gaussians",
     "hash64",
     "hash_of",
-    "is_keyed",
-    "keyed",
     "mixed",
     "octaves",
     "seed_of",
     "textures",
     "uniforms",
     "volume_noise",
-    "words",
 ]
 
 T = TypeVar("T")
@@ -48,7 +46,6 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _MASK = (1 << 64) - 1
 _STREAM = 77
-_KEYED = 1 << 128
 
 
 def mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
@@ -60,42 +57,11 @@ def mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return state
 
 
-def keyed(key: bytes) -> int:
-    """Return the seed of a sealed edition, of a key of 16 bytes."""
-    return _KEYED | int.from_bytes(key, "big")
-
-
-def is_keyed(seed: int) -> bool:
-    """Tell whether a seed is a key."""
-    return seed >= _KEYED
-
-
-def derived(seed: int, purpose: str) -> int:
-    """Return a key of its own for a purpose, which does not lead back; a seed stays as it is."""
-    return _KEYED | int.from_bytes(_digest(seed, purpose, 16), "big") if is_keyed(seed) else seed
-
-
-def words(seed: int, count: int) -> NDArray[np.uint64]:
-    """Return numbers of 64 bits, the same whatever the version of NumPy."""
-    if not is_keyed(seed):
-        return np.random.PCG64(seed).random_raw(count)
-    return np.array([_word(seed, number) for number in range(count)], np.uint64)
-
-
-def _word(seed: int, *keys: int) -> int:
-    return int.from_bytes(_digest(seed, ",".join(map(str, keys)), 8), "little")
-
-
-def _digest(seed: int, text: str, size: int) -> bytes:
-    key = seed.to_bytes(17, "big")
-    return hashlib.blake2b(text.encode(), digest_size=size, key=key).digest()
-
-
 def hash_of(seed: int, *keys: Any) -> NDArray[np.uint64]:
     """Hash integer keys, which broadcast, to 64 bits; at least one-dimensional."""
     if is_keyed(seed):
         arrays = next((n for n, key in enumerate(keys) if np.ndim(key)), len(keys))
-        seed, keys = _word(seed, *map(int, keys[:arrays])), keys[arrays:]
+        seed, keys = word_of(seed, *map(int, keys[:arrays])), keys[arrays:]
     state = np.full((1,), seed & _MASK, np.uint64)
     for key in keys:
         word = key & _MASK if isinstance(key, int) else np.asarray(key).astype(np.int64)
@@ -220,7 +186,7 @@ def seed_of(*parts: object) -> int:
 
 def hash64(counter: NDArray[np.uint64], seed: int) -> NDArray[np.uint64]:
     """Hash counters (N,) by SplitMix64; other seeds, modulo 2^64 or keys, give other values."""
-    seed = _word(seed) if is_keyed(seed) else seed
+    seed = word_of(seed) if is_keyed(seed) else seed
     state = counter * GOLDEN
     state += np.uint64(seed & _MASK)
     return mixed(state)

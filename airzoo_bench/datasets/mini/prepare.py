@@ -7,7 +7,6 @@ down by condition.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +28,9 @@ from airzoo_bench.datasets.mini.export.frames import frame_paths, read_depth, re
 from airzoo_bench.datasets.mini.flights.keyframes import key_frames
 from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
 from airzoo_bench.datasets.mini.flights.trajectory import Airspace, Trajectory, trajectory_poses
-from airzoo_bench.datasets.mini.noise import derived, is_keyed, seed_of, words
+from airzoo_bench.datasets.mini.keys import derived, is_keyed, words
+from airzoo_bench.datasets.mini.noise import seed_of
+from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
@@ -39,12 +40,10 @@ from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.depth import depth_to_points
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.protocol.model import Protocol
@@ -60,7 +59,6 @@ __all__ = [
     "make_worlds",
     "mini_photos",
     "mini_protocols",
-    "noisy_priors",
     "prepare_airzoo_mini",
     "seen_surface",
 ]
@@ -74,13 +72,6 @@ _SURVEY_SPACING_M = 50.0
 _SURVEY_OVERLAP = 0.55
 _ROLL_OVERLAP = 0.25
 _ROLL_PHOTOS = 30  # each of the 15 conditions twice
-
-# Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
-# and gimbal (yaw, pitch, roll).
-_GPS_M = (2.0, 2.0, 3.0)
-_ANGLES_DEG = (2.0, 0.7, 0.5)
-_UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
-_BITS = 16
 
 _CLOUD_DECIMALS = 4
 # The voxels of the protocol: exact depth then gives the true points themselves.
@@ -158,28 +149,6 @@ def _shuffled(seed: int, what: str) -> Callable[[object], int]:
     return lambda _: seed_of(seed, what, next(drawn))
 
 
-def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
-    """Return what GPS and gimbal would have said of true poses, the same on every machine.
-
-    Each photo's noise depends on its name and the seed alone, not on the other photos; yaw is
-    counted from the grid's north.
-    """
-    unit = np.array([_normal_numbers(name, seed) for name in names]).reshape(-1, 6)
-    centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
-    turns = unit[:, 3:] * np.array(_ANGLES_DEG)
-    yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
-    return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)
-
-
-def _normal_numbers(name: str, seed: int) -> Floats:
-    """Return six numbers of unit variance: sums of uniform ones, in whole numbers till the end."""
-    blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
-    digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
-    words = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
-    total = words.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << _BITS)
-    return np.asarray(total / (2 << _BITS), dtype=np.float64)
-
-
 def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progress) -> Cloud:
     """Return every surface that photos of the survey see, from exact depth, a point a voxel.
 
@@ -224,7 +193,7 @@ def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
     Parameters
     ----------
     seed : int
-        Of worlds, flights, photos and priors; or a key, see `noise.keyed`.
+        Of worlds, flights, photos and priors; or a key, see `keys.keyed`.
     settings : PrepareSettings
 
     Raises

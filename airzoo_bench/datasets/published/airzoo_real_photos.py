@@ -16,8 +16,8 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.dji import priors_to_poses
 from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.photo_metadata import priors_to_poses
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
 from airzoo_bench.datasets.published.dji_rtk import stated_cameras, true_positions
 from airzoo_bench.datasets.published.places import folder_content, sub_folder

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import CameraError, first_of
-from airzoo_bench.datasets.dji import PhotoPrior
+from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.surveys.dji_stamps import TimeStamp, read_time_stamps
 from airzoo_bench.datasets.surveys.dji_tags import FIXED, DjiTags

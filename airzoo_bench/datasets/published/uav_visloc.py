@@ -82,13 +82,13 @@ class UavVisLoc(NativeDataset[UavVisLocOptions]):
 
     def scenes(self, options: UavVisLocOptions) -> list[str]:
         """Return the flights whose folders are there."""
-        from airzoo_bench.datasets.published.uav_visloc_files import flight_folders, found_root
+        from airzoo_bench.datasets.published.uav_visloc_layout import flight_folders, found_root
 
         return list(flight_folders(found_root(options.source)))
 
     def files(self, options: UavVisLocOptions, scene: str) -> Iterable[Path]:
         """Return the flight's photos, table and map, and the range table."""
-        from airzoo_bench.datasets.published.uav_visloc_files import flight_files
+        from airzoo_bench.datasets.published.uav_visloc_layout import flight_files
 
         return flight_files(options.source, scene)
 

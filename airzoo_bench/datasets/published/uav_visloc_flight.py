@@ -16,7 +16,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
 from airzoo_bench.datasets.published.options import Heading, UavVisLocOptions
-from airzoo_bench.datasets.published.uav_visloc_files import (
+from airzoo_bench.datasets.published.uav_visloc_layout import (
     drone_photos,
     flight_folders,
     flight_table,

@@ -10,7 +10,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError
 from airzoo_bench.datasets.joined_maps import Bounds, MapTile, join_maps, map_tile
 from airzoo_bench.datasets.native_tables import read_table
-from airzoo_bench.datasets.published.uav_visloc_files import RANGE_TABLE, only, range_tables
+from airzoo_bench.datasets.published.uav_visloc_layout import RANGE_TABLE, only, range_tables
 from airzoo_bench.geometry.rasters import pixel_to_world
 
 __all__ = ["FlightMap", "flight_map"]

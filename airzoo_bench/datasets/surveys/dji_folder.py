@@ -11,9 +11,9 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.height_systems import check_accuracy
 from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.photos import metadata_priors
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.sources import photo_sizes

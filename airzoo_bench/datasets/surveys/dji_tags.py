@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
-from airzoo_bench.datasets.dji import PhotoPrior, read_dji_texts
+from airzoo_bench.datasets.photo_metadata import PhotoPrior, read_dji_texts
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
 

@@ -10,8 +10,8 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.datasets.dji import read_prior
 from airzoo_bench.datasets.native_text import read_native_text
+from airzoo_bench.datasets.photo_metadata import read_prior
 from airzoo_bench.datasets.posed_photos import PosedPhotos
 from airzoo_bench.datasets.surveys.crs import map_crs, stated_crs
 from airzoo_bench.datasets.surveys.names import match_names

@@ -21,8 +21,16 @@ from airzoo_bench.leaderboard.ci.paths import checked_path
 from airzoo_bench.leaderboard.ci.rules import BASE, read_files
 from airzoo_bench.leaderboard.ci.scoring import OF_BOARD, Rules, is_sealed
 from airzoo_bench.leaderboard.known import Place
-from airzoo_bench.leaderboard.rescoring import rescore
-from airzoo_bench.leaderboard.runs import RUN_FILE, Claimed, Run, newest_runs, read_run, write_run
+from airzoo_bench.leaderboard.rescoring import Rescored, rescore
+from airzoo_bench.leaderboard.runs import (
+    RUN_FILE,
+    Claimed,
+    MadeAgain,
+    Run,
+    newest_runs,
+    read_run,
+    write_run,
+)
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, submission_text
 
 __all__ = ["record_runs", "score_merged"]
@@ -118,11 +126,14 @@ class _New:
         run = _table(out, self.place) / self.place.folder / str(number)
         checked = self._checked()
         if is_sealed(self.rules.board, self.place):
-            answer, claimed = self._answer(), None
+            answer, found = self._answer(), None
             run.mkdir(parents=True)
             (run / "answer.json").write_bytes(answer)
         else:
-            claimed = self._rescored(checked, run)
+            found = rescore(
+                checked, data=self.rules.data, resources=self.rules.resources, make_again=True
+            )
+            save(found.evaluation, run)
         assert checked.submission is not None  # what has no errors was read
         stated = submission_text(checked.submission.public())
         (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
@@ -130,7 +141,12 @@ class _New:
         write_run(
             run / RUN_FILE,
             Run(
-                scored=now, commit=self.commit, tree=self.tree, version=__version__, claimed=claimed
+                scored=now,
+                commit=self.commit,
+                tree=self.tree,
+                version=__version__,
+                claimed=_claimed(found),
+                made_again=_made_again(found),
             ),
         )
         return run
@@ -146,13 +162,6 @@ class _New:
             raise SubmissionError(faults[0].what, where=self.place.path, fix=faults[0].fix)
         return checked
 
-    def _rescored(self, checked: CheckedSubmission, run: Path) -> Claimed | None:
-        found = rescore(checked, data=self.rules.data, resources=self.rules.resources)
-        save(found.evaluation, run)
-        if found.claimed is None:
-            return None
-        return Claimed(agrees=found.agrees, lines=tuple(found.lines))
-
     def _answer(self) -> bytes:
         """Take the answer that was given before the merge, to the same files."""
         content = self.branch.read(answer_path(self.tree))
@@ -165,6 +174,20 @@ class _New:
             )
         SealedAnswer.model_validate_json(content)
         return content
+
+
+def _claimed(found: Rescored | None) -> Claimed | None:
+    if found is None or found.claimed is None:
+        return None
+    return Claimed(agrees=found.agrees, lines=tuple(found.lines))
+
+
+def _made_again(found: Rescored | None) -> MadeAgain | None:
+    if found is None or found.remade is None:
+        return None
+    queries = sum(counts["queries"] for counts in found.evaluation.result.counts.values())
+    seconds = float(f"{found.remade.seconds / queries:.3g}")
+    return MadeAgain(seconds_per_query=seconds, same_bytes=found.remade.same_bytes)
 
 
 def record_runs(branch: DataBranch, root: Path) -> list[str]:

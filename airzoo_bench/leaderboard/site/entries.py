@@ -104,6 +104,12 @@ class Entry:
         """The date of scoring, where it is known."""
         return None if self.run is None else self.run.scored.date().isoformat()
 
+    @property
+    def measured_seconds_per_query(self) -> float | None:
+        """What a query took where CI made the predictions itself."""
+        made = None if self.run is None else self.run.made_again
+        return None if made is None else made.seconds_per_query
+
 
 def read_entries(runs: Path, faults: Faults) -> list[Entry]:
     """Read the newest versions of all submissions, each with its earlier ones.

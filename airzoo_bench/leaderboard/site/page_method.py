@@ -132,6 +132,7 @@ def _facts(row: Json) -> list[tuple[str, str]]:
     cost = f"{seconds:.3g} s a query" if seconds is not None else ""
     if cost and row["hardware"]:
         cost += f" on {shown(row['hardware'])}"
+    measured = row["measured_seconds_per_query"]
     facts = [
         ("Source", shown(row["source"], 1000) if row["source"] else ""),
         ("Team", shown(row["team"]) if row["team"] else ""),
@@ -141,6 +142,7 @@ def _facts(row: Json) -> list[tuple[str, str]]:
         ("Pipeline", pipeline_of(row)),
         ("Training data", "" if training is None else ", ".join(map(shown, training)) or "none"),
         ("Cost, as claimed", cost),
+        ("Cost, as measured here", f"{measured:.3g} s a query" if measured is not None else ""),
         ("Licence", shown(row["licence"]) if row["licence"] else ""),
     ]
     return [(title, text) for title, text in facts if text]

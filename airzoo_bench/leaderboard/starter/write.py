@@ -8,6 +8,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import UsageError, first_of
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.version import __version__
+from airzoo_bench.leaderboard.schema import schema_text
 
 __all__ = ["next_steps", "starter_files", "write_starter"]
 
@@ -27,6 +28,7 @@ _GITHUB = {
 }
 _GITLAB = {"gitlab-ci.yml": ".gitlab-ci.yml"}
 _REQUIREMENTS = ".ci/requirements.txt"
+_SCHEMA = "docs/submission.schema.json"  # each submission.toml names it to editors
 _SCRIPTS = (".ci/get-data",)
 
 
@@ -46,6 +48,7 @@ def starter_files(repository: str | None, *, gitlab: bool) -> dict[str, str]:
         for group, names in (("both", _BOTH), hosted)
         for name, path in names.items()
     }
+    found[_SCHEMA] = schema_text()
     found[_REQUIREMENTS] = (
         "# What scores submissions. Pin all of it: pip freeze > .ci/requirements.txt\n"
         f"airzoo-bench[leaderboard]=={__version__}\n"

@@ -12,22 +12,20 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.dataset import MiniOptions
+from airzoo_bench.datasets.mini.keys import derived, keyed, words
 from airzoo_bench.datasets.mini.noise import (
     GOLDEN,
     Dice,
-    derived,
     hash64,
     hash_of,
-    keyed,
     seed_of,
-    words,
 )
 from airzoo_bench.datasets.mini.prepare import (
     Photos,
     mini_photos,
     mini_protocols,
-    noisy_priors,
 )
+from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.datasets.mini.world.model import REGIONS
 from airzoo_bench.datasets.mini.world.store import world_folder
 

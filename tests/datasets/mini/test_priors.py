@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.datasets.mini.prepare import noisy_priors
+from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
 

@@ -24,7 +24,7 @@ from airzoo_bench.datasets.photos import read_photos
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 from airzoo_bench.geometry.units import grid_convergence_deg
-from tests.datasets.test_dji import packet
+from tests.datasets.test_photo_metadata import packet
 from tests.support import write_raster
 
 CRS = "EPSG:32633"

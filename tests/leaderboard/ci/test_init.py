@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.leaderboard.board import read_board
+from airzoo_bench.leaderboard.schema import schema_text
 from airzoo_bench.leaderboard.starter.write import starter_files
+from airzoo_bench.leaderboard.submission import SCHEMA_LINE
 from tests.leaderboard.ci.repositories import Hosted, event, write_event
 from tests.support import run_main
 
@@ -26,6 +28,13 @@ def test_init_writes_a_board_that_can_be_read(tmp_path: Path, hosted: list[str])
 def test_board_without_a_name_can_be_read_too(tmp_path: Path) -> None:
     assert run_main("leaderboard", "init", tmp_path / "b") == 0
     assert read_board(tmp_path / "b" / "leaderboard.toml").repository is None
+
+
+def test_the_schema_lies_where_each_submission_names_it(tmp_path: Path) -> None:
+    assert run_main("leaderboard", "init", tmp_path / "b") == 0
+    folder = tmp_path / "b" / "submissions" / "benchmark" / "track" / "method"
+    _, _, place = SCHEMA_LINE.partition("#:schema ")
+    assert (folder / place).resolve().read_text(encoding="utf-8") == schema_text()
 
 
 @pytest.mark.parametrize("path", starter_files(None, gitlab=False))

@@ -240,7 +240,7 @@ def test_claimed_result_that_is_not_so_is_refused_and_shown(
 
     for part in (*result["scenes"].values(), result["overall"], result["pooled"]):
         part["recall@1"] = 1.0
-    better = Scores.model_validate(result | {"checksum": ""}).sealed()
+    better = Scores.model_validate(result | {"checksum": ""}).with_checksum()
     (folder / "result.json").write_text(better.model_dump_json(by_alias=True))
     comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
     assert "differs from the re-scored one" in comment

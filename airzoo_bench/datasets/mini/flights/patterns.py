@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.flights.trajectory import MARGIN_M, Airspace, Trajectory, rounded
-from airzoo_bench.datasets.mini.noise import words
+from airzoo_bench.datasets.mini.keys import words
 from airzoo_bench.datasets.mini.world.model import CRS, Region
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat

@@ -33,7 +33,8 @@ from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
 from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.core.validation import Strict
-from airzoo_bench.datasets.mini.noise import hash_of, is_keyed
+from airzoo_bench.datasets.mini.keys import is_keyed
+from airzoo_bench.datasets.mini.noise import hash_of
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField

@@ -13,7 +13,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
-from airzoo_bench.datasets.dji import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 
 GPS = {
