@@ -73,7 +73,9 @@ def test_what_a_claim_says_does_nothing_to_the_terminal(
     home = write(board, perfect)
     result = evaluate(home / "preds.npz", data=data, method="SALAD").result
     versions = result.versions | {"scipy": "\x1b[2J"}
-    write_result(home / "result.json", result.model_copy(update={"versions": versions}).sealed())
+    write_result(
+        home / "result.json", result.model_copy(update={"versions": versions}).with_checksum()
+    )
     found = command("submission", "check", home)
     assert found.exit_code == 0
     assert r"\x1b[2J" in found.stdout
@@ -157,6 +159,8 @@ def test_exit_codes_and_json(board: Path, perfect: Any, command: Command) -> Non
     assert values["result"] is None
     missing = command("submission", "check", board / "nothing")
     assert "no such folder" in str(missing.exception)
+    above = command("submission", "check", home.parent)
+    assert "no submission.toml here" in str(above.exception)
     outside = command("submission", "check", board.parent / "data")
     assert "not in the repository of a board" in str(outside.exception)
 

@@ -132,7 +132,7 @@ def test_a_claim_of_other_scenes_or_scores_is_refused(home: Path, data: Path) ->
         "references": {},
     }
     for changes, said in ((fewer, first.key), (renamed, "eastx")):
-        write_result(home / "result.json", result.model_copy(update=changes).sealed())
+        write_result(home / "result.json", result.model_copy(update=changes).with_checksum())
         found = scored(home, data)
         assert not found.agrees
         assert "the claimed result.json has other" in str(found.errors[0])
