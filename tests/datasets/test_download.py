@@ -366,6 +366,7 @@ RUN = """
 import sys
 from airzoo_bench.cli.main import main
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.about import About
 from types import SimpleNamespace
 about = About("Park", "https://park", "CC0", repository="who/park")
 DATASETS.add("park", SimpleNamespace(about=about, is_published=True))
