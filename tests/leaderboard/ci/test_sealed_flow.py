@@ -146,6 +146,21 @@ def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any
     assert "This does not count as a try" in (work / "comment.md").read_text()
 
 
+def test_stopped_run_that_has_given_the_answer_keeps_the_try(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    board.ledger("started", "--artifact", work / "found-score.json")
+    opened(board, work)
+    # The next push cancels the run between the upload of the answer and the end of its job.
+    board.ledger("failed", "--artifact", work / "found-sealed.json")
+    last = board.data_file("ledger.csv").splitlines()[-1]
+    assert ",scored," in last
+    assert board.data_file("answers/" + last.split(",")[-2] + ".json")
+
+
 def test_files_that_changed_between_the_jobs_are_not_scored(
     board: Board, perfect: dict[str, list[Any]]
 ) -> None:
