@@ -160,7 +160,7 @@ def _validated(values: dict[str, Any]) -> Submission:
 
 
 def _check_inputs(files: Files, board: Board) -> None:
-    for path in (files.predictions, files.names, files.claimed and _result_of(files.claimed)):
+    for path in (files.names, files.claimed and _result_of(files.claimed)):
         if path is not None and not path.exists():
             raise UsageError("no such file", where=path)
     size = size_of_tree(files.predictions)

@@ -30,19 +30,17 @@ def check_folder(folder: Path, limits: Limits) -> Iterator[UserError]:
     pending = [folder]
     while pending:
         for entry in sorted(os.scandir(pending.pop()), key=lambda one: one.name):
-            mode = entry.stat(follow_symlinks=False)
-            if stat.S_ISDIR(mode.st_mode):
+            found = entry.stat(follow_symlinks=False)
+            count += 1
+            if stat.S_ISDIR(found.st_mode):
                 pending.append(Path(entry.path))
-            elif not stat.S_ISREG(mode.st_mode):
+            elif stat.S_ISREG(found.st_mode):
+                size += found.st_size
+            else:
                 yield _no_plain_file(Path(entry.path))
                 return
-            count, size = count + 1, size + mode.st_size
             if count > _MOST_FILES:
-                yield SubmissionError(
-                    f"holds more than {_MOST_FILES:,} files",
-                    where=folder,
-                    fix="put the predictions into one archive, such as predictions.zip",
-                )
+                yield _too_many(folder)
                 return
     if size > limits.committed_bytes:
         yield SubmissionError(
@@ -52,6 +50,14 @@ def check_folder(folder: Path, limits: Limits) -> Iterator[UserError]:
             fix="put the predictions where they can be fetched, and name them by url: "
             "`airzoo-bench submission new --url ...`",
         )
+
+
+def _too_many(folder: Path) -> SubmissionError:
+    return SubmissionError(
+        f"holds more than {_MOST_FILES:,} files and folders",
+        where=folder,
+        fix="put the predictions into one archive, such as predictions.zip",
+    )
 
 
 def _no_plain_file(path: Path) -> SubmissionError:

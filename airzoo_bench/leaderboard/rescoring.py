@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from airzoo_bench.core.errors import ResultError, SubmissionError, UserError
+from airzoo_bench.core.errors import ResultError, SubmissionError, UserError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.parts import Resources
@@ -159,16 +159,38 @@ def _compared(claimed: Result | None, evaluation: Evaluation) -> _Compared:
     result = evaluation.result
     try:
         check_comparable(_NAMES, (claimed, result))
+        _check_parts(claimed, result)
         same_versions = claimed.versions == result.versions
         differences = tuple(_differences(claimed, evaluation, same_versions=same_versions))
     except ResultError as error:
         return _Compared(errors=(error,), lines=(f"claimed and re-scored differ: {error.what}",))
     lines = [*map(str, differences)] or ["every score is as claimed"]
     if not same_versions:
-        lines += [*version_notes(_NAMES, (claimed, result)), "the re-scored numbers stand"]
+        lines += [*_version_notes(claimed, result), "the re-scored numbers stand"]
     refused = [one for one in differences if one.matters]
     errors = (_refusal(refused, same_versions=same_versions),) if refused else ()
     return _Compared(differences, errors, tuple(lines))
+
+
+def _version_notes(claimed: Result, result: Result) -> list[str]:
+    """Say which versions differ, of the packages that there are, however long the claim is."""
+    versions = {name: claimed.versions.get(name, "unknown")[:20] for name in result.versions}
+    known = claimed.model_copy(update={"versions": versions})
+    return version_notes(_NAMES, (known, result))
+
+
+def _check_parts(claimed: Result, result: Result) -> None:
+    """Refuse a claim about other scenes or scores: its fingerprints may be typed by anyone."""
+    for what, says, is_ in (
+        ("scenes", {*claimed.scenes}, {*result.scenes}),
+        ("scores", {*claimed.overall}, {*result.overall}),
+    ):
+        if says != is_:
+            raise ResultError(
+                f"the claimed result.json has other {what}: {first_of(sorted(says ^ is_))}",
+                expected=f"the {what} that `airzoo-bench eval` gives by this protocol",
+                fix="score the predictions again with this version, or leave result.json out",
+            )
 
 
 def _differences(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -11,7 +10,8 @@ import tomli_w
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.validation import Name, Positive, Strict, nearest, read_toml, validated
+from airzoo_bench.core.validation import Name, Positive, Strict, read_toml, validated
+from airzoo_bench.leaderboard.fields import Bibtex, Contact, Licence, Sha256, Url
 from airzoo_bench.leaderboard.names import BoardName, Line, plain_line
 
 __all__ = [
@@ -39,42 +39,6 @@ _LIMIT_BYTES = (
 )  # a key of so many dots takes tomllib a second, and four times that of twice
 
 
-def _known_licence(expression: str) -> str:
-    from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
-
-    try:
-        return str(canonicalize_license_expression(expression))
-    except InvalidLicenseExpression:
-        common = ["Apache-2.0", "MIT", "BSD-3-Clause", "GPL-3.0-only", "CC-BY-4.0", "CC-BY-NC-4.0"]
-        raise ValueError(
-            f"no licence of SPDX is called that{nearest(expression, common)}; one that has no id "
-            "there is LicenseRef-NAME"
-        ) from None
-
-
-def _reachable(contact: str) -> str:
-    plain_line(contact)
-    if not re.search(r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$", contact):
-        raise ValueError("an e-mail address, an account such as @name, or an https address")
-    return contact
-
-
-def _entry(text: str) -> str:
-    for one in text.splitlines():
-        if not one.replace("\t", " ").isprintable():
-            raise ValueError("has characters that are not shown")
-    return text
-
-
-Url = Annotated[str, Field(pattern=r"^https://[A-Za-z0-9][^\s<>\"'`\\\x00-\x1f]*$", max_length=500)]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_known_licence)]
-Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
-Bibtex = Annotated[
-    str,
-    Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000),
-    AfterValidator(_entry),
-]
 Setting = bool | int | float
 P = TypeVar("P", bound="PublicSubmission")
 

@@ -34,7 +34,7 @@ def training_warnings(submission: Submission, benchmark: str, data: Path) -> Ite
         if _same(name, benchmark):
             yield (
                 f"the training data {name!r} are, or are of one dataset with, the benchmark "
-                f"{benchmark}: the board says so beside the scores"
+                f"{benchmark}: say in `summary` which part of it was trained on"
             )
         elif name not in known:
             meant = nearest(name, known)

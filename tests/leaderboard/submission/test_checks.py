@@ -102,7 +102,9 @@ class TestFiles:
         self, board: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr("airzoo_bench.leaderboard.predictions_given._MOST_FILES", 1)
-        assert "holds more than 1 files" in only_error(checked(write(board, perfect), data))
+        assert "holds more than 1 files and folders" in only_error(
+            checked(write(board, perfect), data)
+        )
 
     def test_too_large(self, board: Path, data: Path, perfect: Any) -> None:
         write_board(board, "[limits]\ncommitted_bytes = 1000\n")

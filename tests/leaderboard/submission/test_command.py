@@ -67,6 +67,19 @@ def test_what_is_made_is_found_sound(
     assert "checked and scored, nothing wrong was found" in found.stdout
 
 
+def test_what_a_claim_says_does_nothing_to_the_terminal(
+    board: Path, data: Path, perfect: Any, command: Command
+) -> None:
+    home = write(board, perfect)
+    result = evaluate(home / "preds.npz", data=data, method="SALAD").result
+    versions = result.versions | {"scipy": "\x1b[2J"}
+    write_result(home / "result.json", result.model_copy(update={"versions": versions}).sealed())
+    found = command("submission", "check", home)
+    assert found.exit_code == 0
+    assert r"\x1b[2J" in found.stdout
+    assert "\x1b[2J" not in found.output
+
+
 def test_predictions_at_an_address_are_not_copied(
     board: Path, preds: Path, command: Command
 ) -> None:
@@ -86,6 +99,8 @@ def test_without_a_terminal_nothing_is_asked(board: Path, preds: Path, command: 
     made = command("submission", "new", preds, *OPTIONS[2:])
     assert made.exit_code == 1
     assert "missing: --protocol" in str(made.exception)
+    missing = command("submission", "new", preds.with_name("nothing.npz"))
+    assert "no such file or folder" in str(missing.exception)
     assert not (board / "submissions").exists()
 
 

@@ -92,6 +92,16 @@ def test_other_versions_may_round_within_the_interval(home: Path, data: Path) ->
     assert "within the interval of the re-scored number" in str(found.errors[0])
 
 
+def test_a_claim_of_a_million_packages_is_no_million_lines(home: Path, data: Path) -> None:
+    versions = result_of(home, data).versions | {"scipy": "\x1b[2J" * 99}
+    versions |= {f"package{number}": "1" for number in range(1000)}
+    write_result(home / "result.json", lowered(result_of(home, data), 0.0, versions))
+    found = scored(home, data)
+    assert found.agrees
+    assert len(found.lines) == 3
+    assert max(map(len, found.lines)) < 200
+
+
 def test_another_truth_is_no_claim(home: Path, data: Path) -> None:
     result = result_of(home, data)
     truth = result.truth.model_copy(update={"fingerprint": "0" * 64})
@@ -99,6 +109,36 @@ def test_another_truth_is_no_claim(home: Path, data: Path) -> None:
     found = scored(home, data)
     assert not found.agrees
     assert "truth" in str(found.errors[0])
+
+
+def test_a_claim_of_other_scenes_or_scores_is_refused(home: Path, data: Path) -> None:
+    result = result_of(home, data)
+    first, *rest = result.columns
+    fewer = {
+        "scenes": {scene: _without(s, first.key) for scene, s in result.scenes.items()},
+        "overall": _without(result.overall, first.key),
+        "pooled": _without(result.pooled, first.key),
+        "references": {},
+        "columns": tuple(rest),
+    }
+    renamed = {
+        "scenes": {f"{scene}x": s for scene, s in result.scenes.items()},
+        "counts": {f"{scene}x": c for scene, c in result.counts.items()},
+        "truth": result.truth.model_copy(
+            update={"scene_titles": {f"{s}x": t for s, t in result.truth.scene_titles.items()}}
+        ),
+        "references": {},
+    }
+    for changes, said in ((fewer, first.key), (renamed, "eastx")):
+        write_result(home / "result.json", result.model_copy(update=changes).sealed())
+        found = scored(home, data)
+        assert not found.agrees
+        assert "the claimed result.json has other" in str(found.errors[0])
+        assert said in str(found.errors[0])
+
+
+def _without(scores: dict[str, float], key: str) -> dict[str, float]:
+    return {name: value for name, value in scores.items() if name != key}
 
 
 def test_poses_that_are_the_prior_belong_to_its_class(home: Path, data: Path) -> None:

@@ -1,0 +1,51 @@
+"""Types of the keys of submission.toml that have rules of their own."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.leaderboard.names import plain_line
+
+__all__ = ["Bibtex", "Contact", "Licence", "Sha256", "Url"]
+
+
+def _known_licence(expression: str) -> str:
+    from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
+
+    try:
+        return str(canonicalize_license_expression(expression))
+    except InvalidLicenseExpression:
+        common = ["Apache-2.0", "MIT", "BSD-3-Clause", "GPL-3.0-only", "CC-BY-4.0", "CC-BY-NC-4.0"]
+        raise ValueError(
+            f"no licence of SPDX is called that{nearest(expression, common)}; one that has no id "
+            "there is LicenseRef-NAME"
+        ) from None
+
+
+def _reachable(contact: str) -> str:
+    plain_line(contact)
+    if not re.search(r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$", contact):
+        raise ValueError("an e-mail address, an account such as @name, or an https address")
+    return contact
+
+
+def _entry(text: str) -> str:
+    for one in text.splitlines():
+        if not one.replace("\t", " ").isprintable():
+            raise ValueError("has characters that are not shown")
+    return text
+
+
+Url = Annotated[str, Field(pattern=r"^https://[A-Za-z0-9][^\s<>\"'`\\\x00-\x1f]*$", max_length=500)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_known_licence)]
+Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
+Bibtex = Annotated[
+    str,
+    Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000),
+    AfterValidator(_entry),
+]
