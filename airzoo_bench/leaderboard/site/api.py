@@ -16,7 +16,6 @@ __all__ = [
     "Links",
     "MethodFile",
     "Pairs",
-    "Place",
     "Reproduction",
     "Row",
     "Scene",
@@ -281,14 +280,6 @@ class MethodFile:
     history: tuple[Version, ...]
     bibtex: str
     reproductions: tuple[Reproduction, ...]
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a method stands: its table and row."""
-
-    table: str
-    row: str
 
 
 def as_json(value: Any) -> Any:

@@ -295,16 +295,11 @@ def test_tree_with_dots_that_only_plumbing_makes(world: World) -> None:
         + bytes.fromhex(_tree(world, blob, f"{HOME}/mine/submission.toml"))
     )
     mine = _store(folder, tree)
-    theirs = _tree(world, blob, f"{HOME}/theirs")
-    track = _store(
-        folder,
-        b"40000 mine\0"
-        + bytes.fromhex(mine)
-        + b"40000 theirs\0"
-        + bytes.fromhex(theirs)
-        + b"40000 old\0"
-        + bytes.fromhex(_tree(world, blob, f"{HOME}/old")),
-    )
+    beside = {"mine": mine} | {
+        name: _tree(world, blob, f"{HOME}/{name}") for name in ("old", "theirs")
+    }
+    parts = [f"40000 {name}\0".encode() + bytes.fromhex(one) for name, one in beside.items()]
+    track = _store(folder, b"".join(parts))
     made = _store(folder, b"40000 retrieval\0" + bytes.fromhex(track))
     submissions = _store(folder, b"40000 made\0" + bytes.fromhex(made))
     root = _store(
@@ -315,7 +310,8 @@ def test_tree_with_dots_that_only_plumbing_makes(world: World) -> None:
     head = world.hosted.commit_tree(world.hosted.tip(), root)
     world.hosted.pull(1, head)
     [fault] = world.look(1, head)[:1]
-    assert isinstance(fault, RefusedError)
+    assert fault.what == "'..' is no name of a file"
+    assert not (world.folder / "out").exists()
 
 
 def _tree(world: World, commit: str, path: str) -> str:
@@ -324,6 +320,32 @@ def _tree(world: World, commit: str, path: str) -> str:
 
 def _store(folder: Path, tree: bytes) -> str:
     return git(folder, "hash-object", "-t", "tree", "-w", "--stdin", "--literally", stdin=tree)
+
+
+def test_many_files_are_fetched_in_few_steps_and_only_these(world: World) -> None:
+    files = {f"{HOME}/mine/p/{number}.npz": f"{number}".encode() for number in range(150)}
+    assert world.look(1, world.hosted.pull_of(1, SOUND | files)) == []
+    bare = world.folder / "bare.git"
+    for number in range(150):
+        out = world.folder / "out" / HOME / "mine" / "p" / f"{number}.npz"
+        assert out.read_bytes() == f"{number}".encode()
+    theirs = git(world.hosted.folder, "rev-parse", f"main:{HOME}/theirs/p.npz")
+    listed = git(bare, "cat-file", "--batch-all-objects", "--batch-check=%(objectname)").split()
+    assert theirs not in listed
+    assert len(list((bare / "objects" / "pack").glob("*.pack"))) < 10
+
+
+def test_folders_beyond_what_git_can_follow(world: World) -> None:
+    path = f"{HOME}/mine/{'a/' * 30_000}x"
+    stream = (
+        "blob\nmark :1\ndata 1\nx\ncommit refs/heads/deep\ncommitter a <a@b> 1 +0000\n"
+        f"data 1\nx\nfrom {world.hosted.tip()}\nM 100644 :1 {path}\n"
+    )
+    git(world.hosted.folder, "fast-import", "--quiet", stdin=stream.encode())
+    head = world.hosted.tip("deep")
+    world.hosted.pull(1, head)
+    [fault] = world.look(1, head)
+    assert isinstance(fault, RefusedError)
 
 
 def test_history_of_its_own(world: World) -> None:

@@ -163,6 +163,11 @@ def test_plain_results_in_any_order(tmp_path: Path, results: list[int]) -> None:
     assert files_of(one) == files_of(site)
 
 
+def test_two_processes_give_the_same_bytes(root: Path) -> None:
+    site = build_board(given(root), root / "two", root / "fresh", jobs=2, note=print)
+    assert files_of(site) == files_of(root / "site")
+
+
 def test_names_that_would_share_a_page_do_not(tmp_path: Path) -> None:
     names = ("A B", "a-b", "Ünï <b>", "=1")
     paths = [write_method(tmp_path / f"{n}", method(name, 0.5)) for n, name in enumerate(names)]
