@@ -145,7 +145,20 @@ def pair_p_values(
 
 
 def wanted_pairs(count: int, chosen: Places | None) -> NDArray[np.bool_]:
-    """Return which pairs, above the diagonal, have a chosen variable; all where none is named."""
+    """Return which pairs have a chosen variable.
+
+    Parameters
+    ----------
+    count : int
+        Of variables.
+    chosen : (C,) array of int or None
+        None: all.
+
+    Returns
+    -------
+    (V, V) bool
+        True above the diagonal alone.
+    """
     wanted = np.ones((count, count), np.bool_)
     if chosen is not None:
         wanted[:] = False
@@ -288,7 +301,18 @@ def _every_sign(number: int) -> Floats:
 
 
 def hubs(wanted: NDArray[np.bool_]) -> Places:
-    """Return variables of which every wanted pair has one: few where few were chosen."""
+    """Return variables of which every wanted pair has one: few where few were chosen.
+
+    Parameters
+    ----------
+    wanted : (V, V) bool
+        From `wanted_pairs`.
+
+    Returns
+    -------
+    (C,) array of int
+        Ascending.
+    """
     both = wanted | wanted.T
     count = both.sum(axis=1)
     most = np.flatnonzero(count == count.max())

@@ -209,7 +209,22 @@ def _squares(values: Floats, graded: NDArray[np.bool_], confidence: float) -> Fl
 
 
 def student_squares(variances: Floats, count: int, confidence: float) -> Floats:
-    """Return the squared reaches of Student's limits of means of `count` values, (R,)."""
+    """Return the squared reaches of Student's limits of means.
+
+    Parameters
+    ----------
+    variances : (R,) array
+        Of the values of each mean.
+    count : int
+        How many values a mean has, at least 2.
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    (R,) array
+        The same down and up.
+    """
     from scipy.special import stdtrit
 
     return np.asarray(stdtrit(count - 1, (1 + confidence) / 2) ** 2 * variances / count)
@@ -223,7 +238,15 @@ def _squares_of_hits(values: Floats, confidence: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Reaches:
-    """Rates with their standard errors, and how far their limits lie below and above them."""
+    """Rates with their standard errors, and how far their limits lie below and above them.
+
+    Attributes
+    ----------
+    means, spread : (R,) arrays
+        Rates and standard errors.
+    down, up : (R,) arrays
+        How far Jeffreys' limits lie below and above.
+    """
 
     means: Floats
     spread: Floats
@@ -232,12 +255,38 @@ class Reaches:
 
     @classmethod
     def of(cls, rates: Rates, confidence: float) -> Reaches:
-        """Take Jeffreys' limits of R rates."""
+        """Take Jeffreys' limits of rates.
+
+        Parameters
+        ----------
+        rates : Rates
+            R rates.
+        confidence : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        Reaches
+            Of each rate.
+        """
         return cls(rates.means, rates.spread, *_reaches(rates, confidence))
 
     @classmethod
     def of_hits(cls, count: int, confidence: float) -> Reaches:
-        """Take those of 0, 1, ..., `count` hits of so many queries."""
+        """Take those of 0, 1, ..., `count` hits of so many queries.
+
+        Parameters
+        ----------
+        count : int
+            How many queries there are.
+        confidence : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        Reaches
+            Of `count` + 1 rates, as `Rates.of` has them.
+        """
         means = np.arange(count + 1) / count
         varied = count * means * (1 - means)
         ends = _PRIOR * (means**2 + (1 - means) ** 2)
@@ -245,7 +294,18 @@ class Reaches:
         return cls.of(Rates(means, sizes), confidence)
 
     def at(self, places: NDArray[np.intp]) -> Reaches:
-        """Return those at some places."""
+        """Choose some.
+
+        Parameters
+        ----------
+        places : (K,) array of int
+            Of the rates.
+
+        Returns
+        -------
+        Reaches
+            Of K rates.
+        """
         return Reaches(*(part[places] for part in (self.means, self.spread, self.down, self.up)))
 
 
@@ -274,7 +334,22 @@ def squares_of_hits(won: Reaches, lost: Reaches, count: int) -> Floats:
 
 
 def put_together(means: Floats, squares: Floats, count: int) -> Floats:
-    """Return limits of differences, (R, 2), from the summed squares (2, R) of `count` scenes."""
+    """Put the reaches of scenes together by MOVER.
+
+    Parameters
+    ----------
+    means : (R,) array
+        Differences, averaged over scenes.
+    squares : (2, R) array
+        Squared reaches down and up, summed over scenes.
+    count : int
+        Of scenes.
+
+    Returns
+    -------
+    (R, 2) array
+        Low and high, -1 to 1.
+    """
     down, up = np.sqrt(np.maximum(squares, 0.0)) / count
     return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
 

@@ -103,7 +103,8 @@ def _methods(
         entry.digest: one for entry, one in zip(every, found, strict=True) if isinstance(one, tuple)
     }
     methods = [(entry, *by_digest[entry.digest]) for entry in entries]
-    plain = [measured.method for entry, measured, _ in methods if not entry.name]
+    # One method may be on several protocols.
+    plain = list(dict.fromkeys(m.method for entry, m, _ in methods if not entry.name))
     names = dict(
         zip(plain, slugs(plain, [entry.name for entry in entries if entry.name]), strict=True)
     )

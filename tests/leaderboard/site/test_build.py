@@ -177,6 +177,16 @@ def test_names_that_would_share_a_page_do_not(tmp_path: Path) -> None:
     assert all(name.replace("-", "").isalnum() for name in rows)
 
 
+def test_a_method_on_two_protocols_has_one_name(tmp_path: Path) -> None:
+    paths = [
+        write_method(tmp_path / "a", method("Net", 0.5)),
+        write_method(tmp_path / "b", method("Net", 0.5, truth="u" * 64)),
+    ]
+    site = built(tmp_path, results=paths)
+    tables = [t["id"] for t in read(site, "board.json")["benchmarks"][0]["tables"]]
+    assert [list(rows_of(site, table)) for table in tables] == [["net"], ["net"]]
+
+
 def test_what_supersedes_has_the_history_of_both(tmp_path: Path) -> None:
     write_version(tmp_path / "runs", "old", 1, method("Old", 0.3))
     write_version(tmp_path / "runs", "new", 1, method("New", 0.5), day=2, supersedes="old")
