@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import uuid
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -49,10 +50,14 @@ def downloads(table: TableFile) -> dict[str, bytes]:
     for score in scores:
         columns.append(Column(score.title, _UNITS[score.unit], score.higher_is_better))
         columns += [Column(f"Rank by {score.title}")] * ranked
+    times = Counter(row.method.casefold() for row in table.rows if row.team)
     laid_out = Table(
         f"{table.title}, average over scenes",
         tuple(columns),
-        tuple(_row(row, scores, ranked=ranked) for row in table.rows),
+        tuple(
+            _row(row, scores, ranked=ranked, team=times[row.method.casefold()] > 1)
+            for row in table.rows
+        ),
         tuple(filter(None, (table.apart, *table.notes, table.about_intervals, table.about_ranks))),
     )
     made = mark_best(laid_out)
@@ -61,8 +66,8 @@ def downloads(table: TableFile) -> dict[str, bytes]:
     }
 
 
-def _row(row: Row, scores: Sequence[ScoreColumn], *, ranked: bool) -> TableRow:
-    cells = [Cell(row.method)]
+def _row(row: Row, scores: Sequence[ScoreColumn], *, ranked: bool, team: bool) -> TableRow:
+    cells = [Cell(f"{row.method} ({row.team})" if team and row.team else row.method)]
     for score in scores:
         found = row.scores.get(score.key)
         cells.append(_cell(score, found))
