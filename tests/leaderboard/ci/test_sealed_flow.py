@@ -128,11 +128,22 @@ def test_sealed_submission_from_pull_request_to_board(
     git(fork, "push", "--quiet", "--force", "origin", f"{head}:refs/pull/1/head")
     board.merge(1, head, ADA)
     run = board.rescore() / "runs/made/retrieval/salad/1"
+    answer = json.loads((run / "answer.json").read_text())
     assert sorted(path.name for path in run.iterdir()) == [
         "answer.json",
         "run.json",
         "submission.toml",
     ]
+
+    # An answer from before the truth was sealed anew would make that one's table the newest.
+    public = Path(os.environ["AIRZOO_BENCH_DATA"]) / "made" / "benchmark.toml"
+    old = answer["truth_commitment"]
+    public.write_text(public.read_text().replace(old, "0" * 64))
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out",
+        board.home / "resealed", "--root", board.main,
+    )  # fmt: skip
+    assert "scored against an earlier truth" in done.stderr
 
 
 def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any]]) -> None:

@@ -240,11 +240,34 @@ def test_claimed_result_that_is_not_so_is_refused_and_shown(
 
     for part in (*result["scenes"].values(), result["overall"], result["pooled"]):
         part["recall@1"] = 1.0
-    better = Scores.model_validate(result | {"checksum": ""}).sealed()
+    better = Scores.model_validate(result | {"checksum": ""}).with_checksum()
     (folder / "result.json").write_text(better.model_dump_json(by_alias=True))
     comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
     assert "differs from the re-scored one" in comment
     assert "claimed 1, re-scored 0.5" in comment
+
+
+def test_name_that_another_took_meanwhile_stays_off_the_board(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    """Two pull requests were both sound when they were looked at; the first to be scored stays."""
+    forks = {name: board.clone(name) for name in ("zoe", "mallory")}
+    heads = {}
+    for number, (name, method) in enumerate((("zoe", "Salad"), ("mallory", "S-A-L-A-D")), start=1):
+        submit(board, forks[name], perfect, method, "--team", f"Team {name}")
+        heads[name] = board.propose(forks[name], number)
+        assert "is refused" not in board.ci(number, heads[name], number)
+    board.merge(1, heads["zoe"], 1)
+    board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
+    board.merge(2, heads["mallory"], 2)
+    data = board.home / "late"
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
+        "--root", board.main,
+    )  # fmt: skip
+    assert done.exit_code == 1
+    assert "'S-A-L-A-D', which looks like 'Salad' on this board" in done.stderr
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
 def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
