@@ -38,7 +38,7 @@ def lowered(result: Result, by: float, versions: dict[str, str] | None = None) -
         "overall": result.overall | {key: result.overall[key] - by},
         "pooled": result.pooled | {key: result.pooled[key] - by},
     }
-    return result.model_copy(update=parts | {"versions": versions or result.versions}).sealed()
+    return result.model_copy(update=parts | {"versions": versions or result.versions}).with_checksum()
 
 
 def test_nothing_claimed(home: Path, data: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_claim_of_a_million_packages_is_no_million_lines(home: Path, data: Pat
 def test_another_truth_is_no_claim(home: Path, data: Path) -> None:
     result = result_of(home, data)
     truth = result.truth.model_copy(update={"fingerprint": "0" * 64})
-    write_result(home / "result.json", result.model_copy(update={"truth": truth}).sealed())
+    write_result(home / "result.json", result.model_copy(update={"truth": truth}).with_checksum())
     found = scored(home, data)
     assert not found.agrees
     assert "truth" in str(found.errors[0])
@@ -130,7 +130,7 @@ def test_a_claim_of_other_scenes_or_scores_is_refused(home: Path, data: Path) ->
         "references": {},
     }
     for changes, said in ((fewer, first.key), (renamed, "eastx")):
-        write_result(home / "result.json", result.model_copy(update=changes).sealed())
+        write_result(home / "result.json", result.model_copy(update=changes).with_checksum())
         found = scored(home, data)
         assert not found.agrees
         assert "the claimed result.json has other" in str(found.errors[0])
