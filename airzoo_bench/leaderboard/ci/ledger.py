@@ -148,8 +148,10 @@ def check_tries(lines: Sequence[Line], new: Line, limits: Limits) -> None:
     those = [ln for ln in lines if ln.account == new.account and ln.benchmark == new.benchmark]
     begun: dict[str, datetime.datetime] = {}
     answered = {line.head for line in those if line.outcome == "scored"}
-    running = Counter(line.head for line in those if line.outcome == "started")
-    running.subtract(line.head for line in those if line.outcome == "failed")
+    running: Counter[str] = Counter()
+    for line in those:
+        change = {"started": 1, "failed": -1}.get(line.outcome, 0)
+        running[line.head] = max(0, running[line.head] + change)
     for line in those:
         if line.head in answered or running[line.head] > 0:
             begun.setdefault(line.head, line.when)

@@ -94,6 +94,8 @@ def test_answered_commit_counts_though_a_later_run_of_it_failed() -> None:
     with pytest.raises(RefusedError):
         check_tries([line(1, outcome="started"), *again], new, limits)
     check_tries([*again, *again], new, limits)
+    with pytest.raises(RefusedError):
+        check_tries([again[1], line(1, outcome="started")], new, limits)
 
 
 def test_owner_is_the_account_of_the_first_merge() -> None:

@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
+from airzoo_bench.leaderboard.ci import merging
+from airzoo_bench.leaderboard.ci.git import BoardError
 from tests.leaderboard.ci.repositories import Hosted, event, git, write_event
 from tests.support import MadeScene, write_predictions
 
@@ -267,6 +269,29 @@ def test_name_that_another_took_meanwhile_stays_off_the_board(
     )  # fmt: skip
     assert done.exit_code == 1
     assert "'S-A-L-A-D', which looks like 'Salad' on this board" in done.stderr
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
+
+
+def test_run_that_breaks_off_has_read_all_older_runs(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board is built of what is there: rows must not depend on how far scoring came."""
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
+    submit(board, board.main, worse(perfect), "Aaa")
+    board.push_main("Another, which comes first")
+
+    def broken(*_: Any, **__: Any) -> None:
+        raise BoardError("no space left")
+
+    monkeypatch.setattr(merging, "rescore", broken)
+    data = board.home / "broken"
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
+        "--root", board.main,
+    )  # fmt: skip
+    assert isinstance(done.exception, BoardError)
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
