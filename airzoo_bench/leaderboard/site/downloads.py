@@ -26,6 +26,19 @@ _BEFORE_ALL = "1970-01-01"
 _NAMESPACE = uuid.UUID("6d0a3f5e-6c1c-5c8b-9a60-0d7e3c1f2b11")
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _NOT_IN_URL = re.compile(r"[{}\\%#]")
+_ENTRY = re.compile(r"\s*@([A-Za-z]+)")
+_COMMAND = re.compile(r"\\([A-Za-z@]+|.|\Z)", re.DOTALL)
+_WORKS = frozenset(
+    "article book booklet conference dataset inbook incollection inproceedings manual mastersthesis "
+    "misc online patent phdthesis proceedings report software techreport thesis unpublished".split()
+)
+# Accents, letters, escaped signs, and what only changes how text looks.
+_HARMLESS = frozenset(
+    [*"'`^\"~=.-&%$#_{} ,", *"uvHcdbrktijoOlL", "ss", "ae", "AE", "oe", "OE", "aa", "AA"]
+    + "dh DH th TH dj DJ ng NG emph textit textbf texttt textsc textsuperscript textsubscript em it "
+    "bf tt sc mathcal mathrm mathbb mathbf mathit url href textendash textemdash ldots dots "
+    "textasciitilde pi alpha beta gamma Gamma delta Delta lambda Lambda sigma Sigma".split()
+)
 _TEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -181,14 +194,16 @@ def bibtex(row: Row, given: PublicSubmission | None, board: str) -> str:
 
 
 def _is_one_entry(text: str) -> bool:
-    """Whether braces close where the text ends, and nothing in it is a command that acts."""
+    """Whether it is the entry of a work, braces close where it ends, and no command acts."""
     depth = 0
     for place, letter in enumerate(text.strip()):
         depth += {"{": 1, "}": -1}.get(letter, 0)
         if depth < 0 or (depth == 0 and "{" in text[: place + 1] and place < len(text.strip()) - 1):
             return False
-    acts = re.search(r"\\(input|include|write|openout|openin|read|immediate|csname|catcode)", text)
-    return depth == 0 and acts is None
+    commands = _COMMAND.findall(text)
+    kind = _ENTRY.match(text)
+    known = kind is not None and kind[1].lower() in _WORKS and set(commands) <= _HARMLESS
+    return depth == 0 and known and "^^" not in text  # TeX reads ^^5c as a backslash
 
 
 def _escaped(text: str) -> str:

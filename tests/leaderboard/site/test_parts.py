@@ -294,6 +294,11 @@ def test_no_name_ends_a_bibtex_entry(text: str) -> None:
         ("@article{a, title = {T}} @preamble{x}", False),
         ("@article{a, title = {\\input{x}}}", False),
         ("@article{a}}{", False),
+        ("@article{a, title = {^^5cinput{x}}}", False),
+        ("@article{a, title = {\\def\\x{\\lstinputlisting{x}}}}", False),
+        ("@article{a, title = {\\@input{x}}}", False),
+        ('@preamble{"x"}', False),
+        ('@Article{a, title = {{S}ALAD in $\\pi^3$}, author = {M\\"uller and {\\L}ukasz}}', True),
     ],
 )
 def test_an_entry_of_the_authors_is_kept_where_it_is_one(own: str, kept: bool) -> None:
