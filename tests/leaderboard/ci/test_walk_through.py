@@ -201,6 +201,18 @@ def test_from_an_empty_repository_to_a_board(
     comment = board.ci(3, board.propose(other, 3), BOB, code=1)
     assert "supersedes salad, which belongs to another account" in comment
 
+    # Anybody can write a team's name: then the maintainers are told.
+    submit(board, other, worse(perfect), "Vinegar", "--force")
+    comment = board.ci(3, board.propose(other, 3), BOB)
+    assert "team 'Example Lab' is on the board with salad, by another account" in comment
+
+    # Ranks are among what the board shows, and not what its owner has replaced or withdrawn.
+    newer = board.clone("ada2")
+    submit(board, newer, worse(perfect), "Cress", "--supersedes", "salad")
+    comment = board.ci(4, board.propose(newer, 4), ADA)
+    assert "of 1 by" in comment
+    assert "by another account" not in comment
+
 
 def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     board: Board, perfect: dict[str, list[Any]]
