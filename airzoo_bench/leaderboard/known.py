@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.core.errors import SubmissionError, UserError
@@ -62,7 +62,8 @@ def known_submissions(root: Path) -> list[Known]:
             one = read_submission(path)
         except SubmissionError:  # its own check says so
             continue
-        found.append(Known(*astuple(place), one.method, one.team, one.supersedes))
+        at = (place.benchmark, place.track, place.folder)
+        found.append(Known(*at, one.method, one.team, one.supersedes))
     return found
 
 

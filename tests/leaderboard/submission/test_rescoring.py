@@ -38,7 +38,8 @@ def lowered(result: Result, by: float, versions: dict[str, str] | None = None) -
         "overall": result.overall | {key: result.overall[key] - by},
         "pooled": result.pooled | {key: result.pooled[key] - by},
     }
-    return result.model_copy(update=parts | {"versions": versions or result.versions}).with_checksum()
+    update = parts | {"versions": versions or result.versions}
+    return result.model_copy(update=update).with_checksum()
 
 
 def test_nothing_claimed(home: Path, data: Path) -> None:
