@@ -11,7 +11,7 @@ import sys
 import traceback
 from itertools import islice
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -53,11 +53,23 @@ _MOST_NEIGHBOURS = 10_000
 SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 LEADERBOARD = "Leaderboard"
+_PANELS = (SCORE, RESULTS, DATA, CHECKS, LEADERBOARD, MINI)
+_FIRST = ("eval", "table", "prepare", "submission", "leaderboard")
+
+
+class _Main(LightGroup):
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Name the commands by panel, in each the ones that most come for first."""
+        return sorted(super().list_commands(ctx), key=self._place)
+
+    def _place(self, name: str) -> tuple[int, bool]:
+        panel = getattr(self.commands[name], "rich_help_panel", MINI)
+        return _PANELS.index(panel), name not in _FIRST
 
 
 app = typer.Typer(
     name="airzoo-bench",
-    cls=LightGroup,
+    cls=_Main,
     help="Scores predictions for aerial 3D vision: image retrieval, cross-view matching, "
     "multi-view reconstruction.",
     epilog="Start with: airzoo-bench demo, or airzoo-bench eval retrieval preds.npz",
@@ -89,7 +101,6 @@ app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("manifest", epilog=manifest.EXAMPLES, rich_help_panel=DATA)(manifest.manifest)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
-app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
     "check-geometry",
@@ -100,6 +111,8 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
+app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
+app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 for _name, _command, _examples in (
     ("seal", seal.seal, seal.SEAL_EXAMPLES),
     ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
@@ -110,7 +123,6 @@ for _name, _command, _examples in (
 app.add_typer(export.app, name="export", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
-app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 
 
 def _print_version(wanted: bool) -> None:

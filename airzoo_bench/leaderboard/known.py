@@ -8,10 +8,10 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.leaderboard.names import alike
+from airzoo_bench.leaderboard.names import alike, skeleton
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 
-__all__ = ["Known", "Place", "check_names", "known_submissions"]
+__all__ = ["Known", "Place", "check_names", "known_submissions", "shown_beside"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class Known:
     folder: str
     method: str
     team: str
+    supersedes: str | None = None
 
     @property
     def place(self) -> Place:
@@ -61,8 +62,19 @@ def known_submissions(root: Path) -> list[Known]:
             one = read_submission(path)
         except SubmissionError:  # its own check says so
             continue
-        found.append(Known(place.benchmark, place.track, place.folder, one.method, one.team))
+        at = (place.benchmark, place.track, place.folder)
+        found.append(Known(*at, one.method, one.team, one.supersedes))
     return found
+
+
+def shown_beside(submission: Submission, place: Place, known: Sequence[Known]) -> set[str]:
+    """Return the folders of a table that a board shows beside a submission: no superseded ones."""
+    here = [
+        one
+        for one in known
+        if one.place != place and (one.benchmark, one.track) == (place.benchmark, place.track)
+    ]
+    return {one.folder for one in here} - {submission.supersedes, *(one.supersedes for one in here)}
 
 
 def check_names(
@@ -84,9 +96,15 @@ def check_names(
     yield from _like_other(
         submission.method, "method", [one.method for one in of_others], "The same method"
     )
-    yield from _same_names(submission, place, others)
+    here = {
+        one.folder: one
+        for one in others
+        if (one.benchmark, one.track) == (place.benchmark, place.track)
+    }
+    yield from _same_names(submission, here)
+    yield from _line_of_versions(submission, place.folder, here)
     if submission.supersedes is not None:
-        yield from _superseded(submission, submission.supersedes, place, others)
+        yield from _superseded(submission, submission.supersedes, place, here)
 
 
 def _like_other(name: str, key: str, names: list[str], same: str) -> Iterator[UserError]:
@@ -100,12 +118,10 @@ def _like_other(name: str, key: str, names: list[str], same: str) -> Iterator[Us
             return
 
 
-def _same_names(
-    submission: Submission, place: Place, others: list[Known]
-) -> Iterator[UserError | str]:
-    for one in others:
-        here = (one.benchmark, one.track) == (place.benchmark, place.track)
-        if not here or one.method != submission.method or one.folder == submission.supersedes:
+def _same_names(submission: Submission, here: dict[str, Known]) -> Iterator[UserError | str]:
+    older = {submission.supersedes, *(one.supersedes for one in here.values())}
+    for one in here.values():
+        if one.folder in older or skeleton(one.method) != skeleton(submission.method):
             continue
         if one.team == submission.team:
             yield SubmissionError(
@@ -113,18 +129,44 @@ def _same_names(
                 expected="a name a row",
                 fix=f'supersedes = "{one.folder}", or another name such as "{one.method} v2"',
             )
-        else:
+        elif one.method == submission.method:
             yield f"{one.method!r} is on this board already, of team {one.team!r}, in {one.folder}"
 
 
-def _superseded(
-    submission: Submission, folder: str, place: Place, others: list[Known]
+def _line_of_versions(
+    submission: Submission, folder: str, here: dict[str, Known]
 ) -> Iterator[UserError]:
-    here = {
-        one.folder: one
-        for one in others
-        if (one.benchmark, one.track) == (place.benchmark, place.track)
-    }
+    """Refuse what would make two lines, or a circle, of submissions that supersede each other."""
+    heirs = {one.supersedes: one for one in here.values() if one.supersedes is not None}
+    if folder in heirs and heirs[folder].team != submission.team:
+        yield SubmissionError(
+            f"{heirs[folder].folder} of team {heirs[folder].team!r} supersedes this submission",
+            expected="both of one team",
+            fix="write the team as before",
+        )
+    if submission.supersedes in heirs:
+        yield SubmissionError(
+            f"key 'supersedes' is {submission.supersedes!r}, which "
+            f"{heirs[submission.supersedes].folder} supersedes already",
+            expected="the newest of your submissions",
+            fix=f'supersedes = "{heirs[submission.supersedes].folder}"',
+        )
+    seen = {folder}
+    last = submission.supersedes
+    while last in here and last not in seen:
+        seen.add(last)
+        last = here[last].supersedes
+    if last == folder and submission.supersedes != folder:
+        yield SubmissionError(
+            f"key 'supersedes' is {submission.supersedes!r}, which supersedes this submission",
+            expected="an earlier submission",
+            fix="leave out the key",
+        )
+
+
+def _superseded(
+    submission: Submission, folder: str, place: Place, here: dict[str, Known]
+) -> Iterator[UserError]:
     if folder not in here:
         yield SubmissionError(
             f"key 'supersedes' is {folder!r}, which is not there{nearest(folder, [*here])}",

@@ -20,7 +20,7 @@ from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 
-__all__ = ["Difference", "Rescored", "rescore"]
+__all__ = ["Difference", "Rescored", "pipeline_errors", "rescore"]
 
 SAME = 1e-9
 """Scores of the same versions that differ by more are not of the same predictions."""
@@ -139,7 +139,7 @@ def rescore(
         evaluation,
         checked.claimed,
         found.differences,
-        (*found.errors, *_pipeline_errors(submission, evaluation.result)),
+        (*found.errors, *pipeline_errors(submission, evaluation.result)),
         (*found.lines, *_remade_lines(remade, evaluation.result)),
         remade,
     )
@@ -240,7 +240,7 @@ def _refusal(refused: list[Difference], *, same_versions: bool) -> SubmissionErr
     )
 
 
-def _pipeline_errors(submission: Submission, result: Result) -> Iterator[UserError]:
+def pipeline_errors(submission: Submission, result: Result) -> Iterator[UserError]:
     """Yield an error where predictions are the prior and the submission does not say so."""
     near = sum(counts.get("near_prior", 0) for counts in result.counts.values())
     total = sum(counts["queries"] for counts in result.counts.values())

@@ -62,7 +62,7 @@ def hub(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hub]:
 
 
 def offer(name: str, about: About) -> None:
-    DATASETS.add(name, SimpleNamespace(about=about))
+    DATASETS.add(name, SimpleNamespace(about=about, is_published=True))
 
 
 def there(folder: Path) -> dict[str, bytes]:
@@ -366,9 +366,10 @@ RUN = """
 import sys
 from airzoo_bench.cli.main import main
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.about import About
 from types import SimpleNamespace
 about = About("Park", "https://park", "CC0", repository="who/park")
-DATASETS.add("park", SimpleNamespace(about=about))
+DATASETS.add("park", SimpleNamespace(about=about, is_published=True))
 sys.argv = ["airzoo-bench", "download", "park"]
 main()
 """

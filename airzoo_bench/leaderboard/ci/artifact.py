@@ -98,6 +98,8 @@ class Artifact(Strict):
         None where none was claimed.
     update : bool
         Whether the folder is on the board already.
+    truth : str
+        What it was scored against, or "opened": empty until then.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")

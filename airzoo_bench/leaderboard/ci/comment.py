@@ -22,6 +22,7 @@ MOST_BYTES = 65_300
 _LONGEST_BLOCK = 4000
 _LONGEST_SPAN = 120
 _MOST_PARTS = 200
+_NO_TRY = "Nothing of this counts as a try.\n"
 _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
 
 
@@ -68,7 +69,7 @@ def _refused(artifact: Artifact) -> Iterator[str]:
     yield from _listed("Warnings", artifact.warnings)
     yield (
         "`airzoo-bench submission check FOLDER` finds faults of the folder on your own machine. "
-        "Nothing of this counts as a try.\n"
+        + ("The truth was opened: this counts as a try.\n" if artifact.truth else _NO_TRY)
     )
 
 

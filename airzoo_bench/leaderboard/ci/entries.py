@@ -31,6 +31,8 @@ def enter(found: Artifact, outcome: Outcome, remote: str, root: Path) -> Artifac
     ----------
     found : Artifact
     outcome : str
+        What was found with the truth open is never entered as failed, as where the run was stopped
+        after it: whoever can see the run's files has it.
     remote : str
         URL or folder of the repository.
     root : Path
@@ -42,6 +44,7 @@ def enter(found: Artifact, outcome: Outcome, remote: str, root: Path) -> Artifac
         The same, or refused where the account has no try left.
     """
     limits = read_board(root / BOARD_FILE).limits
+    outcome = "scored" if outcome == "failed" and found.truth else outcome
     line = _line(found, outcome)
     files = {}
     if found.answer is not None and outcome == "scored":

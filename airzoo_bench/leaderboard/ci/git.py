@@ -118,10 +118,10 @@ class Repository:
         """Whether a commit is that of a ref of ours, or one before it."""
         return self._git.call("merge-base", "--is-ancestor", commit, ref).returncode == 0
 
-    def merge_base(self, one: str, other: str) -> str | None:
-        """Return the commit from which two commits went apart."""
-        done = self._git.call("merge-base", one, other)
-        return done.stdout.decode("ascii").strip() if done.returncode == 0 else None
+    def merge_bases(self, one: str, other: str) -> list[str]:
+        """Return the commits from which two commits went apart: more than one after merges."""
+        done = self._git.call("merge-base", "--all", one, other)
+        return done.stdout.decode("ascii").split() if done.returncode == 0 else []
 
     def changes(self, old: str, new: str, most: int) -> list[Change]:
         """Return the paths that differ between two commits; nothing is taken for renamed.

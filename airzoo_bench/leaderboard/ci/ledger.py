@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import datetime
 import io
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Literal, get_args
@@ -135,7 +136,8 @@ def check_tries(lines: Sequence[Line], new: Line, limits: Limits) -> None:
     """Refuse one more try than an account has on a sealed benchmark.
 
     The same commit counts once: it gets the same answer. A try that failed by no fault of the
-    submission does not count.
+    submission does not count, unless another run of the same commit is under way or has given the
+    answer.
 
     Raises
     ------
@@ -145,11 +147,14 @@ def check_tries(lines: Sequence[Line], new: Line, limits: Limits) -> None:
     since = new.when - datetime.timedelta(days=limits.days)
     those = [ln for ln in lines if ln.account == new.account and ln.benchmark == new.benchmark]
     begun: dict[str, datetime.datetime] = {}
+    answered = {line.head for line in those if line.outcome == "scored"}
+    running: Counter[str] = Counter()
     for line in those:
-        if line.outcome in ("started", "scored"):
+        change = {"started": 1, "failed": -1}.get(line.outcome, 0)
+        running[line.head] = max(0, running[line.head] + change)
+    for line in those:
+        if line.head in answered or running[line.head] > 0:
             begun.setdefault(line.head, line.when)
-        elif line.outcome == "failed":
-            begun.pop(line.head, None)
     counting = sorted(when for head, when in begun.items() if when > since and head != new.head)
     if len(counting) < limits.tries:
         return

@@ -5,9 +5,10 @@ from __future__ import annotations
 import datetime
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
+from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.run_files import save
@@ -20,7 +21,7 @@ from airzoo_bench.leaderboard.ci.git import Repository
 from airzoo_bench.leaderboard.ci.paths import checked_path
 from airzoo_bench.leaderboard.ci.rules import BASE, read_files
 from airzoo_bench.leaderboard.ci.scoring import OF_BOARD, Rules, is_sealed
-from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.known import Place, check_names, known_submissions
 from airzoo_bench.leaderboard.rescoring import Rescored, rescore
 from airzoo_bench.leaderboard.runs import (
     RUN_FILE,
@@ -74,9 +75,11 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         branch = DataBranch.open(work / "data.git", remote)
         out.mkdir(parents=True, exist_ok=True)
         commit = repository.resolve(BASE) or ""
-        for place in _places(repository, rules.board):
+        places = list(_places(repository, rules.board))
+        for place in places:
             # Runs of what was withdrawn stay on the branch, and leave the board.
             branch.export(out, f"runs/{place.benchmark}/{place.track}/{place.folder}")
+        for place in places:
             tree = repository.resolve(f"{commit}:{place.path}") or ""
             if _has_run(out, place, tree):
                 continue
@@ -124,16 +127,13 @@ class _New:
         last = newest_runs(_table(out, self.place)).get(self.place.folder)
         number = 1 if last is None else int(last.name) + 1
         run = _table(out, self.place) / self.place.folder / str(number)
-        checked = self._checked()
+        checked = self._checked(out)
         if is_sealed(self.rules.board, self.place):
             answer, found = self._answer(), None
             run.mkdir(parents=True)
             (run / "answer.json").write_bytes(answer)
         else:
-            found = rescore(
-                checked, data=self.rules.data, resources=self.rules.resources, make_again=True
-            )
-            save(found.evaluation, run)
+            found = self._rescored(checked, run)
         assert checked.submission is not None  # what has no errors was read
         stated = submission_text(checked.submission.public())
         (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
@@ -151,16 +151,39 @@ class _New:
         )
         return run
 
-    def _checked(self) -> CheckedSubmission:
+    def _checked(self, out: Path) -> CheckedSubmission:
         limits = self.rules.board.limits
         faults = read_files(self.repository, self.commit, self.place, limits, self.work)
         if not faults:
             folder = self.work / self.place.path
             checked = check_submission(folder, self.rules.board, self.rules.data, fetch=True)
-            faults = checked.errors
+            faults = [*checked.errors, *self._faults_of_names(checked, out)]
         if faults:
             raise SubmissionError(faults[0].what, where=self.place.path, fix=faults[0].fix)
         return checked
+
+    def _faults_of_names(self, checked: CheckedSubmission, out: Path) -> list[UserError]:
+        """Hold names to those that came first: when this was looked at, these were not there."""
+        given = checked.submission
+        if given is None:
+            return []
+        scored = {path.parts[-4:-1] for path in out.glob("runs/*/*/*/*")}
+        known = [
+            one
+            for one in known_submissions(self.rules.root)
+            if one.folder == given.supersedes or astuple(one.place) in scored
+        ]
+        found = check_names(given, self.place, known)
+        return [one for one in found if isinstance(one, UserError)]
+
+    def _rescored(self, checked: CheckedSubmission, run: Path) -> Rescored:
+        found = rescore(
+            checked, data=self.rules.data, resources=self.rules.resources, make_again=True
+        )
+        if found.claimed is None and found.errors:
+            raise found.errors[0]
+        save(found.evaluation, run)
+        return found
 
     def _answer(self) -> bytes:
         """Take the answer that was given before the merge, to the same files."""
@@ -172,7 +195,14 @@ class _New:
                 fix="revert the merge; merge with `gh pr merge --match-head-commit` after the "
                 "comment has the scores",
             )
-        SealedAnswer.model_validate_json(content)
+        answer = SealedAnswer.model_validate_json(content)
+        public = find_benchmark(self.place.benchmark, self.rules.data, sealed=True).file.sealed
+        if public is None or answer.truth_commitment != public.commitment:
+            raise SubmissionError(
+                "these files were scored against an earlier truth, not the one that is sealed now",
+                where=self.place.path,
+                fix="let a new commit of the submission be scored",
+            )
         return content
 
 

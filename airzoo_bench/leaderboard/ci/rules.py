@@ -73,13 +73,7 @@ def touched(
         It changes more than one submission, or something else besides, or a folder that is not
         its author's.
     """
-    base = repository.merge_base(BASE, pull.head)
-    if base is None:
-        raise RefusedError(
-            "the commit has no history in common with the branch",
-            where=pull.base,
-            fix=f"start your branch from {pull.base}",
-        )
+    base = _merge_base(repository, pull)
     now, before = (repository.resolve(f"{commit}:submissions") for commit in (pull.head, base))
     if now == before:  # whatever else it changes is none of a board's business
         return None
@@ -89,6 +83,28 @@ def touched(
     _check_owner(repository, place, pull, board, ledger)
     _check_base(repository, place, base)
     return Touched(place, tree, base)
+
+
+def _merge_base(repository: Repository, pull: PullRequest) -> str:
+    """Return the one commit from which a pull request went apart.
+
+    Against one of several, a folder could look untouched that a merge sets back.
+    """
+    bases = repository.merge_bases(BASE, pull.head)
+    if not bases:
+        raise RefusedError(
+            "the commit has no history in common with the branch",
+            where=pull.base,
+            fix=f"start your branch from {pull.base}",
+        )
+    if len(bases) > 1:
+        raise RefusedError(
+            f"went apart from the branch at {len(bases)} commits",
+            where=pull.base,
+            expected="one, so that it is certain what a merge would change",
+            fix=f"merge {pull.base} into your branch, or start it anew from there",
+        )
+    return bases[0]
 
 
 def _place_of(changes: Sequence[Change]) -> Place:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +18,10 @@ from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.ci.ledger import Line, owner
 from airzoo_bench.leaderboard.ci.rules import BASE, Touched, fetch_pull_request, read_files, touched
 from airzoo_bench.leaderboard.ci.standing import standing_of
-from airzoo_bench.leaderboard.known import Place, known_submissions
+from airzoo_bench.leaderboard.known import Known, Place, known_submissions, shown_beside
 from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.leaderboard.rescoring import rescore
+from airzoo_bench.leaderboard.submission import Submission
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.parts import Resources
@@ -107,6 +108,7 @@ class _Submitted:
 
     def artifact(self) -> Artifact:
         board, place = self.rules.board, self.found.place
+        known = known_submissions(self.rules.root)
         faults = read_files(self.repository, self.pull.head, place, board.limits, self.work)
         if faults:
             return _refused(self.pull, self.found, faults, self.work)
@@ -114,7 +116,7 @@ class _Submitted:
             self.work / place.path,
             board,
             self.rules.data,
-            known=known_submissions(self.rules.root),
+            known=known,
             fetch=True,
         )
         faults = [*checked.errors, *self._foreign(checked)]
@@ -122,6 +124,7 @@ class _Submitted:
             return _refused(self.pull, self.found, faults, self.work)
         given = checked.submission
         assert given is not None  # what has no errors was read
+        checked.take(self._strange_team(given, known))
         more = {
             **_of(self.found),
             "update": self.repository.resolve(f"{BASE}:{place.path}") is not None,
@@ -132,7 +135,17 @@ class _Submitted:
         if is_sealed(board, place):
             _keep_fetched(checked, self.rules, self.work)
             return _artifact(self.pull, "sealed", **more)
-        return self._scored(checked, more)
+        return self._scored(checked, shown_beside(given, place, known), more)
+
+    def _strange_team(self, given: Submission, known: Sequence[Known]) -> Iterator[str]:
+        """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
+        theirs = [one for one in known if one.team == given.team]
+        accounts = {owner(self.ledger, one.place) for one in theirs}
+        if theirs and self.pull.account not in (*accounts, *self.rules.board.maintainers):
+            yield (
+                f"team {given.team!r} is on the board with {theirs[0].folder}, by another account: "
+                "the maintainers should know whether this is of the same team"
+            )
 
     def _foreign(self, checked: CheckedSubmission) -> list[UserError]:
         """Refuse to supersede what another account has submitted."""
@@ -152,7 +165,9 @@ class _Submitted:
             fix="leave supersedes out",
         )]  # fmt: skip
 
-    def _scored(self, checked: CheckedSubmission, more: dict[str, Any]) -> Artifact:
+    def _scored(
+        self, checked: CheckedSubmission, beside: set[str], more: dict[str, Any]
+    ) -> Artifact:
         rescored = rescore(checked, data=self.rules.data, resources=self.rules.resources)
         claimed = {
             "claimed": tuple(_without(line, self.work) for line in rescored.lines),
@@ -160,7 +175,8 @@ class _Submitted:
         }
         if rescored.errors:
             return _refused(self.pull, self.found, rescored.errors, self.work, **(more | claimed))
-        placed = standing_of(rescored.evaluation, self.found.place, self.branch, self.work)
+        place = self.found.place
+        placed = standing_of(rescored.evaluation, place, self.branch, self.work, beside)
         result = rescored.evaluation.result
         return _artifact(
             self.pull, "scored", **more, **claimed, **placed,

@@ -9,10 +9,10 @@ from typing import Any
 
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.leaderboard.checks import check_submission
-from airzoo_bench.leaderboard.ci.artifact import Artifact
+from airzoo_bench.leaderboard.ci.artifact import Artifact, problem_of
 from airzoo_bench.leaderboard.ci.scoring import Rules
 from airzoo_bench.leaderboard.predictions_given import FETCHED
-from airzoo_bench.leaderboard.sealed.scoring import score_sealed
+from airzoo_bench.leaderboard.sealed.scoring import OpenedTruthError, score_sealed
 
 __all__ = ["check_no_network", "score_against_truth"]
 
@@ -48,7 +48,7 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     Returns
     -------
     Artifact
-        With the answer.
+        With the answer; or refused for what only the open truth could show, which is a try.
 
     Raises
     ------
@@ -64,7 +64,11 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     benchmark = next(one for one in rules.board.benchmarks if one.name == place.benchmark)
     if artifact.kind != "sealed" or benchmark.sealed is None:
         raise SubmissionError("the truth of this benchmark is not sealed", where=place.path)
-    answer = score_sealed(
-        checked, rules.root / benchmark.sealed, key, data=rules.data, resources=rules.resources
-    )
+    archive = rules.root / benchmark.sealed
+    try:
+        answer = score_sealed(checked, archive, key, data=rules.data, resources=rules.resources)
+    except OpenedTruthError as error:
+        problem = problem_of(error).model_copy(update={"where": place.path})
+        update = {"kind": "refused", "problems": (problem,), "truth": "opened"}
+        return artifact.model_copy(update=update)
     return artifact.model_copy(update={"answer": answer, "truth": answer.truth_commitment})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ _RESAMPLING = ResamplingConfig(resamples=2000)
 
 
 def standing_of(
-    evaluation: Evaluation, place: Place, branch: DataBranch, work: Path
+    evaluation: Evaluation, place: Place, branch: DataBranch, work: Path, beside: Collection[str]
 ) -> dict[str, Any]:
     """Return the rows and the standing of a method, as an artifact has them.
 
@@ -46,6 +46,9 @@ def standing_of(
         With the runs of the others.
     work : Path
         A folder to read these from.
+    beside : collection of str
+        Folders of the submissions that the board shows beside this one; the branch also keeps runs
+        of what was withdrawn or superseded.
     """
     table = f"runs/{place.benchmark}/{place.track}"
     branch.export(work, table)
@@ -54,7 +57,8 @@ def standing_of(
     columns = [column for column in own.result.columns if column.headline]
     last = runs.pop(place.folder, None)
     before = None if last is None else _comparable(own, last)
-    others = [found for run in runs.values() if (found := _comparable(own, run)) is not None]
+    shown = [run for folder, run in runs.items() if folder in beside]
+    others = [found for run in shown if (found := _comparable(own, run)) is not None]
     return {
         "rows": tuple(_rows(own, columns, before)),
         "standing": _standing(own, others, columns[0]),

@@ -16,6 +16,7 @@ from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
+from airzoo_bench.leaderboard.rescoring import pipeline_errors
 from airzoo_bench.leaderboard.sealed.rounding import (
     LEAST_QUERIES,
     Spread,
@@ -32,9 +33,13 @@ from airzoo_bench.results.result import ScoreColumn
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ToScore", "score_predictions", "score_sealed", "told_of"]
+__all__ = ["OpenedTruthError", "ToScore", "score_predictions", "score_sealed", "told_of"]
 
 _Told = tuple[dict[str, dict[str, Estimate]], dict[str, Estimate]]
+
+
+class OpenedTruthError(SubmissionError):
+    """Why predictions are refused once the truth is open: that too is an answer, and a try."""
 
 
 class ToScore(Protocol):
@@ -81,8 +86,8 @@ def score_sealed(
     Raises
     ------
     UserError
-        The predictions are not as they must be, the key is not the archive's, the archive is
-        damaged, or belongs to another public folder.
+        The predictions are not as they must be, or not of the class that is stated, the key is
+        not the archive's, the archive is damaged, or belongs to another public folder.
     """
     submission, predictions = checked.submission, checked.predictions
     if submission is None or predictions is None:
@@ -96,6 +101,7 @@ def score_sealed(
         data=data,
         read_by=checked.read_by,
         resources=resources,
+        stated=submission,
     )
 
 
@@ -109,8 +115,9 @@ def score_predictions(
     data: Path,
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
     resources: Resources = Resources(),  # noqa: B008 - frozen
+    stated: Submission | None = None,
 ) -> SealedAnswer:
-    """Score predictions that belong to no submission; see `score_sealed`.
+    """Score predictions that need not belong to a submission; see `score_sealed`.
 
     Parameters
     ----------
@@ -123,6 +130,8 @@ def score_predictions(
     read_by : ReadBy
         How the predictions are to be read.
     resources : Resources
+    stated : Submission, optional
+        What is said of the method's class is held to the predictions.
 
     Raises
     ------
@@ -140,11 +149,13 @@ def score_predictions(
             evaluation = evaluate(predictions, data=truth.folder, method=method, **given)
         except UserError:
             # What it says may come from the truth.
-            raise SubmissionError(
+            raise OpenedTruthError(
                 "cannot be scored, for a reason that only the truth shows, and that is not told",
                 where=predictions,
                 fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
             ) from None
+        for error in () if stated is None else pipeline_errors(stated, evaluation.result):
+            raise OpenedTruthError(error.what, expected=error.expected, fix=error.fix)
         return _answer(evaluation, public, truth.salt)
 
 

@@ -122,12 +122,13 @@ def _methods(
 
 def _check_names(methods: Iterable[Scored], faults: Faults) -> None:
     """Find two results of one method, and entries that are not where they say they belong."""
-    known: dict[tuple[Any, ...], Scored] = {}
+    known: dict[tuple[Any, ...], list[Scored]] = {}
     for one in methods:
         entry, measured = one.entry, one.measured
-        key = (*measured.measures, one.method.casefold())
-        other = known.setdefault(key, one)
-        if other is not one:
+        same_name = known.setdefault((*measured.measures, one.method.casefold()), [])
+        other = next((scored for scored in same_name if not _of_other_team(one, scored)), None)
+        same_name.append(one)
+        if other is not None:
             places = [scored.entry.place or str(scored.entry.file) for scored in (other, one)]
             faults.found.append(
                 SubmissionError(
@@ -149,3 +150,9 @@ def _check_names(methods: Iterable[Scored], faults: Faults) -> None:
             faults.found.append(
                 SubmissionError(f"is of {measured.benchmark} ({measured.track})", where=entry.place)
             )
+
+
+def _of_other_team(one: Scored, other: Scored) -> bool:
+    """Whether both are submissions, of two teams: either has a row of the method's name."""
+    first, second = one.entry.submission, other.entry.submission
+    return first is not None and second is not None and first.team != second.team

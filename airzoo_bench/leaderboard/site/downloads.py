@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import uuid
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,18 @@ _BEFORE_ALL = "1970-01-01"
 _NAMESPACE = uuid.UUID("6d0a3f5e-6c1c-5c8b-9a60-0d7e3c1f2b11")
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _NOT_IN_URL = re.compile(r"[{}\\%#]")
+_WORK = re.compile(
+    r"\s*@(article|book|booklet|conference|dataset|in(book|collection|proceedings)|manual|misc|"
+    r"online|patent|proceedings|report|software|techreport|(masters|phd)?thesis|unpublished)\b",
+    re.IGNORECASE,
+)
+_COMMAND = re.compile(r"\\([A-Za-z@]+|.|\Z)", re.DOTALL)
+# Accents, letters, escaped signs, and what only changes how text looks.
+_HARMLESS = re.compile(
+    r"""["'`^\\~=.&%$#_{} ,-]|[bcdHijklLoOrtuv]|ae|AE|oe|OE|aa|AA|ss|dh|DH|th|TH|dj|DJ|ng|NG"""
+    r"|emph|em|it|bf|tt|sc|text(it|bf|tt|sc|superscript|subscript|endash|emdash|asciitilde)"
+    r"|math(cal|rm|bb|bf|it)|url|href|l?dots|pi|alpha|beta|[gG]amma|[dD]elta|[lL]ambda|[sS]igma"
+)
 _TEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -49,10 +62,14 @@ def downloads(table: TableFile) -> dict[str, bytes]:
     for score in scores:
         columns.append(Column(score.title, _UNITS[score.unit], score.higher_is_better))
         columns += [Column(f"Rank by {score.title}")] * ranked
+    times = Counter(row.method.casefold() for row in table.rows if row.team)
     laid_out = Table(
         f"{table.title}, average over scenes",
         tuple(columns),
-        tuple(_row(row, scores, ranked=ranked) for row in table.rows),
+        tuple(
+            _row(row, scores, ranked=ranked, team=times[row.method.casefold()] > 1)
+            for row in table.rows
+        ),
         tuple(filter(None, (table.apart, *table.notes, table.about_intervals, table.about_ranks))),
     )
     made = mark_best(laid_out)
@@ -61,8 +78,8 @@ def downloads(table: TableFile) -> dict[str, bytes]:
     }
 
 
-def _row(row: Row, scores: Sequence[ScoreColumn], *, ranked: bool) -> TableRow:
-    cells = [Cell(row.method)]
+def _row(row: Row, scores: Sequence[ScoreColumn], *, ranked: bool, team: bool) -> TableRow:
+    cells = [Cell(f"{row.method} ({row.team})" if team and row.team else row.method)]
     for score in scores:
         found = row.scores.get(score.key)
         cells.append(_cell(score, found))
@@ -176,14 +193,15 @@ def bibtex(row: Row, given: PublicSubmission | None, board: str) -> str:
 
 
 def _is_one_entry(text: str) -> bool:
-    """Whether braces close where the text ends, and nothing in it is a command that acts."""
+    """Whether it is the entry of a work, braces close where it ends, and no command acts."""
     depth = 0
     for place, letter in enumerate(text.strip()):
         depth += {"{": 1, "}": -1}.get(letter, 0)
         if depth < 0 or (depth == 0 and "{" in text[: place + 1] and place < len(text.strip()) - 1):
             return False
-    acts = re.search(r"\\(input|include|write|openout|openin|read|immediate|csname|catcode)", text)
-    return depth == 0 and acts is None
+    harmless = all(map(_HARMLESS.fullmatch, _COMMAND.findall(text)))
+    caret = "^^" in text  # TeX reads ^^5c as a backslash
+    return depth == 0 and harmless and not caret and _WORK.match(text) is not None
 
 
 def _escaped(text: str) -> str:

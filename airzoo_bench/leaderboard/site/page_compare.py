@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,9 +30,11 @@ def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]
     found = pair_files(table, files)
     place = {row["id"]: number for number, row in enumerate(table["rows"])}
     rows = [table["rows"][at] for at in sorted(place[name] for name in found[0][1]["ids"])]
+    times = Counter(shown(row["method"]) for row in rows)
+    names = [_name(row, alone=times[shown(row["method"])] == 1) for row in rows]
     scenes = files.get(f"tables/{table['id']}/scenes.json", {}).get("scenes", {})
     data = {
-        "methods": [{"id": row["id"], "name": shown(row["method"])} for row in rows],
+        "methods": [{"id": row["id"], "name": name} for row, name in zip(rows, names, strict=True)],
         "scenes": [shown(scene["title"]) for scene in table["scenes"]],
         "scores": [
             _score(column, pairs, blobs)
@@ -40,6 +43,11 @@ def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]
         ],
     }
     return page_json(data), blobs.texts
+
+
+def _name(row: Json, *, alone: bool) -> str:
+    method = shown(row["method"])
+    return method if alone or not row["team"] else f"{method} ({shown(row['team'])})"
 
 
 def pair_files(table: Json, files: Mapping[str, Any]) -> list[tuple[Json, Json]]:

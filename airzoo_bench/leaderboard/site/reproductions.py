@@ -94,8 +94,8 @@ def find_reproductions(
         A link names no method of the table.
     """
     own = [link for link in links if link.protocol == table.protocol]
-    scored = {row.method: row for row in table.rows if row.kind in ("re-scored", "sealed")}
-    printed = {row.method: row for row in table.rows if row.kind == "reported"}
+    scored = _by_method(table, "re-scored", "sealed")
+    printed = _by_method(table, "reported")
     for link in own:
         _check(link.method, scored, "was scored here", table)
         _check(link.whose, printed, "is printed", table)
@@ -104,11 +104,22 @@ def find_reproductions(
     return [
         one
         for (name, whose), why in pairs.items()
-        for one in _of_pair(table, scenes, scored[name], printed[whose], why)
+        for mine in scored[name]
+        for theirs in printed[whose]
+        for one in _of_pair(table, scenes, mine, theirs, why)
     ]
 
 
-def _check(name: str, rows: dict[str, Row], what: str, table: TableFile) -> None:
+def _by_method(table: TableFile, *kinds: str) -> dict[str, list[Row]]:
+    """Return the rows of each method: several teams may have scored it."""
+    found: dict[str, list[Row]] = {}
+    for row in table.rows:
+        if row.kind in kinds:
+            found.setdefault(row.method, []).append(row)
+    return found
+
+
+def _check(name: str, rows: dict[str, list[Row]], what: str, table: TableFile) -> None:
     if name not in rows:
         raise SubmissionError(
             f"no method {name!r} {what} on {table.protocol}{nearest(name, list(rows))}",

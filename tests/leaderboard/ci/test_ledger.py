@@ -83,6 +83,21 @@ def test_what_counts_as_a_try() -> None:
         check_tries([line(1, outcome="started"), line(2, outcome="started")], new, LIMITS)
 
 
+def test_answered_commit_counts_though_a_later_run_of_it_failed() -> None:
+    """Who opens the pull request anew, and stops that run, has the answer all the same."""
+    new, limits = line(9, outcome="started"), Limits(tries=1, days=30)
+    answered = [line(1, outcome="started"), line(1)]
+    again = [line(1, outcome="started"), line(1, outcome="failed")]
+    with pytest.raises(RefusedError):
+        check_tries([*answered, *again], new, limits)
+    # Two pull requests of one commit: one was stopped, the other is under way.
+    with pytest.raises(RefusedError):
+        check_tries([line(1, outcome="started"), *again], new, limits)
+    check_tries([*again, *again], new, limits)
+    with pytest.raises(RefusedError):
+        check_tries([again[1], line(1, outcome="started")], new, limits)
+
+
 def test_owner_is_the_account_of_the_first_merge() -> None:
     tried, first, second = (
         line(1, account=3),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -346,6 +346,30 @@ def test_folders_beyond_what_git_can_follow(world: World) -> None:
     world.hosted.pull(1, head)
     [fault] = world.look(1, head)
     assert isinstance(fault, RefusedError)
+
+
+def test_merges_across_that_would_set_another_s_folder_back(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Git picks the later of two merge bases; against that one, theirs looks untouched."""
+    hosted, name = world.hosted, f"{HOME}/theirs/p.npz"
+    first = hosted.tip()
+    newer = hosted.commit(first, {name: b"theirs, better"})
+    with monkeypatch.context() as later:
+        later.setenv("GIT_COMMITTER_DATE", "4000000000 +0000")
+        own = hosted.commit(first, {"README.md": b"older\n"})
+
+    def merge(one: str, other: str, files: Mapping[str, File | None]) -> str:
+        tree = git(hosted.folder, "rev-parse", f"{hosted.commit(one, files)}^{{tree}}")
+        return git(hosted.folder, "commit-tree", "-p", one, "-p", other, tree, stdin=b"m")
+
+    hosted.move("refs/heads/main", merge(newer, own, {"README.md": b"older\n"}))
+    head = merge(own, newer, SOUND)  # without what they have made better
+    hosted.pull(1, head)
+    merged = git(hosted.folder, "merge-tree", "--write-tree", "main", head).split()[0]
+    assert git(hosted.folder, "show", f"{merged}:{name}") == "theirs"
+    [fault] = world.look(1, head)
+    assert "went apart from the branch at 2 commits" in fault.what
 
 
 def test_history_of_its_own(world: World) -> None:

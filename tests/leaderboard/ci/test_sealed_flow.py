@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ import pytest
 from PIL import Image
 from typer.testing import Result
 
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.leaderboard.sealed import scoring
 from tests.leaderboard.ci.repositories import event, git, write_event
 from tests.leaderboard.ci.test_walk_through import ADA, BOARD, Board, submit
 from tests.support import write_raster
@@ -128,11 +131,22 @@ def test_sealed_submission_from_pull_request_to_board(
     git(fork, "push", "--quiet", "--force", "origin", f"{head}:refs/pull/1/head")
     board.merge(1, head, ADA)
     run = board.rescore() / "runs/made/retrieval/salad/1"
+    answer = json.loads((run / "answer.json").read_text())
     assert sorted(path.name for path in run.iterdir()) == [
         "answer.json",
         "run.json",
         "submission.toml",
     ]
+
+    # An answer from before the truth was sealed anew would make that one's table the newest.
+    public = Path(os.environ["AIRZOO_BENCH_DATA"]) / "made" / "benchmark.toml"
+    old = answer["truth_commitment"]
+    public.write_text(public.read_text().replace(old, "0" * 64))
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out",
+        board.home / "resealed", "--root", board.main,
+    )  # fmt: skip
+    assert "scored against an earlier truth" in done.stderr
 
 
 def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any]]) -> None:
@@ -144,6 +158,70 @@ def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any
         board.ledger(outcome, "--artifact", found)
     board.run("leaderboard", "ci", "comment", found, "--out", work / "comment.md")
     assert "This does not count as a try" in (work / "comment.md").read_text()
+
+
+def test_stopped_run_that_has_given_the_answer_keeps_the_try(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    board.ledger("started", "--artifact", work / "found-score.json")
+    opened(board, work)
+    # The next push cancels the run between the upload of the answer and the end of its job.
+    board.ledger("failed", "--artifact", work / "found-sealed.json")
+    last = board.data_file("ledger.csv").splitlines()[-1]
+    assert ",scored," in last
+    assert board.data_file("answers/" + last.split(",")[-2] + ".json")
+
+
+def test_what_only_the_truth_shows_is_a_try(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Were it given back, whoever finds such a fault could ask the truth without end."""
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise PredictionError("45.1 degrees off the truth")
+
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    board.ledger("started", "--artifact", work / "found-score.json")
+    with monkeypatch.context() as broken:
+        broken.setattr(scoring, "evaluate", fail)
+        opened(board, work)
+    done = board.command(
+        "leaderboard", "ci", "ledger", "failed", "--artifact", work / "found-sealed.json",
+        "--remote", board.hosted.folder, "--root", board.main,
+    )  # fmt: skip
+    assert done.exit_code == 1
+    assert ",scored," in board.data_file("ledger.csv").splitlines()[-1]
+    board.run(
+        "leaderboard", "ci", "comment", work / "found-sealed.json", "--out", work / "comment.md"
+    )
+    comment = (work / "comment.md").read_text()
+    assert "The truth was opened: this counts as a try" in comment
+    assert "45.1" not in comment
+
+
+def test_class_of_a_sealed_method_is_held_to_its_predictions(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate = scoring.evaluate
+
+    def near(*arguments: Any, **options: Any) -> Any:
+        found = evaluate(*arguments, **options)
+        counts = {scene: one | {"near_prior": 1} for scene, one in found.result.counts.items()}
+        return replace(found, result=found.result.model_copy(update={"counts": counts}))
+
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    monkeypatch.setattr(scoring, "evaluate", near)
+    opened(board, work)
+    found = json.loads((work / "found-sealed.json").read_text())
+    assert (found["kind"], found["answer"]) == ("refused", None)
+    assert "the photo's own prior" in found["problems"][0]["what"]
 
 
 def test_files_that_changed_between_the_jobs_are_not_scored(

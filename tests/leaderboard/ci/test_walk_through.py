@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
+from airzoo_bench.leaderboard.ci import merging
+from airzoo_bench.leaderboard.ci.git import BoardError
 from tests.leaderboard.ci.repositories import Hosted, event, git, write_event
 from tests.support import MadeScene, write_predictions
 
@@ -199,6 +201,18 @@ def test_from_an_empty_repository_to_a_board(
     comment = board.ci(3, board.propose(other, 3), BOB, code=1)
     assert "supersedes salad, which belongs to another account" in comment
 
+    # Anybody can write a team's name: then the maintainers are told.
+    submit(board, other, worse(perfect), "Vinegar", "--force")
+    comment = board.ci(3, board.propose(other, 3), BOB)
+    assert "team 'Example Lab' is on the board with salad, by another account" in comment
+
+    # Ranks are among what the board shows, and not what its owner has replaced or withdrawn.
+    newer = board.clone("ada2")
+    submit(board, newer, worse(perfect), "Cress", "--supersedes", "salad")
+    comment = board.ci(4, board.propose(newer, 4), ADA)
+    assert "of 1 by" in comment
+    assert "by another account" not in comment
+
 
 def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     board: Board, perfect: dict[str, list[Any]]
@@ -245,6 +259,52 @@ def test_claimed_result_that_is_not_so_is_refused_and_shown(
     comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
     assert "differs from the re-scored one" in comment
     assert "claimed 1, re-scored 0.5" in comment
+
+
+def test_name_that_another_took_meanwhile_stays_off_the_board(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    """Two pull requests were both sound when they were looked at; the first to be scored stays."""
+    forks = {name: board.clone(name) for name in ("zoe", "mallory")}
+    heads = {}
+    for number, (name, method) in enumerate((("zoe", "Salad"), ("mallory", "S-A-L-A-D")), start=1):
+        submit(board, forks[name], perfect, method, "--team", f"Team {name}")
+        heads[name] = board.propose(forks[name], number)
+        assert "is refused" not in board.ci(number, heads[name], number)
+    board.merge(1, heads["zoe"], 1)
+    board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
+    board.merge(2, heads["mallory"], 2)
+    data = board.home / "late"
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
+        "--root", board.main,
+    )  # fmt: skip
+    assert done.exit_code == 1
+    assert "'S-A-L-A-D', which looks like 'Salad' on this board" in done.stderr
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
+
+
+def test_run_that_breaks_off_has_read_all_older_runs(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board is built of what is there: rows must not depend on how far scoring came."""
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
+    submit(board, board.main, worse(perfect), "Aaa")
+    board.push_main("Another, which comes first")
+
+    def broken(*_: Any, **__: Any) -> None:
+        raise BoardError("no space left")
+
+    monkeypatch.setattr(merging, "rescore", broken)
+    data = board.home / "broken"
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
+        "--root", board.main,
+    )  # fmt: skip
+    assert isinstance(done.exception, BoardError)
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
 def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(

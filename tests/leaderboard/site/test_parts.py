@@ -106,6 +106,21 @@ def test_two_results_of_one_method(tmp_path: Path) -> None:
         built(tmp_path, results=[plain])
 
 
+def test_two_teams_with_one_method_are_told_apart(tmp_path: Path) -> None:
+    """Whoever runs SALAD calls it SALAD; were that a fault, anybody could stop the board."""
+    for folder, rate in (("a", 0.4), ("b", 0.5), ("c", 0.6)):
+        name = "Other" if folder == "c" else "SALAD"
+        scored = method(name, rate, seed=ord(folder))
+        write_version(tmp_path / "runs", folder, 1, scored, team=f"Team {folder}")
+    site = built(tmp_path)
+    table = (site / "downloads/made.csv").read_text(encoding="utf-8")
+    assert ("SALAD (Team a)" in table, "SALAD (Team b)" in table) == (True, True)
+    assert "Other (" not in table
+    page = (site / "tables/made/compare.html").read_text(encoding="utf-8")
+    assert "SALAD (Team a)" in page
+    assert "Other (" not in page
+
+
 def test_scores_that_mean_different_things(tmp_path: Path) -> None:
     one = method("A", 0.5)
     columns = [c.model_copy(update={"title": "Other"}) for c in one.result.columns]
@@ -217,6 +232,17 @@ def test_the_same_name_is_the_same_method() -> None:
     assert [(one.row, one.why) for one in found] == [(own.id, "")]
 
 
+def test_nobody_takes_a_reproduction_s_place() -> None:
+    rows = [
+        Row(team, "re-scored", "SALAD", {"recall@1": Score(value, "")}, team=team)
+        for team, value in (("Lab", 0.5), ("Spoiler", 0.01))
+    ]
+    printed = Row("reported-salad", "reported", "SALAD", {"recall@1": Score(0.5, "50.00")})
+    table = sample_table("airzoo-mini-retrieval", [*rows, printed])
+    found = find_reproductions(table, {row.id: {} for row in (*rows, printed)}, ())
+    assert [one.by for one in found] == ["Lab", "Spoiler"]
+
+
 @pytest.mark.parametrize("name", ["method", "printed"])
 def test_a_link_to_nothing_is_refused(name: str) -> None:
     own, printed = sample_row(0, 4, "re-scored"), sample_row(1, 4, "reported")
@@ -268,6 +294,11 @@ def test_no_name_ends_a_bibtex_entry(text: str) -> None:
         ("@article{a, title = {T}} @preamble{x}", False),
         ("@article{a, title = {\\input{x}}}", False),
         ("@article{a}}{", False),
+        ("@article{a, title = {^^5cinput{x}}}", False),
+        ("@article{a, title = {\\def\\x{\\lstinputlisting{x}}}}", False),
+        ("@article{a, title = {\\@input{x}}}", False),
+        ('@preamble{"x"}', False),
+        ('@Article{a, title = {{S}ALAD in $\\pi^3$}, author = {M\\"uller and {\\L}ukasz}}', True),
     ],
 )
 def test_an_entry_of_the_authors_is_kept_where_it_is_one(own: str, kept: bool) -> None:

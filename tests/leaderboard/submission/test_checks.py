@@ -207,6 +207,34 @@ class TestNames:
         write(board, perfect)
         assert not checked(write(board, perfect, "second", supersedes="salad"), data).errors
 
+    @pytest.mark.parametrize(
+        ("folder", "changes", "said"),
+        [
+            ("third", {"method": "Third", "supersedes": "salad"}, "which second supersedes"),
+            ("salad", {"method": "Old", "supersedes": "second"}, "supersedes this submission"),
+            ("salad", {"method": "Old", "team": "Other"}, "second of team 'Example Lab'"),
+            ("third", {"method": "S-A-L-A-D"}, "a method 'SALAD' here already, in second"),
+        ],
+    )
+    def test_no_board_could_be_built_of_it(
+        self,
+        board: Path,
+        data: Path,
+        perfect: Any,
+        folder: str,
+        changes: dict[str, Any],
+        said: str,
+    ) -> None:
+        write(board, perfect)
+        write(board, perfect, "second", supersedes="salad")
+        shutil.rmtree(board / "submissions" / "made" / "retrieval" / folder, ignore_errors=True)
+        assert said in only_error(checked(write(board, perfect, folder, **changes), data))
+
+    def test_the_third_of_a_name(self, board: Path, data: Path, perfect: Any) -> None:
+        write(board, perfect)
+        write(board, perfect, "second", supersedes="salad")
+        assert not checked(write(board, perfect, "third", supersedes="second"), data).errors
+
     def test_the_same_method_of_another_team_is_only_said(
         self, board: Path, data: Path, perfect: Any
     ) -> None:

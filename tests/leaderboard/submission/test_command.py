@@ -73,9 +73,8 @@ def test_what_a_claim_says_does_nothing_to_the_terminal(
     home = write(board, perfect)
     result = evaluate(home / "preds.npz", data=data, method="SALAD").result
     versions = result.versions | {"scipy": "\x1b[2J"}
-    write_result(
-        home / "result.json", result.model_copy(update={"versions": versions}).with_checksum()
-    )
+    changed = result.model_copy(update={"versions": versions}).with_checksum()
+    write_result(home / "result.json", changed)
     found = command("submission", "check", home)
     assert found.exit_code == 0
     assert r"\x1b[2J" in found.stdout

@@ -11,7 +11,7 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.leaderboard.checks import check_submission
-from airzoo_bench.leaderboard.rescoring import Rescored, _pipeline_errors, rescore
+from airzoo_bench.leaderboard.rescoring import Rescored, pipeline_errors, rescore
 from airzoo_bench.results.result import Result, write_result
 from tests.leaderboard.submission.support import checked, submission, write, write_board
 
@@ -38,9 +38,8 @@ def lowered(result: Result, by: float, versions: dict[str, str] | None = None) -
         "overall": result.overall | {key: result.overall[key] - by},
         "pooled": result.pooled | {key: result.pooled[key] - by},
     }
-    return result.model_copy(
-        update=parts | {"versions": versions or result.versions}
-    ).with_checksum()
+    update = parts | {"versions": versions or result.versions}
+    return result.model_copy(update=update).with_checksum()
 
 
 def test_nothing_claimed(home: Path, data: Path) -> None:
@@ -147,10 +146,10 @@ def test_poses_that_are_the_prior_belong_to_its_class(home: Path, data: Path) ->
     result = result_of(home, data)
     counts = {scene: c | {"near_prior": 2} for scene, c in result.counts.items()}
     result = result.model_copy(update={"counts": counts})
-    [error] = _pipeline_errors(submission(), result)
+    [error] = pipeline_errors(submission(), result)
     assert "4 of 10 poses are the photo's own prior" in str(error)
     says = submission(pipeline={"stages": "single-stage", "uses": ["prior"]})
-    assert not list(_pipeline_errors(says, result))
+    assert not list(pipeline_errors(says, result))
 
 
 def test_nothing_is_scored_without_predictions(home: Path, data: Path, tmp_path: Path) -> None:
