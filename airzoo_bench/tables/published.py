@@ -62,6 +62,9 @@ class PublishedTable:
     values : mapping of str to mapping of str to mapping of str to float
         By method, scene title (empty for the average over scenes) and score, in percent, metres
         or degrees.
+    halves : mapping of (method, scene title, score) to float
+        Half the last digit of each, in the same unit: a printed number stands for all that it is
+        the rounding of.
     """
 
     source: str
@@ -69,6 +72,7 @@ class PublishedTable:
     benchmark: str
     track: str
     values: Mapping[str, Mapping[str, Mapping[str, float]]]
+    halves: Mapping[tuple[str, str, str], float]
 
     @property
     def has_scenes(self) -> bool:
@@ -133,6 +137,7 @@ def read_source(path: Path) -> list[PublishedTable]:
     source = read_source_file(path)
     place = path.with_name(source.data)
     found: dict[tuple[str, str, str], dict[str, dict[str, dict[str, float]]]] = {}
+    halves: dict[tuple[str, str, str], dict[tuple[str, str, str], float]] = {}
     for cell in read_published(place).cells:
         where = f"{place}, line {cell.line}, column"
         benchmark = _known(source.benchmarks, cell.benchmark, "benchmark", where)
@@ -147,16 +152,20 @@ def read_source(path: Path) -> list[PublishedTable]:
                 where=f"{place}, line {cell.line}",
                 expected="one average a table, and one number for each score of the TOML file",
             )
-        values[key] = _value(cell)
+        values[key] = float(cell.number.value * _factor(cell))
+        half = float(cell.number.half * _factor(cell))
+        halves.setdefault((cell.table, benchmark, cell.track), {})[cell.method, scene, key] = half
     return [
-        PublishedTable(source.name, label, benchmark, track, values)
+        PublishedTable(
+            source.name, label, benchmark, track, values, halves[label, benchmark, track]
+        )
         for (label, benchmark, track), values in found.items()
     ]
 
 
-def _value(cell: PrintedValue) -> float:
-    """Return a share in percent, anything else as it is printed."""
-    return float(cell.number.value * (100 // cell.full if cell.score.is_share else 1))
+def _factor(cell: PrintedValue) -> int:
+    """Return what makes a share percent, and leaves anything else as it is printed."""
+    return 100 // cell.full if cell.score.is_share else 1
 
 
 def _known(names: Mapping[str, V], name: str, what: str, where: str) -> V:

@@ -12,7 +12,8 @@ from airzoo_bench.leaderboard.ci.artifact import SceneScores, Shown, Standing
 from airzoo_bench.leaderboard.ci.git import BoardError
 from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.site.entries import Entry, Faults, read_entries
-from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, measure_all
+from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
+from airzoo_bench.leaderboard.site.measuring import measure_all
 from airzoo_bench.leaderboard.site.ranking import check_alike, headline_first, rank
 from airzoo_bench.leaderboard.site.rows import Scored
 

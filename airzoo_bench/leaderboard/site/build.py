@@ -12,7 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.files import atomic_folder, check_new_folder
+from airzoo_bench.core.files import (
+    atomic_folder,
+)
+from airzoo_bench.core.places import check_new_folder
 from airzoo_bench.core.temporaries import clear_abandoned, only_writer
 from airzoo_bench.leaderboard.site.api import as_json
 from airzoo_bench.leaderboard.site.api_files import API_FOLDER, MARK, ApiFiles, Given
@@ -24,7 +27,8 @@ from airzoo_bench.leaderboard.site.entries import (
     result_entries,
     waiting,
 )
-from airzoo_bench.leaderboard.site.measured import Measured, measure_all
+from airzoo_bench.leaderboard.site.measured import Measured
+from airzoo_bench.leaderboard.site.measuring import measure_all
 from airzoo_bench.leaderboard.site.pages import render_pages
 from airzoo_bench.leaderboard.site.rows import Scored, slugs
 

@@ -24,8 +24,8 @@ from airzoo_bench.statistics.pair_tests import (
     pair_draws,
     pair_p_values,
     resamples_for,
-    wanted_pairs,
 )
+from airzoo_bench.statistics.pairs import wanted_pairs
 from airzoo_bench.statistics.rank_ranges import (
     correct_pairs,
     rank_ranges,
