@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -17,6 +18,7 @@ from pydantic import Field
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.validation import Name, Strict, nearest, read_toml, validated
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.table import read_published
 
@@ -102,9 +104,14 @@ def published_tables(benchmark: str, track: str) -> list[PublishedTable]:
     return [t for t in tables if (t.benchmark, t.track) == (benchmark, track)]
 
 
+@cache
+def _shipped() -> list[Protocol]:
+    return [load_protocol(path) for path in shipped_protocols().values()]
+
+
 def shipped_fingerprints(benchmark: str, track: str) -> set[str]:
     """Return the fingerprints of the shipped protocols of one benchmark and track."""
-    protocols = map(load_protocol, shipped_protocols().values())
+    protocols = _shipped()
     return {p.fingerprint for p in protocols if (p.benchmark, p.track) == (benchmark, track)}
 
 
@@ -156,10 +163,8 @@ def read_source(path: Path) -> list[PublishedTable]:
         half = float(cell.number.half * _factor(cell))
         halves.setdefault((cell.table, benchmark, cell.track), {})[cell.method, scene, key] = half
     return [
-        PublishedTable(
-            source.name, label, benchmark, track, values, halves[label, benchmark, track]
-        )
-        for (label, benchmark, track), values in found.items()
+        PublishedTable(source.name, *place, values, halves[place])
+        for place, values in found.items()
     ]
 
 

@@ -85,11 +85,11 @@ class ApiFiles:
     def protocols(self) -> dict[str, Protocol]:
         """The protocols that the board is of, and those of its results that are known here."""
         files = protocol_files(self.given.data)
+        known = {name: load_protocol(path) for name, path in files.items()}
         board = self.given.board
         wanted = [] if board is None else [p for b in board.benchmarks for p in b.protocols]
         if board is None:
             printed = {(table.benchmark, table.track) for table in self.reported.tables}
-            known = {name: load_protocol(path) for name, path in files.items()}
             wanted = [n for n, p in known.items() if (p.benchmark, p.track) in printed]
         missing = [name for name in wanted if name not in files]
         if missing:
@@ -99,11 +99,7 @@ class ApiFiles:
                 fix="name the folder of prepared benchmarks by --data",
             )
         used = {scored.measured.protocol for scored, _ in self.methods}
-        return {
-            name: load_protocol(path)
-            for name, path in files.items()
-            if name in wanted or name in used
-        }
+        return {name: one for name, one in known.items() if name in wanted or name in used}
 
     @cached_property
     def groups(self) -> dict[tuple[Any, ...], list[Scored]]:

@@ -33,6 +33,7 @@ from airzoo_bench.tables.breakdown import (
 __all__ = ["measure_all"]
 
 _FORMAT = "1"
+_SPREAD = 32  # fewer are measured before another process has started
 
 
 def measure_all(
@@ -58,6 +59,7 @@ def measure_all(
     missing = [
         (entry.file, file) for entry, file in zip(entries, files, strict=True) if not file.is_file()
     ]
+    jobs = jobs if len(missing) >= _SPREAD else 1
     failed = {
         file: error
         for (_, file), error in zip(missing, parallel_map(_store, missing, jobs), strict=True)

@@ -236,12 +236,10 @@ def test_a_printed_number_stands_for_all_that_rounds_to_it(
 
 def test_half_a_digit_of_what_is_published(tmp_path: Path) -> None:
     reported = read_reported(tmp_path)
-    seen = 0
+    seen, units = 0, {column.key: column.unit for column in COLUMNS}
     for table in reported.tables:
         titles = {title: title for scenes in table.values.values() for title in scenes if title}
-        halves = reported.halves(
-            table.benchmark, table.track, {c.key: c.unit for c in COLUMNS}, titles
-        )
+        halves = reported.halves(table.benchmark, table.track, units, titles)
         seen += len(halves)
         assert all(half in {0.5 / 10**n for n in range(2, 6)} for half in halves.values())
     assert seen
