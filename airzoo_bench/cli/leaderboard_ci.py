@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, TypeVar, cast
 
 import typer
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from airzoo_bench.leaderboard.ci.scoring import Rules
 
 __all__ = ["app"]
+
+T = TypeVar("T")
 
 app = typer.Typer(
     help="Steps of a board's CI; its workflows call them.",
@@ -135,9 +137,9 @@ def ledger(
     if outcome is Outcome.MERGED:
         say(enter_merge(read_event(_needed(event, "--event")), remote))
         return
-    last = _needed(_last(artifact or []), "--artifact")
+    given = _needed(artifact, "--artifact")
     word = cast("Word", outcome.value)
-    found = enter(read_artifact(last), word, remote, root)
+    found = enter(read_artifact(_last(given)), word, remote, root)
     if out is not None:
         write_artifact(out, found)
     _tell(found)
@@ -184,7 +186,7 @@ def comment(
     from airzoo_bench.leaderboard.ci.comment import comment_on
 
     with atomic_write(out, "w") as stream:
-        stream.write(comment_on(read_artifact(_last(artifacts) or artifacts[-1])))
+        stream.write(comment_on(read_artifact(_last(artifacts))))
 
 
 @app.command(epilog=examples("leaderboard ci rescore --remote . --out runs"))
@@ -242,14 +244,15 @@ def _check_empty(folder: Path) -> None:
         raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
 
 
-def _last(paths: list[Path]) -> Path | None:
-    return next((path for path in reversed(paths) if path.is_file()), None)
+def _last(paths: list[Path]) -> Path:
+    """Return the last that is there; of none the last, whose reader says that it is missing."""
+    return next((path for path in reversed(paths) if path.is_file()), paths[-1])
 
 
-def _needed(path: Path | None, option: str) -> Path:
-    if path is None:
+def _needed(given: T | None, option: str) -> T:
+    if not given:
         raise UsageError(f"this outcome needs {option}", fix=f"add {option} FILE")
-    return path
+    return given
 
 
 def _tell(found: Artifact) -> None:

@@ -120,6 +120,7 @@ def new(
     )
 
     root = board_root(board or Path())
+    rules = read_board(root / BOARD_FILE)
     if not predictions.exists():
         raise UsageError("no such file or folder", where=predictions)
     values = complete(
@@ -145,12 +146,13 @@ def new(
             "baseline": setting if baseline or setting else None,
             "supersedes": supersedes,
             "reader": reader,
-        }
+        },
+        rules.protocols,
     )
     place = place_of(
         values["protocol"],
         folder or folder_name(values["method"]),
-        read_board(root / BOARD_FILE),
+        rules,
         resolve_data(data),
     )
     files = Files(predictions, url, claimed, names)

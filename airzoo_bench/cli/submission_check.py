@@ -75,12 +75,20 @@ def check(
     from airzoo_bench.leaderboard.checks import check_submission
     from airzoo_bench.leaderboard.known import known_submissions
     from airzoo_bench.leaderboard.making import board_root
+    from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
     if not folder.is_dir():
         raise UsageError(
             "no such folder", where=folder, fix="`airzoo-bench submission new` makes one"
         )
     root = board_root(board or folder)
+    if not (folder / SUBMISSION_FILE).exists():
+        raise UsageError(
+            f"no {SUBMISSION_FILE} here",
+            where=folder,
+            expected="the folder of one submission, submissions/BENCHMARK/TRACK/FOLDER",
+            fix="`airzoo-bench submission new` makes one",
+        )
     place = resolve_data(data)
     resources = Resources(memory_bytes(max_memory), jobs, progress)
     checked = check_submission(

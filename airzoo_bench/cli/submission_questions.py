@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import datetime
 import sys
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, get_args
 
 import typer
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.validation import toml_value
+from airzoo_bench.core.validation import nearest, toml_value
 from airzoo_bench.leaderboard.submission import Pipeline, Submission
 
 __all__ = ["complete"]
@@ -29,11 +30,19 @@ _REQUIRED = (
 _OFFERED = ("uses", "summary", "paper", "code")
 _LISTS = ("authors", "training_data", "uses")
 _FLAGS = {"authors": "--author"}
-_NONE = "none"
+_NONE = (["none"], ["[]"])
+"""What a method without training answers; the second is how submission.toml has it."""
 
 
-def complete(given: dict[str, Any]) -> dict[str, Any]:
+def complete(given: dict[str, Any], protocols: Sequence[str]) -> dict[str, Any]:
     """Return the keys of submission.toml, once what is missing was asked for.
+
+    Parameters
+    ----------
+    given : dict
+        The options, None where one is missing.
+    protocols : sequence of str
+        Those of the board.
 
     Raises
     ------
@@ -51,7 +60,10 @@ def complete(given: dict[str, Any]) -> dict[str, Any]:
         )
     if missing:
         offered = [key for key in _OFFERED if given[key] is None]
-        given = given | {key: _asked(key, needed=key in _REQUIRED) for key in (*missing, *offered)}
+        given = given | {
+            key: _asked(key, _choices(key, protocols), needed=key in _REQUIRED)
+            for key in (*missing, *offered)
+        }
     return _values(given)
 
 
@@ -64,21 +76,30 @@ def _field(key: str) -> Any:
     return next(model.model_fields[key] for model in models if key in model.model_fields)
 
 
-def _asked(key: str, *, needed: bool) -> Any:
+def _choices(key: str, protocols: Sequence[str]) -> Sequence[str]:
+    """Return all right answers, where there are only some."""
+    return protocols if key == "protocol" else _literals(_field(key).annotation)
+
+
+def _literals(annotation: Any) -> list[str]:
+    inner = get_args(annotation)
+    return [text for one in inner for text in ([one] if isinstance(one, str) else _literals(one))]
+
+
+def _asked(key: str, choices: Sequence[str], *, needed: bool) -> Any:
     """Ask until the answer is right."""
     field = _field(key)
-    example = field.examples[0]
-    plain = ", ".join(example) if isinstance(example, list) else toml_value(example).strip('"')
-    how = "several with commas" if key in _LISTS else ""
-    optional = "" if needed else "Enter for none"
-    hints = "; ".join(part for part in (f"such as {plain}", how, optional) if part)
-    typer.echo(f"\n{field.description} ({hints})", err=True)
+    typer.echo(f"\n{field.description} ({_hints(key, field, choices, needed)})", err=True)
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
     while True:
-        answer = typer.prompt(key, default=None if needed else "", show_default=False, err=True)
+        answer = typer.prompt(key, default="", show_default=False, err=True)
         value = _split(answer) if key in _LISTS else answer.strip()
         if not needed and not value:
             return None
+        if not value or not _is_one_of(value, choices):
+            expected = _hints(key, field, choices, needed)
+            typer.echo(f"  {toml_value(answer)}{nearest(answer, [*choices])}: {expected}", err=True)
+            continue
         try:
             adapter.validate_python(tuple(_listed(key, value)) if key in _LISTS else value)
         except ValidationError as error:
@@ -88,12 +109,30 @@ def _asked(key: str, *, needed: bool) -> Any:
         return value
 
 
+def _hints(key: str, field: Any, choices: Sequence[str], needed: bool) -> str:
+    example = field.examples[0]
+    plain = ", ".join(example) if isinstance(example, list) else toml_value(example).strip('"')
+    several = key in _LISTS
+    hints = [
+        f"{'any' if several else 'one'} of {', '.join(choices)}" if choices else f"such as {plain}",
+        "several with commas" if several else "",
+        "none for a method without training" if key == "training_data" else "",
+        "" if needed else "Enter for none",
+    ]
+    return "; ".join(filter(None, hints))
+
+
+def _is_one_of(value: str | list[str], choices: Sequence[str]) -> bool:
+    every = [value] if isinstance(value, str) else value
+    return not choices or all(one in choices for one in every)
+
+
 def _split(answer: str) -> list[str]:
     return [part.strip() for part in answer.split(",") if part.strip()]
 
 
 def _listed(key: str, value: list[str] | None) -> list[str]:
-    return [] if value is None or (key == "training_data" and value == [_NONE]) else value
+    return [] if value is None or (key == "training_data" and value in _NONE) else value
 
 
 def _values(given: dict[str, Any]) -> dict[str, Any]:

@@ -71,6 +71,11 @@ class Board(Strict):
     benchmarks: Annotated[tuple[BoardBenchmark, ...], Field(min_length=1)]
     maintainers: Annotated[tuple[Account, ...], Field(max_length=100)] = ()
 
+    @property
+    def protocols(self) -> list[str]:
+        """All that the board scores by, in its order."""
+        return [name for benchmark in self.benchmarks for name in benchmark.protocols]
+
 
 def read_board(path: Path) -> Board:
     """Read a leaderboard.toml.

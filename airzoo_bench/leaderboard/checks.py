@@ -230,7 +230,19 @@ def _content(
             read_by=checked.read_by,
         )
     except (PredictionError, CameraError, UsageError) as error:
-        yield error
+        yield _of_submission(error)
         return
-    yield from found.errors
+    yield from map(_of_submission, found.errors)
     yield from found.notes
+
+
+def _of_submission(error: UserError) -> UserError:
+    """Return a fault as it is mended here, where the protocol is a key and no option."""
+    if "--protocol" not in (error.fix or ""):
+        return error
+    return SubmissionError(
+        error.what,
+        where=error.where,
+        expected=error.expected,
+        fix=f"correct key 'protocol' in {SUBMISSION_FILE}, or put the right predictions there",
+    )

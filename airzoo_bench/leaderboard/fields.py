@@ -40,7 +40,18 @@ def _entry(text: str) -> str:
     return text
 
 
-Url = Annotated[str, Field(pattern=r"^https://[A-Za-z0-9][^\s<>\"'`\\\x00-\x1f]*$", max_length=500)]
+_URL = r"^https://[A-Za-z0-9][^\s<>\"'`\\\x00-\x1f]*$"
+
+
+def _https(address: str) -> str:
+    if not re.search(_URL, address) or address.endswith("\n"):
+        raise ValueError("an address begins with https:// and has no blanks, quotes or brackets")
+    return address
+
+
+Url = Annotated[
+    str, Field(max_length=500, json_schema_extra={"pattern": _URL}), AfterValidator(_https)
+]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_known_licence)]
 Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]

@@ -85,7 +85,7 @@ def place_of(protocol: str, folder: str, board: Board, data: Path) -> Place:
     UserError
         The board is not of this protocol, or the folder has no plain name.
     """
-    known = [name for benchmark in board.benchmarks for name in benchmark.protocols]
+    known = board.protocols
     if protocol not in known:
         raise UsageError(
             f"this board does not score by {protocol!r}{nearest(protocol, known)}",
@@ -97,6 +97,7 @@ def place_of(protocol: str, folder: str, board: Board, data: Path) -> Place:
             f"no name for a folder: {folder!r}",
             where="--folder",
             expected="letters a to z, digits, dots, hyphens and underscores, such as salad-2026",
+            fix="name one by --folder; a method's name without such letters gives none",
         )
     chosen = find_protocol(protocol, data)
     return Place(chosen.benchmark, chosen.track, folder)

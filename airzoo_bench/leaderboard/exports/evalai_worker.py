@@ -161,8 +161,14 @@ def main(arguments: Sequence[str], *, endless: bool = True, pause: float = _PAUS
     Raises
     ------
     UsageError
-        A variable of the environment is missing, or none that can be.
+        The worker's folder or a variable of the environment is missing.
     """
+    if len(arguments) != 1 or not (Path(arguments[0]) / "program").is_dir():
+        raise UsageError(
+            "no worker's folder" if arguments else "no folder is named",
+            where=" ".join(arguments) or None,
+            expected="the folder worker that `airzoo-bench export evalai` wrote",
+        )
     missing = [name for name in _VARIABLES if not os.environ.get(name)]
     if missing:
         raise UsageError(
@@ -171,8 +177,7 @@ def main(arguments: Sequence[str], *, endless: bool = True, pause: float = _PAUS
             expected="what EvalAI shows on a challenge's page Manage, and a profile's token",
         )
     token, server, queue, challenge = (os.environ[name] for name in _VARIABLES)
-    [folder] = arguments
-    worker = Worker(Api(server, token), Path(folder), queue, int(challenge))
+    worker = Worker(Api(server, token), Path(arguments[0]), queue, int(challenge))
     while True:
         try:
             busy = worker.step()
@@ -187,4 +192,8 @@ def main(arguments: Sequence[str], *, endless: bool = True, pause: float = _PAUS
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except UsageError as error:
+        sys.stderr.write(f"airzoo-bench: {error}\n")
+        sys.exit(2)

@@ -75,10 +75,12 @@ def read_phases(texts: Sequence[str], *, endless: bool) -> list[Phase]:
 def _read(text: str) -> Phase:
     name, *days = (part.strip() for part in text.split(","))
     try:
-        start, *rest = map(datetime.date.fromisoformat, days)
-        end = rest.pop(0) if rest else None
-        if rest or not name or len(name) > _NAME_LENGTH or not name.isprintable():
-            raise ValueError("not two or three parts")
+        if len(days) not in (1, 2):
+            raise ValueError(f"{len(days) + 1} parts, not two or three")
+        start, *ends = map(datetime.date.fromisoformat, days)
+        end = ends[0] if ends else None
+        if not name or len(name) > _NAME_LENGTH or not name.isprintable():
+            raise ValueError(f"its name has 1 to {_NAME_LENGTH} letters that are shown")
         if end is not None and end <= start:
             raise ValueError("ends before it begins")
     except ValueError as error:

@@ -117,7 +117,9 @@ def new_key(file: Path) -> str:
     try:
         handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        raise UsageError("is there already, and a key is not replaced", where=file) from None
+        raise UsageError(
+            "is there already, and a key is not replaced", where=file, fix="name another file"
+        ) from None
     with os.fdopen(handle, "w", encoding="utf-8") as stream:
         stream.write(f"# created: {now}\n# public key: {public}\n{identity}\n")
     return public

@@ -97,7 +97,11 @@ def seal(
         The folder cannot be sealed, or the files not be written.
     """
     _check_places(folder, public, archive, replace=replace)
-    benchmark = Benchmark.open(folder)
+    benchmark = Benchmark.open(folder, sealed=True)
+    if benchmark.is_sealed:
+        raise UsageError(
+            "is sealed already", where=folder, fix="seal the folder that it was made of"
+        )
     _refuse_told(benchmark)
     parts = public_parts(benchmark)
     names = sorted(

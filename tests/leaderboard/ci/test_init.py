@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,23 @@ def test_init_writes_a_board_that_can_be_read(tmp_path: Path, hosted: list[str])
     assert (".gitlab-ci.yml" in written) == bool(hosted)
     assert (".github/workflows/board.yml" in written) == (not hosted)
     assert (tmp_path / "b" / ".ci" / "get-data").stat().st_mode & 0o111
+
+
+def test_data_that_are_there_are_not_made_again(tmp_path: Path) -> None:
+    assert run_main("leaderboard", "init", tmp_path / "b") == 0
+    (tmp_path / "data" / "airzoo-mini").mkdir(parents=True)
+    environment = {"PATH": "/usr/bin:/bin", "AIRZOO_BENCH_DATA": str(tmp_path / "data")}
+    subprocess.run([tmp_path / "b" / ".ci" / "get-data"], check=True, env=environment)
+
+
+def test_an_artifact_that_is_not_there_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call = ("leaderboard", "ci", "ledger", "scored", "--remote", "x.git", "--root", tmp_path)
+    assert run_main(*call, "--artifact", tmp_path / "found.json") == 2
+    assert "found.json: no such artifact" in capsys.readouterr().err
+    assert run_main(*call) == 2
+    assert "this outcome needs --artifact" in capsys.readouterr().err
 
 
 def test_board_without_a_name_can_be_read_too(tmp_path: Path) -> None:

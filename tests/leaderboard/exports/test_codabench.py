@@ -223,7 +223,7 @@ class TestExport:
             (["Dev,2027-01-01,2027-01-02", "dev,2027-02-01"], "same name"),
             (["Dev,2027-02-01,2027-01-01"], "ends before it begins"),
             (["Dev,tomorrow"], "cannot be read"),
-            (["2027-01-01"], "cannot be read"),
+            (["2027-01-01"], "1 parts, not two or three"),
             (["a,2027-01-01,2027-01-02,2027-01-03"], "cannot be read"),
         ],
     )

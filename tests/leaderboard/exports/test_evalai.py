@@ -7,6 +7,8 @@ import importlib.util
 import json
 import math
 import shutil
+import subprocess
+import sys
 import tomllib
 import zipfile
 from collections.abc import Iterator
@@ -252,6 +254,14 @@ class TestWorker:
         monkeypatch.delenv(name)
         with pytest.raises(UsageError, match=f"{name} not set"):
             work(exported)
+
+    def test_a_mistake_is_one_message(self, exported: Path) -> None:
+        module = "airzoo_bench.leaderboard.exports.evalai_worker"
+        for arguments, said in (([], "no folder is named"), ([exported], "no worker's folder")):
+            call = [sys.executable, "-m", module, *map(str, arguments)]
+            done = subprocess.run(call, capture_output=True, text=True, check=False)
+            assert (done.returncode, done.stderr.count("\n")) == (2, 2)
+            assert said in done.stderr
 
     @pytest.mark.parametrize("address", ["http://eval.ai", "ftp://localhost", "eval.ai"])
     def test_the_token_is_never_sent_in_the_clear(self, address: str) -> None:

@@ -111,6 +111,12 @@ def test_another_key(sealed: SealedField, tmp_path: Path) -> None:
         unseal(sealed.public, sealed.archive, other, tmp_path / "out")
 
 
+def test_what_is_sealed_is_not_sealed_again(sealed: SealedField, tmp_path: Path) -> None:
+    key = load_pyrage().x25519.Identity.generate().to_public()
+    with pytest.raises(UserError, match="is sealed already"):
+        seal(sealed.public, tmp_path / "again", tmp_path / "again.age", key)
+
+
 def test_an_archive_of_another_run(sealed: SealedField, tmp_path: Path) -> None:
     seal(sealed.folder, tmp_path / "p", tmp_path / "x.age", sealed.key.to_public())
     with pytest.raises(BenchmarkError, match="belongs to another public folder"):

@@ -48,6 +48,16 @@ def test_predictions_are_held_to_the_benchmark(board: Path, data: Path, perfect:
     assert "each tile once a query" in only_error(found)
 
 
+def test_what_eval_mends_by_an_option_is_mended_by_a_key(
+    board: Path, data: Path, perfect: Any
+) -> None:
+    perfect["query_ids"] = [f"x{name}" for name in perfect["query_ids"]]
+    message = only_error(checked(write(board, perfect), data))
+    assert "none of its query ids belongs to made" in message
+    assert "correct key 'protocol' in submission.toml" in message
+    assert "--protocol" not in message
+
+
 class TestPlace:
     def test_a_benchmark_that_the_board_has_not(
         self, board: Path, data: Path, perfect: Any

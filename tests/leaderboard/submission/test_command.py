@@ -114,6 +114,8 @@ def test_without_a_terminal_nothing_is_asked(board: Path, preds: Path, command: 
         (("--date", "yesterday"), "--date 'yesterday' is no date"),
         (("--protocol", "mad-retrieval"), "did you mean 'made-retrieval'?"),
         (("--folder", "../x"), "no name for a folder: '../x'"),
+        (("--method", "Сова"), "name one by --folder"),
+        (("--url", "http://example.org/p.npz"), "an address begins with https://"),
         (("--setting", "words"), "--setting 'words' is no setting"),
         (("--result", "nothing.json"), "no such file"),
     ],
@@ -156,6 +158,8 @@ def test_exit_codes_and_json(board: Path, perfect: Any, command: Command) -> Non
     assert values["result"] is None
     missing = command("submission", "check", board / "nothing")
     assert "no such folder" in str(missing.exception)
+    above = command("submission", "check", home.parent)
+    assert "no submission.toml here" in str(above.exception)
     outside = command("submission", "check", board.parent / "data")
     assert "not in the repository of a board" in str(outside.exception)
 
@@ -176,29 +180,32 @@ def test_a_benchmark_that_is_not_here_is_said(
     assert "not scored: benchmark made is not there" in str(asked.exception)
 
 
-def test_questions_on_a_terminal(board: Path, preds: Path) -> None:
+@pytest.mark.parametrize("none", ["none", "[]"])
+def test_questions_on_a_terminal(board: Path, preds: Path, none: str) -> None:
     answers = [
-        "made-retrival",  # plain, but no protocol of the board: said at the end
+        *("made-retrival", PROTOCOL),
         "SALAD",
         "Example Lab",
         "Ada",
         "ada@example.org",
         "Ada Example, Grace Example",
         "CC-BY-4.0",
-        "none",
-        "single-stage",
-        *("", "", "", ""),
+        *("", none),
+        *("single", "single-stage"),
+        *("gps", "prior", "", "", ""),
     ]
     text, code = _typed(["submission", "new", str(preds)], answers)
-    assert code == 2
-    assert "an e-mail address" in text  # asked again
-    assert "did you mean 'made-retrieval'?" in text
-    answers[0] = PROTOCOL
-    text, code = _typed(["submission", "new", str(preds)], answers)
     assert code == 0, text
+    # Each asked again, and what is right is said:
+    assert "did you mean 'made-retrieval'?" in text
+    assert "an e-mail address" in text
+    assert text.count("none for a method without training") == 2
+    assert text.count("one of single-stage, re-ranked") == 2
+    assert text.count("any of prior, sequence, heights") == 2
     stated = read_submission(board / "submissions/made/retrieval/salad/submission.toml")
     assert stated.authors == ("Ada Example", "Grace Example")
     assert stated.training_data == ()
+    assert stated.pipeline.uses == ("prior",)
 
 
 def _typed(arguments: list[str], answers: list[str]) -> tuple[str, int]:

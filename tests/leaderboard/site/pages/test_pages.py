@@ -212,12 +212,13 @@ def test_a_board_without_any_entry_has_its_pages() -> None:
     files = sample()
     for path in files:
         if path.endswith("/table.json"):
-            files[path]["rows"] = []
+            files[path] |= {"rows": [], "truth": ""}
     files = {path: value for path, value in files.items() if "/pairs/" not in path}
     files["reproductions.json"]["reproductions"] = []
     empty = render_pages(files)
     assert b"No entry yet" in empty["index.html"]
     assert b"No entry yet" in empty["tables/airzoo-mini-retrieval/index.html"]
+    assert b"no visible text" not in empty["tables/airzoo-mini-retrieval/index.html"]
     for name in ("compare", "scenes", "ranks"):
         assert f"tables/airzoo-mini-retrieval/{name}.html" not in empty
     nothing = {"board.json": files["board.json"] | {"benchmarks": []}}
