@@ -112,7 +112,7 @@ def _prepare(
     jobs: int = 1,
     **options: Any,
 ) -> None:
-    from airzoo_bench.core.files import check_new_folder
+    from airzoo_bench.core.places import check_new_folder
     from airzoo_bench.datasets.dataset import PrepareSettings
 
     chosen, root = dataset.options(**options), data_root()

@@ -98,8 +98,7 @@ def _asked(key: str, choices: Sequence[str], *, needed: bool) -> Any:
             return None
         if not value or not _is_one_of(value, choices):
             expected = _hints(key, field, choices, needed)
-            near = nearest(answer, list(choices))
-            typer.echo(f"  {toml_value(answer)}{near}: {expected}", err=True)
+            typer.echo(f"  {toml_value(answer)}{nearest(answer, [*choices])}: {expected}", err=True)
             continue
         try:
             adapter.validate_python(tuple(_listed(key, value)) if key in _LISTS else value)

@@ -14,10 +14,12 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.exchange import exchange
 from airzoo_bench.core.places import (
+    MARK,
     cannot_write,
+    check_new_folder,
     check_output_file,
     check_output_folder,
     followed,
@@ -35,7 +37,6 @@ __all__ = [
     "atomic_folder",
     "atomic_write",
     "canonical_json",
-    "check_new_folder",
     "check_output_file",
     "check_output_folder",
     "fingerprint",
@@ -49,7 +50,6 @@ __all__ = [
 LIMIT_BYTES = 16 << 20
 """The most that is read of a text that a person wrote, unless a caller wants less."""
 _CHUNK_BYTES = 1 << 20
-_MARK = "benchmark.toml"
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
@@ -92,7 +92,7 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
 
 
 @contextmanager
-def atomic_folder(path: Path, *, replace: bool = False, mark: str = _MARK) -> Iterator[Path]:
+def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Iterator[Path]:
     """Fill a folder that appears under its name only when it is complete.
 
     Parameters
@@ -177,32 +177,6 @@ def _is_ours_alone(folder: Path, names: Collection[str]) -> bool:
     stays = folder.is_symlink() or folder.is_mount() or folder.samefile(Path.cwd())
     writable = os.access(folder.parent, os.W_OK | os.X_OK)
     return writable and not stays and {entry.name for entry in folder.iterdir()} <= set(names)
-
-
-def check_new_folder(path: Path, *, replace: bool, mark: str = _MARK) -> None:
-    """Refuse a folder that cannot be made, or must not be replaced.
-
-    Raises
-    ------
-    UsageError
-        It exists and `replace` is false, or is something else than what was made here before:
-        a file, or a folder with other content, which nobody wants to lose.
-    """
-    if not path.exists():
-        check_output_folder(path.parent, ())
-        return
-    if not replace:
-        raise UsageError(
-            "the folder exists already", where=path, fix="name another, or add --force"
-        )
-    if not path.is_dir() or (any(path.iterdir()) and not (path / mark).is_file()):
-        kind = "a benchmark folder" if mark == _MARK else "such a folder"
-        raise UsageError(
-            f"is not {kind}, and so is not replaced",
-            where=path,
-            expected=f"a folder with {mark}, or none",
-            fix="name another folder",
-        )
 
 
 def sha256_of(path: Path) -> str:

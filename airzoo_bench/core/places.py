@@ -13,12 +13,17 @@ from airzoo_bench.core.errors import UsageError, UserError
 
 __all__ = [
     "DATA_VARIABLE",
+    "MARK",
     "cannot_write",
+    "check_new_folder",
     "check_output_file",
     "check_output_folder",
     "data_root",
     "followed",
 ]
+
+MARK = "benchmark.toml"
+"""What every benchmark folder holds."""
 
 
 def check_output_folder(folder: Path, names: Iterable[str]) -> None:
@@ -122,3 +127,29 @@ def data_root() -> Path:
     from platformdirs import user_cache_path
 
     return user_cache_path("airzoo-bench") / "data"
+
+
+def check_new_folder(path: Path, *, replace: bool, mark: str = MARK) -> None:
+    """Refuse a folder that cannot be made, or must not be replaced.
+
+    Raises
+    ------
+    UsageError
+        It exists and `replace` is false, or is something else than what was made here before:
+        a file, or a folder with other content, which nobody wants to lose.
+    """
+    if not path.exists():
+        check_output_folder(path.parent, ())
+        return
+    if not replace:
+        raise UsageError(
+            "the folder exists already", where=path, fix="name another, or add --force"
+        )
+    if not path.is_dir() or (any(path.iterdir()) and not (path / mark).is_file()):
+        kind = "a benchmark folder" if mark == MARK else "such a folder"
+        raise UsageError(
+            f"is not {kind}, and so is not replaced",
+            where=path,
+            expected=f"a folder with {mark}, or none",
+            fix="name another folder",
+        )

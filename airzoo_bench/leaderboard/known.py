@@ -11,7 +11,7 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.leaderboard.names import alike, skeleton
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 
-__all__ = ["Known", "Place", "check_names", "known_submissions", "shown_beside"]
+__all__ = ["Known", "Place", "check_names", "known_submissions"]
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,6 @@ def known_submissions(root: Path) -> list[Known]:
         at = (place.benchmark, place.track, place.folder)
         found.append(Known(*at, one.method, one.team, one.supersedes))
     return found
-
-
-def shown_beside(submission: Submission, place: Place, known: Sequence[Known]) -> set[str]:
-    """Return the folders of a table that a board shows beside a submission: no superseded ones."""
-    here = [
-        one
-        for one in known
-        if one.place != place and (one.benchmark, one.track) == (place.benchmark, place.track)
-    ]
-    return {one.folder for one in here} - {submission.supersedes, *(one.supersedes for one in here)}
 
 
 def check_names(

@@ -16,8 +16,19 @@ from pydantic import Field, ValidationError
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Positive, Strict, validation_message
+from airzoo_bench.core.version import __version__
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, submission_text
 
-__all__ = ["RUN_FILE", "Claimed", "MadeAgain", "Run", "newest_runs", "read_run", "write_run"]
+__all__ = [
+    "RUN_FILE",
+    "Claimed",
+    "MadeAgain",
+    "Run",
+    "newest_runs",
+    "read_run",
+    "write_facts",
+    "write_run",
+]
 
 RUN_FILE = "run.json"
 
@@ -99,6 +110,40 @@ def write_run(path: Path, run: Run) -> None:
     """Write a run.json, whole or not at all."""
     with atomic_write(path, "w") as stream:
         stream.write(run.model_dump_json(by_alias=True, indent=1) + "\n")
+
+
+def write_facts(
+    run: Path,
+    submission: Submission,
+    commit: str,
+    tree: str,
+    claimed: Claimed | None = None,
+    made_again: MadeAgain | None = None,
+) -> None:
+    """Write what is stated of a run that is scored now, beside its result: all but the contact.
+
+    Parameters
+    ----------
+    run : Path
+        The run's folder.
+    submission : Submission
+    commit, tree : str
+        See `Run`.
+    claimed : Claimed or None
+    made_again : MadeAgain or None
+    """
+    stated = submission_text(submission.public())
+    (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
+    now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
+    facts = Run(
+        scored=now,
+        commit=commit,
+        tree=tree,
+        version=__version__,
+        claimed=claimed,
+        made_again=made_again,
+    )
+    write_run(run / RUN_FILE, facts)
 
 
 def newest_runs(table: Path) -> dict[str, Path]:

@@ -8,7 +8,7 @@ truth that the photos saw: inside enough of them, and not hidden.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.cloud_sources import (
     EvenSample,
     InMemoryCloud,
+    concatenated,
     finite_pieces,
     finite_rows,
 )
@@ -48,6 +49,7 @@ Region = Box | Columns
 _OFF_GRID = 0.3819660112501052
 _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
+_PIECE = 1 << 20
 _ROBUST = (1.0, 99.0)
 _NEAREST = 1e-3
 # A cell of the depth buffer is this many projected cells wide, so that surfaces have no holes.
@@ -81,6 +83,11 @@ class PreparedCloud:
         if not len(self.sample):
             return np.full((2, 3), np.nan)
         return np.asarray(np.percentile(self.sample, _ROBUST, axis=0), dtype=np.float64)
+
+    def in_memory(self) -> PreparedCloud:
+        """Return the cloud with all its points read."""
+        points = concatenated(piece.points for piece in self.source.pieces(_PIECE))
+        return replace(self, source=InMemoryCloud(points))
 
 
 def cropped_region(

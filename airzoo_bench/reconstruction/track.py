@@ -20,9 +20,7 @@ from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.formats import KINDS, SUFFIXES
 from airzoo_bench.reconstruction.alignment.cameras import write_alignments
 from airzoo_bench.reconstruction.baseline import STRUCTURE_FROM_MOTION
-from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, concatenated
 from airzoo_bench.reconstruction.notes import listing_notes
-from airzoo_bench.reconstruction.prepared import PreparedCloud
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
 from airzoo_bench.reconstruction.scenes import read_through, scored_scene
 from airzoo_bench.reconstruction.scores import RECORDED, reconstruction_scores
@@ -37,7 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["TRACK", "ReconstructionTrack"]
 
-_PIECE = 1 << 20
 _UNPACKED_BYTES = 1 << 40
 
 
@@ -292,12 +289,7 @@ def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
     if path.is_dir() or scene.clouds is None:
         return scene
     predicted, true = scene.clouds
-    return replace(scene, clouds=(_in_memory(predicted), true))
-
-
-def _in_memory(cloud: PreparedCloud) -> PreparedCloud:
-    points = concatenated(piece.points for piece in cloud.source.pieces(_PIECE))
-    return replace(cloud, source=InMemoryCloud(points))
+    return replace(scene, clouds=(predicted.in_memory(), true))
 
 
 TRACK = ReconstructionTrack()

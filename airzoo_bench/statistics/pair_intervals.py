@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.bootstrap_limits import quantiles
 from airzoo_bench.statistics.intervals import FEWEST
-from airzoo_bench.statistics.pair_tests import Places, hubs, mean_draws, wanted_pairs
+from airzoo_bench.statistics.pair_tests import mean_draws
+from airzoo_bench.statistics.pairs import Places, hubs, wanted_pairs
 from airzoo_bench.statistics.resampling import unit_products
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
-from airzoo_bench.statistics.shares import (
+from airzoo_bench.statistics.share_differences import (
     Reaches,
     difference_limits,
     put_together,

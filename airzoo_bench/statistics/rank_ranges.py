@@ -9,7 +9,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.significance import LEVEL
 
-__all__ = ["correct_pairs", "rank_ranges", "unpaired_p_values"]
+__all__ = ["correct_pairs", "rank_ranges", "told_apart", "unpaired_p_values"]
 
 
 def correct_pairs(p_values: Floats) -> Floats:
@@ -29,6 +29,27 @@ def correct_pairs(p_values: Floats) -> Floats:
     corrected = np.ones_like(p_values)
     corrected[upper] = holm(p_values[upper])
     return np.minimum(corrected, corrected.T)
+
+
+def told_apart(values: Floats, corrected: Floats, level: float = LEVEL) -> NDArray[np.bool_]:
+    """Return which two variables are significantly different; never two whose values are equal.
+
+    Parameters
+    ----------
+    values : (V,) array
+        What variables are ranked by; may be infinite.
+    corrected : (V, V) array
+        From `correct_pairs`.
+    level : float
+        Of significance.
+
+    Returns
+    -------
+    (V, V) bool
+        Symmetric.
+    """
+    values = np.asarray(values)
+    return np.asarray((corrected <= level) & (values[:, None] != values))
 
 
 def rank_ranges(
@@ -52,10 +73,6 @@ def rank_ranges(
     (V, 2) int64
         1 + number significantly better, V - number significantly worse.
 
-    Notes
-    -----
-    Two values that are equal are never told apart.
-
     References
     ----------
     M. Mogstad, J. Romano, A. Shaikh and D. Wilhelm, Inference for ranks with applications to
@@ -63,7 +80,7 @@ def rank_ranges(
     Studies 91 (2024): differences that are all significant together give confidence sets of ranks.
     """
     signed = np.asarray(values) if higher_is_better else -np.asarray(values)
-    told = corrected <= level
+    told = told_apart(signed, corrected, level)
     better = told & (signed[None, :] > signed[:, None])
     worse = told & (signed[None, :] < signed[:, None])
     return np.stack([1 + better.sum(axis=1), len(signed) - worse.sum(axis=1)], axis=1)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals, bootstrap, few_units
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
-from airzoo_bench.statistics.shares import average_limits, difference_limits
+from airzoo_bench.statistics.share_differences import difference_limits
+from airzoo_bench.statistics.shares import average_limits
 
 __all__ = ["sample_intervals"]
 

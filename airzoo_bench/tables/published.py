@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -17,6 +18,7 @@ from pydantic import Field
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.validation import Name, Strict, nearest, read_toml, validated
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.tables.printed.cells import PrintedValue
 from airzoo_bench.tables.printed.table import read_published
 
@@ -62,6 +64,9 @@ class PublishedTable:
     values : mapping of str to mapping of str to mapping of str to float
         By method, scene title (empty for the average over scenes) and score, in percent, metres
         or degrees.
+    halves : mapping of (method, scene title, score) to float
+        Half the last digit of each, in the same unit: a printed number stands for all that it is
+        the rounding of.
     """
 
     source: str
@@ -69,6 +74,7 @@ class PublishedTable:
     benchmark: str
     track: str
     values: Mapping[str, Mapping[str, Mapping[str, float]]]
+    halves: Mapping[tuple[str, str, str], float]
 
     @property
     def has_scenes(self) -> bool:
@@ -98,9 +104,14 @@ def published_tables(benchmark: str, track: str) -> list[PublishedTable]:
     return [t for t in tables if (t.benchmark, t.track) == (benchmark, track)]
 
 
+@cache
+def _shipped() -> list[Protocol]:
+    return [load_protocol(path) for path in shipped_protocols().values()]
+
+
 def shipped_fingerprints(benchmark: str, track: str) -> set[str]:
     """Return the fingerprints of the shipped protocols of one benchmark and track."""
-    protocols = map(load_protocol, shipped_protocols().values())
+    protocols = _shipped()
     return {p.fingerprint for p in protocols if (p.benchmark, p.track) == (benchmark, track)}
 
 
@@ -133,6 +144,7 @@ def read_source(path: Path) -> list[PublishedTable]:
     source = read_source_file(path)
     place = path.with_name(source.data)
     found: dict[tuple[str, str, str], dict[str, dict[str, dict[str, float]]]] = {}
+    halves: dict[tuple[str, str, str], dict[tuple[str, str, str], float]] = {}
     for cell in read_published(place).cells:
         where = f"{place}, line {cell.line}, column"
         benchmark = _known(source.benchmarks, cell.benchmark, "benchmark", where)
@@ -147,16 +159,18 @@ def read_source(path: Path) -> list[PublishedTable]:
                 where=f"{place}, line {cell.line}",
                 expected="one average a table, and one number for each score of the TOML file",
             )
-        values[key] = _value(cell)
+        values[key] = float(cell.number.value * _factor(cell))
+        half = float(cell.number.half * _factor(cell))
+        halves.setdefault((cell.table, benchmark, cell.track), {})[cell.method, scene, key] = half
     return [
-        PublishedTable(source.name, label, benchmark, track, values)
-        for (label, benchmark, track), values in found.items()
+        PublishedTable(source.name, *place, values, halves[place])
+        for place, values in found.items()
     ]
 
 
-def _value(cell: PrintedValue) -> float:
-    """Return a share in percent, anything else as it is printed."""
-    return float(cell.number.value * (100 // cell.full if cell.score.is_share else 1))
+def _factor(cell: PrintedValue) -> int:
+    """Return what makes a share percent, and leaves anything else as it is printed."""
+    return 100 // cell.full if cell.score.is_share else 1
 
 
 def _known(names: Mapping[str, V], name: str, what: str, where: str) -> V:

@@ -20,7 +20,8 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.pair_tests import pair_p_values
 from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.shares import average_limits, difference_limits
+from airzoo_bench.statistics.share_differences import difference_limits
+from airzoo_bench.statistics.shares import average_limits
 from airzoo_bench.statistics.significance import PairedTest, paired_permutation, paired_tests
 
 Scenes = Sequence[tuple[int, float]]

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import datetime
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass
+from itertools import chain
 from pathlib import Path
 
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.leaderboard.answer import SealedAnswer
-from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.entries import answer_path
 from airzoo_bench.leaderboard.ci.git import Repository
-from airzoo_bench.leaderboard.ci.paths import checked_path
-from airzoo_bench.leaderboard.ci.rules import BASE, read_files
+from airzoo_bench.leaderboard.ci.rules import BASE, read_files, submitted
 from airzoo_bench.leaderboard.ci.scoring import OF_BOARD, Rules, is_sealed
 from airzoo_bench.leaderboard.known import Place, check_names, known_submissions
 from airzoo_bench.leaderboard.rescoring import Rescored, rescore
@@ -27,12 +24,10 @@ from airzoo_bench.leaderboard.runs import (
     RUN_FILE,
     Claimed,
     MadeAgain,
-    Run,
     newest_runs,
     read_run,
-    write_run,
+    write_facts,
 )
-from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, submission_text
 
 __all__ = ["record_runs", "score_merged"]
 
@@ -75,7 +70,8 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         branch = DataBranch.open(work / "data.git", remote)
         out.mkdir(parents=True, exist_ok=True)
         commit = repository.resolve(BASE) or ""
-        places = list(_places(repository, rules.board))
+        benchmarks = [one.name for one in rules.board.benchmarks]
+        places = [*chain.from_iterable(submitted(repository, name) for name in benchmarks)]
         for place in places:
             # Runs of what was withdrawn stay on the branch, and leave the board.
             branch.export(out, f"runs/{place.benchmark}/{place.track}/{place.folder}")
@@ -90,15 +86,6 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
                 if isinstance(fault, OF_BOARD):
                     raise
                 yield Scored(place, None, fault)
-
-
-def _places(repository: Repository, board: Board) -> Iterator[Place]:
-    for benchmark in board.benchmarks:
-        for track in repository.folders(BASE, f"submissions/{benchmark.name}"):
-            for folder in repository.folders(BASE, checked_path(track)):
-                parts = checked_path(folder).split("/")
-                if repository.resolve(f"{BASE}:{checked_path(folder)}/{SUBMISSION_FILE}"):
-                    yield Place(*parts[1:])
 
 
 def _table(root: Path, place: Place) -> Path:
@@ -135,20 +122,8 @@ class _New:
         else:
             found = self._rescored(checked, run)
         assert checked.submission is not None  # what has no errors was read
-        stated = submission_text(checked.submission.public())
-        (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
-        now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
-        write_run(
-            run / RUN_FILE,
-            Run(
-                scored=now,
-                commit=self.commit,
-                tree=self.tree,
-                version=__version__,
-                claimed=_claimed(found),
-                made_again=_made_again(found),
-            ),
-        )
+        facts = _claimed(found), _made_again(found)
+        write_facts(run, checked.submission, self.commit, self.tree, *facts)
         return run
 
     def _checked(self, out: Path) -> CheckedSubmission:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,15 @@ from airzoo_bench.leaderboard.ci.paths import check_entries, checked_path, shown
 from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
-__all__ = ["BASE", "HEAD", "Touched", "fetch_pull_request", "read_files", "touched"]
+__all__ = [
+    "BASE",
+    "HEAD",
+    "Touched",
+    "fetch_pull_request",
+    "read_files",
+    "submitted",
+    "touched",
+]
 
 HEAD, BASE = "refs/heads/head", "refs/heads/base"
 
@@ -43,6 +51,15 @@ class Touched:
     place: Place
     tree: str
     base: str
+
+
+def submitted(repository: Repository, benchmark: str) -> Iterator[Place]:
+    """Yield the submissions to a benchmark that stand on the board's branch."""
+    for track in repository.folders(BASE, f"submissions/{benchmark}"):
+        for folder in repository.folders(BASE, checked_path(track)):
+            parts = checked_path(folder).split("/")
+            if repository.resolve(f"{BASE}:{checked_path(folder)}/{SUBMISSION_FILE}"):
+                yield Place(*parts[1:])
 
 
 def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:

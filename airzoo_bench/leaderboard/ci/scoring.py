@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import BenchmarkError, ProtocolError, UserError
+from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.artifact import Artifact, problem_of
@@ -16,14 +17,23 @@ from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.event import PullRequest
 from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.ci.ledger import Line, owner
-from airzoo_bench.leaderboard.ci.rules import BASE, Touched, fetch_pull_request, read_files, touched
+from airzoo_bench.leaderboard.ci.rules import (
+    BASE,
+    Touched,
+    fetch_pull_request,
+    read_files,
+    submitted,
+    touched,
+)
 from airzoo_bench.leaderboard.ci.standing import standing_of
-from airzoo_bench.leaderboard.known import Known, Place, known_submissions, shown_beside
+from airzoo_bench.leaderboard.known import Known, Place, known_submissions
 from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.leaderboard.rescoring import rescore
+from airzoo_bench.leaderboard.runs import newest_runs, write_facts
 from airzoo_bench.leaderboard.submission import Submission
 
 if TYPE_CHECKING:
+    from airzoo_bench.evaluation.evaluate import Evaluation
     from airzoo_bench.evaluation.parts import Resources
 
 __all__ = ["OF_BOARD", "Rules", "is_sealed", "score_pull_request"]
@@ -135,7 +145,7 @@ class _Submitted:
         if is_sealed(board, place):
             _keep_fetched(checked, self.rules, self.work)
             return _artifact(self.pull, "sealed", **more)
-        return self._scored(checked, shown_beside(given, place, known), more)
+        return self._scored(checked, more)
 
     def _strange_team(self, given: Submission, known: Sequence[Known]) -> Iterator[str]:
         """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
@@ -165,9 +175,7 @@ class _Submitted:
             fix="leave supersedes out",
         )]  # fmt: skip
 
-    def _scored(
-        self, checked: CheckedSubmission, beside: set[str], more: dict[str, Any]
-    ) -> Artifact:
+    def _scored(self, checked: CheckedSubmission, more: dict[str, Any]) -> Artifact:
         rescored = rescore(checked, data=self.rules.data, resources=self.rules.resources)
         claimed = {
             "claimed": tuple(_without(line, self.work) for line in rescored.lines),
@@ -175,13 +183,26 @@ class _Submitted:
         }
         if rescored.errors:
             return _refused(self.pull, self.found, rescored.errors, self.work, **(more | claimed))
-        place = self.found.place
-        placed = standing_of(rescored.evaluation, place, self.branch, self.work, beside)
+        placed = self._placed(checked, rescored.evaluation)
         result = rescored.evaluation.result
         return _artifact(
             self.pull, "scored", **more, **claimed, **placed,
             columns=result.columns, notes=result.notes, truth=result.truth.fingerprint,
         )  # fmt: skip
+
+    def _placed(self, checked: CheckedSubmission, evaluation: Evaluation) -> dict[str, Any]:
+        """Place it among the runs of what stands on the board, as the board would after a merge."""
+        assert checked.submission is not None  # what has no errors was read
+        home, place = self.work / "board", self.found.place
+        for one in {place, *submitted(self.repository, place.benchmark)}:
+            if one.track == place.track:
+                self.branch.export(home, f"runs/{one.benchmark}/{one.track}/{one.folder}")
+        folder = home / "runs" / place.benchmark / place.track / place.folder
+        last = newest_runs(folder.parent).get(place.folder)
+        run = folder / ("1" if last is None else str(int(last.name) + 1))
+        save(evaluation, run)
+        write_facts(run, checked.submission, self.pull.head, self.found.tree)
+        return standing_of(place, home / "runs", self.work / "cache")
 
 
 def is_sealed(board: Board, place: Place) -> bool:

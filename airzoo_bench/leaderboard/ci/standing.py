@@ -1,125 +1,118 @@
-"""Where a method stands on the board: its table, its range of ranks, its last version."""
+"""Where a method stands on the board: what the board says of it, before the board is built."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from airzoo_bench.core.errors import ResultError, UserError
-from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.leaderboard.ci.artifact import SceneScores, Shown, Standing
-from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.git import BoardError
 from airzoo_bench.leaderboard.known import Place
-from airzoo_bench.leaderboard.runs import newest_runs
-from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, read_public_submission
-from airzoo_bench.results.best import value_of
-from airzoo_bench.results.comparable import check_comparable, check_same_queries
-from airzoo_bench.results.records import Scored, read_scored
-from airzoo_bench.results.result import ScoreColumn, read_result
-from airzoo_bench.results.sampling import make_sample, score_intervals
-from airzoo_bench.statistics.pair_tests import pair_p_values, resamples_for
-from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
-from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.leaderboard.site.entries import Entry, Faults, read_entries
+from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
+from airzoo_bench.leaderboard.site.measuring import measure_all
+from airzoo_bench.leaderboard.site.ranking import check_alike, headline_first, rank
+from airzoo_bench.leaderboard.site.rows import Scored
 
 __all__ = ["standing_of"]
 
-_RESAMPLING = ResamplingConfig(resamples=2000)
 
-
-def standing_of(
-    evaluation: Evaluation, place: Place, branch: DataBranch, work: Path, beside: Collection[str]
-) -> dict[str, Any]:
+def standing_of(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
     """Return the rows and the standing of a method, as an artifact has them.
 
     Parameters
     ----------
-    evaluation : Evaluation
     place : Place
         The submission's.
-    branch : DataBranch
-        With the runs of the others.
-    work : Path
-        A folder to read these from.
-    beside : collection of str
-        Folders of the submissions that the board shows beside this one; the branch also keeps runs
-        of what was withdrawn or superseded.
+    runs : Path
+        With its run, and the runs of all that it shares a table with.
+    cache : Path
+        A folder for what is computed of each; made where it is missing.
+
+    Raises
+    ------
+    BoardError
+        A run cannot stand on the board.
     """
-    table = f"runs/{place.benchmark}/{place.track}"
-    branch.export(work, table)
-    runs = newest_runs(work / table)
-    own = Scored(evaluation.result.predictions.method, evaluation.result, evaluation.records)
-    columns = [column for column in own.result.columns if column.headline]
-    last = runs.pop(place.folder, None)
-    before = None if last is None else _comparable(own, last)
-    shown = [run for folder, run in runs.items() if folder in beside]
-    others = [found for run in shown if (found := _comparable(own, run)) is not None]
+    cache.mkdir(parents=True, exist_ok=True)
+    try:
+        shown, versions = _read(place, runs)
+        found = _measured([*shown, *versions], cache)
+        measured, *older = [found[one.digest][0] for one in versions]
+        methods = [
+            Scored(entry.name, entry, *found[entry.digest])
+            for entry in shown
+            if found[entry.digest][0].measures == measured.measures
+        ]
+        check_alike(methods)
+    except UserError as error:
+        raise BoardError(f"a run of the board cannot be read: {error}") from error
+    before = older[0] if older and older[0].measures == measured.measures else None
     return {
-        "rows": tuple(_rows(own, columns, before)),
-        "standing": _standing(own, others, columns[0]),
+        "rows": tuple(_rows(measured, before)),
+        "standing": _standing(methods, place.folder, cache),
     }
 
 
-def _comparable(own: Scored, run: Path) -> Scored | None:
-    """Return a run that measures the same, under the method's name on the board."""
-    if not (run / "result.json").is_file():
-        return None
-    try:
-        result = read_result(run / "result.json")
-        name = read_public_submission(run / SUBMISSION_FILE).method
-    except UserError as error:
-        raise BoardError(f"a run of the board cannot be read: {error}") from error
-    try:
-        check_comparable([own.name, name], [own.result, result])
-        [found] = read_scored([run])
-        other = Scored(name, found.result, found.records)
-        check_same_queries([own, other])
-    except ResultError:  # of another version of the protocol or the truth
-        return None
-    return other
+def _read(place: Place, runs: Path) -> tuple[list[Entry], list[Entry]]:
+    """Return what the board shows, in its order; and the newest two versions of the method."""
+    faults = Faults()
+    shown = sorted(read_entries(runs, faults), key=lambda entry: (entry.name, entry.digest))
+    faults.refuse()
+    for entry in shown:
+        versions = [entry, *entry.older]
+        names = [one.name for one in versions]
+        if place.folder in names:
+            return shown, versions[names.index(place.folder) :][:2]
+    raise BoardError(f"no run of {place.path}")
 
 
-def _rows(own: Scored, columns: Sequence[ScoreColumn], before: Scored | None) -> list[SceneScores]:
-    found = score_intervals(own, columns, _RESAMPLING)
-    result, rows = own.result, []
-    for scene in (*result.scenes, None):
-        intervals = found.overall if scene is None else found.groups.get(scene, [])
-        spans = dict(zip([c.key for c in columns], intervals, strict=bool(intervals)))
-        numbers = [result.counts[one]["queries"] for one in result.scenes if scene in (None, one)]
+def _measured(entries: Sequence[Entry], cache: Path) -> dict[str, tuple[Measured, Path]]:
+    found = {}
+    for entry, one in zip(entries, measure_all(entries, cache), strict=True):
+        if isinstance(one, UserError):
+            raise one
+        found[entry.digest] = one
+    return found
+
+
+def _rows(measured: Measured, before: Measured | None) -> Iterator[SceneScores]:
+    columns = [column for column in measured.score_columns if column.headline]
+    every = ("average", sum(queries for *_, queries in measured.scenes))
+    parts = {scene: (title, queries) for scene, title, queries in measured.scenes}
+    for scene, (title, queries) in (parts | {OVERALL: every}).items():
         scores = {}
         for column in columns:
-            span = spans.get(column.key)
+            low, high = measured.limits[scene].get(column.key, (None, None))
+            last = None if before is None else before.values[scene].get(column.key)
             scores[column.key] = Shown(
-                value=_finite(value_of(own, column, scene)),
-                low=None if span is None else _finite(span.low),
-                high=None if span is None else _finite(span.high),
-                before=None if before is None else _finite(value_of(before, column, scene)),
+                value=_finite(measured.values[scene][column.key]),
+                low=_finite(low),
+                high=_finite(high),
+                before=_finite(last),
             )
-        title = "average" if scene is None else result.truth.scene_titles[scene]
-        rows.append(SceneScores(title=title, queries=sum(numbers), scores=scores))
-    return rows
+        yield SceneScores(title=title, queries=queries, scores=scores)
 
 
-def _standing(own: Scored, others: Sequence[Scored], column: ScoreColumn) -> Standing:
-    """Rank the method among the others as the board does, from the same draws."""
-    methods = [own, *others]
-    resampling = ResamplingConfig(resamples_for(len(methods)))
-    corrected = correct_pairs(pair_p_values(make_sample(methods, [column]), resampling))
-    values = np.array([value_of(method, column) for method in methods])
-    ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
-    told = corrected[0, 1:] <= LEVEL
-    alike = [method.name for method, apart in zip(others, told, strict=True) if not apart]
+def _standing(methods: Sequence[Scored], folder: str, cache: Path) -> Standing | None:
+    """Rank a method as the board does; not one that another submission supersedes."""
+    ids = [one.id for one in methods]
+    if folder not in ids:
+        return None
+    own = ids.index(folder)
+    column = headline_first(methods)[0]
+    ranked = rank(methods, column, cache)
+    first, last = ranked.ranges[own].tolist()
+    others = [n for n in range(len(methods)) if n != own and not ranked.apart[own, n]]
     return Standing(
         score=column.title,
-        first=int(ranges[0, 0]),
-        last=int(ranges[0, 1]),
+        first=first,
+        last=last,
         methods=len(methods),
-        alike=tuple(sorted(alike)),
+        alike=tuple(sorted(methods[n].method for n in others)),
     )
 
 

@@ -77,8 +77,8 @@ def _read(text: str) -> Phase:
     try:
         if len(days) not in (1, 2):
             raise ValueError(f"{len(days) + 1} parts, not two or three")
-        start = datetime.date.fromisoformat(days[0])
-        end = datetime.date.fromisoformat(days[1]) if len(days) == 2 else None
+        start, *ends = map(datetime.date.fromisoformat, days)
+        end = ends[0] if ends else None
         if not name or len(name) > _NAME_LENGTH or not name.isprintable():
             raise ValueError(f"its name has 1 to {_NAME_LENGTH} letters that are shown")
         if end is not None and end <= start:

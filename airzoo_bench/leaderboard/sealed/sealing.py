@@ -18,7 +18,12 @@ from airzoo_bench.benchmark.manifest import SealedTruth, write_benchmark_file
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.files import atomic_entries, check_new_folder, check_output_file, sha256_of
+from airzoo_bench.core.files import (
+    atomic_entries,
+    check_output_file,
+    sha256_of,
+)
+from airzoo_bench.core.places import check_new_folder
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.given import read_truths

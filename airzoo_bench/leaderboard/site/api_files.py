@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,28 +18,24 @@ from airzoo_bench.leaderboard.site.api import (
     BoardIndex,
     MethodFile,
     Reproduction,
-    Score,
     TableLink,
-    Version,
 )
-from airzoo_bench.leaderboard.site.downloads import News, atom_feed, bibtex
+from airzoo_bench.leaderboard.site.downloads import atom_feed, bibtex
 from airzoo_bench.leaderboard.site.entries import Entry
+from airzoo_bench.leaderboard.site.history import news, versions
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
 from airzoo_bench.leaderboard.site.reported import Reported, read_reported
 from airzoo_bench.leaderboard.site.reproductions import Link, find_reproductions
-from airzoo_bench.leaderboard.site.rows import Scored, scores_of
+from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.leaderboard.site.tables import About, Made, make_table, table_id
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.tables.method_table import as_shown
-from airzoo_bench.tables.model import show_number
 
 __all__ = ["API_FOLDER", "MARK", "ApiFiles", "Given"]
 
 API_FOLDER = "api/v1/"
 MARK = f"{API_FOLDER}board.json"
-_UNITS = {"share": "points", "m": "m", "deg": "deg"}
 
 
 @dataclass(frozen=True)
@@ -89,11 +85,11 @@ class ApiFiles:
     def protocols(self) -> dict[str, Protocol]:
         """The protocols that the board is of, and those of its results that are known here."""
         files = protocol_files(self.given.data)
+        known = {name: load_protocol(path) for name, path in files.items()}
         board = self.given.board
         wanted = [] if board is None else [p for b in board.benchmarks for p in b.protocols]
         if board is None:
             printed = {(table.benchmark, table.track) for table in self.reported.tables}
-            known = {name: load_protocol(path) for name, path in files.items()}
             wanted = [n for n, p in known.items() if (p.benchmark, p.track) in printed]
         missing = [name for name in wanted if name not in files]
         if missing:
@@ -103,11 +99,7 @@ class ApiFiles:
                 fix="name the folder of prepared benchmarks by --data",
             )
         used = {scored.measured.protocol for scored, _ in self.methods}
-        return {
-            name: load_protocol(path)
-            for name, path in files.items()
-            if name in wanted or name in used
-        }
+        return {name: one for name, one in known.items() if name in wanted or name in used}
 
     @cached_property
     def groups(self) -> dict[tuple[Any, ...], list[Scored]]:
@@ -220,7 +212,7 @@ class ApiFiles:
             base = f"{API_FOLDER}tables/{one.table.id}"
             found[f"{base}/table.json"] = one.table
             found |= one.files
-            own = find_reproductions(one.table, one.scenes, self._links(one))
+            own = self._reproductions(one)
             every += own
             for row in one.table.rows:
                 if row.kind != "floor":
@@ -230,38 +222,25 @@ class ApiFiles:
                         one.table.id,
                         row,
                         {s: part for s, part in one.scenes[row.id].items() if s != OVERALL},
-                        () if pair is None else tuple(self._history(*pair)),
+                        () if pair is None else tuple(versions(*pair, self.ids)),
                         bibtex(row, None if pair is None else pair[0].entry.submission, self.title),
                         tuple(r for r in own if r.row == row.id),
                     )
         found[f"{API_FOLDER}reproductions.json"] = {"api": API, "reproductions": every}
         return {MARK: self._board(), **found}
 
-    def _links(self, made: Made) -> Sequence[Link]:
-        return self.given.links if made.table.current else ()
+    def _reproductions(self, made: Made) -> list[Reproduction]:
+        table = made.table
+        links = self.given.links if table.current else ()
+        titles = {scene.id: scene.title for scene in table.scenes}
+        units = {score.key: score.unit for score in table.scores}
+        halves = self.reported.halves(table.benchmark, table.track, units, titles)
+        return find_reproductions(table, made.scenes, links, halves)
 
     @property
     def title(self) -> str:
         """The board's title."""
         return "Leaderboard" if self.given.board is None else self.given.board.title
-
-    def _history(self, scored: Scored, older: list[tuple[Entry, Measured]]) -> Iterator[Version]:
-        versions = [(scored.entry, scored.measured), *older]
-        for place, (entry, measured) in enumerate(versions):
-            before = versions[place + 1][1] if place + 1 < len(versions) else None
-            given = entry.submission
-            yield Version(
-                entry.number,
-                entry.name or scored.id,
-                measured.method if given is None else given.method,
-                None if given is None else given.date.isoformat(),
-                entry.scored,
-                measured.made_with,
-                self.ids.get(measured.measures, ""),
-                scores_of(measured.score_columns, measured)[OVERALL],
-                "" if before is None else _changes(measured, before),
-                entry.place,
-            )
 
     def _board(self) -> BoardIndex:
         order = [] if self.given.board is None else [b.name for b in self.given.board.benchmarks]
@@ -308,41 +287,7 @@ class ApiFiles:
     @property
     def feed(self) -> bytes:
         """The newest versions, as Atom."""
-        news = [
-            News(
-                entry.place,
-                entry.scored or "",
-                entry.submission.method,
-                entry.submission.team,
-                self.ids[scored.measured.measures],
-                _sentence(measured),
-                f"tables/{self.ids[scored.measured.measures]}/methods/{scored.id}.html",
-            )
-            for scored, older in self.methods
-            for entry, measured in ((scored.entry, scored.measured), *older)
-            if entry.submission is not None
-        ]
         board = self.given.board
-        return atom_feed(self.title, None if board is None else board.url, news)
-
-
-def _changes(new: Measured, old: Measured) -> str:
-    if new.measures != old.measures:
-        return "the version before was measured with another protocol or truth"
-    said = []
-    for column in new.score_columns:
-        pair = [one.values[OVERALL].get(column.key) for one in (new, old)]
-        now, before = (None if value is None else as_shown(column, value) for value in pair)
-        if column.headline and now is not None and before is not None and now != before:
-            said.append(f"{column.title} {show_number(now - before, 2, '+')} {_UNITS[column.unit]}")
-    return ", ".join(said) or "the same scores"
-
-
-def _sentence(measured: Measured) -> str:
-    scores: Mapping[str, Score] = scores_of(measured.score_columns, measured)[OVERALL]
-    shown = [c for c in measured.score_columns if c.headline and c.key in scores]
-    return "; ".join(
-        f"{c.title} {scores[c.key].text}"
-        + (f" ({scores[c.key].interval})" if scores[c.key].interval else "")
-        for c in shown
-    )
+        return atom_feed(
+            self.title, None if board is None else board.url, news(self.methods, self.ids)
+        )

@@ -6,13 +6,17 @@ does again what it cannot find there, and gives the same bytes with and without 
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.files import atomic_folder, check_new_folder
+from airzoo_bench.core.files import (
+    atomic_folder,
+)
+from airzoo_bench.core.places import check_new_folder
 from airzoo_bench.core.temporaries import clear_abandoned, only_writer
 from airzoo_bench.leaderboard.site.api import as_json
 from airzoo_bench.leaderboard.site.api_files import API_FOLDER, MARK, ApiFiles, Given
@@ -24,7 +28,9 @@ from airzoo_bench.leaderboard.site.entries import (
     result_entries,
     waiting,
 )
-from airzoo_bench.leaderboard.site.measured import Measured, measure_all
+from airzoo_bench.leaderboard.site.kept_pages import KeptPages
+from airzoo_bench.leaderboard.site.measured import Measured
+from airzoo_bench.leaderboard.site.measuring import measure_all
 from airzoo_bench.leaderboard.site.pages import render_pages
 from airzoo_bench.leaderboard.site.rows import Scored, slugs
 
@@ -75,15 +81,18 @@ def _site(
     given: Given, cache: Path, jobs: int, note: Callable[[str], None]
 ) -> Iterator[tuple[str, bytes]]:
     made = ApiFiles(given, _methods(given, cache, jobs, note), cache)
-    values = as_json(made.files)
-    for path, value in values.items():
-        yield path, (json.dumps(value, ensure_ascii=False, separators=(",", ":")) + "\n").encode()
+    values, digests = {}, {}
+    for path, value in as_json(made.files).items():
+        text = json.dumps(value, ensure_ascii=False, separators=(",", ":")) + "\n"
+        below = path.removeprefix(API_FOLDER)
+        values[below], digests[below] = value, hashlib.sha256(text.encode()).hexdigest()
+        yield path, text.encode()
     yield "feed.xml", made.feed
     for one in made.tables:
         yield from downloads(one.table).items()
-    yield from render_pages(
-        {p.removeprefix(API_FOLDER): value for p, value in values.items()}
-    ).items()
+    kept = KeptPages(cache / "pages.zip", digests)
+    yield from render_pages(values, kept).items()
+    kept.save()
 
 
 def _methods(

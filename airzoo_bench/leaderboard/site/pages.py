@@ -24,18 +24,22 @@ from airzoo_bench.leaderboard.site.strangers import host_of, plain_name, safe_ur
 if TYPE_CHECKING:
     from jinja2 import Environment
 
+    from airzoo_bench.leaderboard.site.kept_pages import KeptPages
+
 __all__ = ["render_pages"]
 
 _TABLE_SCRIPTS = ("sort.js", "filter.js", "choose.js")
 
 
-def render_pages(files: Mapping[str, Any]) -> dict[str, bytes]:
+def render_pages(files: Mapping[str, Any], kept: KeptPages | None = None) -> dict[str, bytes]:
     """Render the board.
 
     Parameters
     ----------
     files : mapping of str to Any
         The values of the JSON files by their paths below ``api/v1/``.
+    kept : KeptPages, optional
+        With the digests of these files: pages whose files did not change are not made again.
 
     Returns
     -------
@@ -47,13 +51,13 @@ def render_pages(files: Mapping[str, Any]) -> dict[str, bytes]:
     UsageError
         Jinja is not installed.
     """
-    pages = _Pages(files)
-    return {path: text.encode() for path, text in pages.all()}
+    return dict(_Pages(files, kept).all())
 
 
 class _Pages:
-    def __init__(self, files: Mapping[str, Any]) -> None:
+    def __init__(self, files: Mapping[str, Any], kept: KeptPages | None) -> None:
         self._files = files
+        self._kept = kept
         self._board = files["board.json"]
         self._env = _environment()
         self._tables = {
@@ -62,12 +66,24 @@ class _Pages:
             for link in benchmark["tables"]
         }
 
-    def all(self) -> Iterator[tuple[str, str]]:
-        """Yield each page's path and text."""
-        yield from self._front()
+    def all(self) -> Iterator[tuple[str, bytes]]:
+        """Yield each page's path and bytes."""
+        yield from _encoded(self._front())
         for table in self._tables.values():
-            yield from self._of_table(table)
+            own = f"tables/{plain_name(table['id'])}/"
+            paths = [p for p in self._files if p.startswith(own) and "/methods/" not in p]
+            yield from self._unless_kept(self._of_table(table), paths)
             yield from self._of_methods(table)
+
+    def _unless_kept(
+        self, pages: Iterator[tuple[str, str]], paths: Sequence[str], *more: object
+    ) -> Iterator[tuple[str, bytes]]:
+        """Yield pages that are made from files of these paths, the board's name, and what else."""
+        if self._kept is None:
+            return _encoded(pages)
+        board = [self._board[key] for key in ("title", "made_with", "repository")]
+        digests = [self._kept.digests[path] for path in paths]
+        return self._kept.pages([paths, digests, board, *more], lambda: _encoded(pages))
 
     def _front(self) -> Iterator[tuple[str, str]]:
         title = shown(self._board["title"])
@@ -113,24 +129,35 @@ class _Pages:
                 about=_about_pairs(table, self._files),
             )
 
-    def _of_methods(self, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        folder = f"tables/{table['id']}"
+    def _of_methods(self, table: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
         paired = {name for _, p in pair_files(table, self._files) for name in p["ids"]}
+        head = {key: value for key, value in table.items() if key != "rows"}
         for row in table["rows"]:
-            name = plain_name(row["id"])
-            found = self._files.get(f"{folder}/methods/{name}.json")
-            view: MethodView = method_view(table, row, found, self._board["repository"])
-            yield self._page(
-                f"{folder}/methods/{name}.html",
-                "method.html",
-                f"{view.name} · {shown(table['title'])} · {shown(self._board['title'])}",
-                scripts=("copy.js",) if view.bibtex else (),
-                table=table,
-                id=name,
-                comparable=name in paired,
-                view=view,
-                chart=history_picture(view.points) if len(view.points) > 1 else "",
-            )
+            comparable = plain_name(row["id"]) in paired
+            page = self._of_method(table, row, comparable=comparable)
+            yield from self._unless_kept(page, [], head, row, self._own(table, row), comparable)
+
+    def _own(self, table: Mapping[str, Any], row: Mapping[str, Any]) -> str | None:
+        path = f"tables/{table['id']}/methods/{plain_name(row['id'])}.json"
+        return self._kept.digests.get(path) if self._kept else None
+
+    def _of_method(
+        self, table: Mapping[str, Any], row: Mapping[str, Any], *, comparable: bool
+    ) -> Iterator[tuple[str, str]]:
+        folder, name = f"tables/{table['id']}", plain_name(row["id"])
+        found = self._files.get(f"{folder}/methods/{name}.json")
+        view: MethodView = method_view(table, row, found, self._board["repository"])
+        yield self._page(
+            f"{folder}/methods/{name}.html",
+            "method.html",
+            f"{view.name} · {shown(table['title'])} · {shown(self._board['title'])}",
+            scripts=("copy.js",) if view.bibtex else (),
+            table=table,
+            id=name,
+            comparable=comparable,
+            view=view,
+            chart=history_picture(view.points) if len(view.points) > 1 else "",
+        )
 
     def _page(
         self,
@@ -160,6 +187,10 @@ class _Pages:
             **values,
         )
         return path, text
+
+
+def _encoded(pages: Iterator[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
+    return ((path, text.encode()) for path, text in pages)
 
 
 def _about_pairs(table: Mapping[str, Any], files: Mapping[str, Any]) -> str:

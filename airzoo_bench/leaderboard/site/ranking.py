@@ -7,26 +7,34 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.site.api import API, Pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
+from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.pair_intervals import pair_limits
 from airzoo_bench.statistics.pair_tests import (
     pair_draws,
     pair_p_values,
     resamples_for,
-    wanted_pairs,
 )
-from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
+from airzoo_bench.statistics.pairs import wanted_pairs
+from airzoo_bench.statistics.rank_ranges import (
+    correct_pairs,
+    rank_ranges,
+    told_apart,
+    unpaired_p_values,
+)
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
-__all__ = ["Ranked", "rank", "rank_sealed"]
+__all__ = ["Ranked", "check_alike", "headline_first", "rank", "rank_sealed"]
 
 
 @dataclass(frozen=True)
@@ -36,18 +44,66 @@ class Ranked:
     Attributes
     ----------
     ranges : (V, 2) int64
+    apart : (V, V) bool
+        Which two methods are significantly different.
     pairs : Pairs or None
         None of a sealed table, and of one method.
     """
 
     ranges: NDArray[np.int64]
+    apart: NDArray[np.bool_]
     pairs: Pairs | None
 
 
+def check_alike(methods: Sequence[Scored]) -> None:
+    """Refuse methods of one table that do not measure the same.
+
+    Raises
+    ------
+    ResultError
+        They are not on the same queries, or mean different things by one score.
+    """
+    known: dict[str, tuple[str, dict[str, Any]]] = {}
+    for one in methods:
+        if one.measured.queries != methods[0].measured.queries:
+            raise ResultError(
+                f"{methods[0].method} and {one.method} are not on the same queries",
+                where=one.entry.file,
+                fix="score the predictions again with the same benchmark folder",
+            )
+        for column in one.measured.columns:
+            given = {key: value for key, value in column.items() if key != "headline"}
+            whose, first = known.setdefault(column["key"], (one.method, given))
+            if first != given:
+                raise ResultError(
+                    f"{whose} and {one.method} mean different things by the score {column['key']}",
+                    where=one.entry.file,
+                    fix="score all predictions again with the same version",
+                )
+
+
+def headline_first(
+    methods: Sequence[Scored], otherwise: Sequence[ScoreColumn] = ()
+) -> list[ScoreColumn]:
+    """Return the scores that any method has, the headline ones that all have first.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        In the order of the table's ids.
+    otherwise : sequence of ScoreColumn
+        The columns of a table without methods.
+    """
+    found = {c.key: c for one in methods for c in one.measured.score_columns}
+    columns = list(found.values()) or list(otherwise)
+    of_all = [{c.key for c in one.measured.score_columns if c.headline} for one in methods]
+    headline = set.intersection(*of_all) if of_all else {c.key for c in columns if c.headline}
+    marked = [c.model_copy(update={"headline": c.key in headline}) for c in columns]
+    return sorted(marked, key=lambda column: not column.headline)
+
+
 def rank(
-    ids: Sequence[str],
-    measured: Sequence[Measured],
-    arrays: Sequence[Path],
+    methods: Sequence[Scored],
     column: ScoreColumn,
     cache: Path,
 ) -> Ranked:
@@ -55,24 +111,23 @@ def rank(
 
     Parameters
     ----------
-    ids : sequence of str
-        Of the rows, for the file of pairs.
-    measured : sequence of Measured
-        Of one protocol and truth.
-    arrays : sequence of Path
-        Of each, from `measure_all`.
+    methods : sequence of Scored
+        Of one protocol and truth, see `check_alike`.
     column : ScoreColumn
     cache : Path
         Keeps each method's draws.
     """
+    ids, measured = [one.id for one in methods], [one.measured for one in methods]
+    arrays = [one.array for one in methods]
     resampling = ResamplingConfig(resamples_for(len(ids)))
     sample = sample_of(measured, arrays, column)
     p_values, *limits = _tested(sample, arrays, column.key, resampling, cache)
     corrected = correct_pairs(p_values)
     values = np.array([one.values[OVERALL][column.key] for one in measured])
     ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
+    apart = told_apart(values, corrected)
     if len(ids) < 2:
-        return Ranked(ranges, None)
+        return Ranked(ranges, apart, None)
     upper = np.triu_indices(len(ids), 1)
     pairs = Pairs(
         API,
@@ -87,7 +142,7 @@ def rank(
         resampling.resamples,
         _about(sample, resampling),
     )
-    return Ranked(ranges, pairs)
+    return Ranked(ranges, apart, pairs)
 
 
 def _tested(
@@ -186,4 +241,4 @@ def rank_sealed(measured: Sequence[Measured], column: ScoreColumn) -> Ranked:
     errors = np.array([one.errors[OVERALL].get(column.key, np.nan) for one in measured])
     corrected = correct_pairs(unpaired_p_values(values, errors))
     ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
-    return Ranked(ranges, None)
+    return Ranked(ranges, told_apart(values, corrected), None)

@@ -61,6 +61,25 @@ class Reported:
                 rows.setdefault(row.method, row)
         return [row for row in rows.values() if row.values], list(made.notes)
 
+    def halves(
+        self, benchmark: str, track: str, units: Mapping[str, str], scenes: Mapping[str, str]
+    ) -> dict[tuple[str, str, str], float]:
+        """Return half the last digit of printed numbers, by method, scene and score.
+
+        In the unit of results. Of a number that several tables print, that of the coarsest.
+        """
+        ids = {title: scene for scene, title in scenes.items()} | {OVERALL: OVERALL}
+        scale = {key: 100 if unit == "share" else 1 for key, unit in units.items()}
+        found: dict[tuple[str, str, str], float] = {}
+        for table in self.tables:
+            if (table.benchmark, table.track) != (benchmark, track):
+                continue
+            for (method, title, key), half in table.halves.items():
+                if title in ids and key in scale:
+                    place = (method, ids[title], key)
+                    found[place] = max(found.get(place, 0.0), half / scale[key])
+        return found
+
     def of(
         self, benchmark: str, track: str, method: str, scenes: Mapping[str, str]
     ) -> list[Finding]:

@@ -14,7 +14,7 @@ A printed method and one of the board are the same where they have one name, or 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,6 +28,9 @@ from airzoo_bench.leaderboard.site.measured import OVERALL
 __all__ = ["REPRODUCTIONS_FILE", "Link", "find_reproductions", "read_links"]
 
 REPRODUCTIONS_FILE = "reproductions.toml"
+_ROUNDING = 1e-9
+
+Halves = Mapping[tuple[str, str, str], float]
 
 Line = Annotated[str, Field(min_length=1, max_length=120)]
 
@@ -77,6 +80,7 @@ def find_reproductions(
     table: TableFile,
     scenes: dict[str, dict[str, dict[str, Score]]],
     links: Sequence[Link],
+    halves: Halves,
 ) -> list[Reproduction]:
     """Put every printed number beside the one that was scored here.
 
@@ -87,6 +91,8 @@ def find_reproductions(
         By row, scene and score.
     links : sequence of Link
         Those of the table's protocol are used.
+    halves : mapping of (method, scene, score) to float
+        Half the last digit of printed numbers, which stand for all that they are the rounding of.
 
     Raises
     ------
@@ -106,7 +112,7 @@ def find_reproductions(
         for (name, whose), why in pairs.items()
         for mine in scored[name]
         for theirs in printed[whose]
-        for one in _of_pair(table, scenes, mine, theirs, why)
+        for one in _of_pair(table, scenes, mine, theirs, why, halves)
     ]
 
 
@@ -134,6 +140,7 @@ def _of_pair(
     own: Row,
     reported: Row,
     why: str,
+    halves: Halves,
 ) -> list[Reproduction]:
     parts = {OVERALL: (own.scores, reported.scores)} | {
         scene: (scenes.get(own.id, {}).get(scene, {}), numbers)
@@ -155,7 +162,7 @@ def _of_pair(
             mine[key].text,
             mine[key].low,
             mine[key].high,
-            _within(printed.value, mine[key]),
+            _within(printed.value, mine[key], halves.get((reported.method, scene, key), 0.0)),
             own.team,
             own.rescored,
             why,
@@ -166,7 +173,9 @@ def _of_pair(
     ]
 
 
-def _within(printed: Number, mine: Score) -> bool | None:
+def _within(printed: Number, mine: Score, half: float) -> bool | None:
+    """Tell whether anything that rounds to a printed number lies in an interval."""
     if mine.low is None or mine.high is None or printed is None:
         return None
-    return float(mine.low) <= float(printed) <= float(mine.high)
+    reach = half + _ROUNDING
+    return float(mine.low) - reach <= float(printed) <= float(mine.high) + reach

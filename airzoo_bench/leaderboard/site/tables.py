@@ -8,12 +8,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.core.errors import ResultError
 from airzoo_bench.leaderboard.site import api
 from airzoo_bench.leaderboard.site.api import API, Condition, Links, Row, Scene, TableFile
 from airzoo_bench.leaderboard.site.breakdowns import by_condition, by_scene
 from airzoo_bench.leaderboard.site.measured import OVERALL, RESAMPLING
-from airzoo_bench.leaderboard.site.ranking import Ranked, rank, rank_sealed
+from airzoo_bench.leaderboard.site.ranking import (
+    Ranked,
+    check_alike,
+    headline_first,
+    rank,
+    rank_sealed,
+)
 from airzoo_bench.leaderboard.site.reported import Reported
 from airzoo_bench.leaderboard.site.rows import (
     Scored,
@@ -95,8 +100,8 @@ def make_table(about: About, methods: Sequence[Scored], reported: Reported, cach
     ResultError
         The methods do not measure the same.
     """
-    _check(methods)
-    columns = _columns(about, methods)
+    check_alike(methods)
+    columns = headline_first(methods, about.columns)
     ranked = _ranked(columns, methods, cache)
     ranges = {key: one.ranges for key, one in ranked.items()}
     scenes = _scenes(about, methods)
@@ -168,45 +173,13 @@ def _is_sealed(methods: Sequence[Scored]) -> bool:
     return bool(methods) and methods[0].measured.sealed
 
 
-def _check(methods: Sequence[Scored]) -> None:
-    known: dict[str, tuple[str, dict[str, Any]]] = {}
-    for one in methods:
-        if one.measured.queries != methods[0].measured.queries:
-            raise ResultError(
-                f"{methods[0].method} and {one.method} are not on the same queries",
-                where=one.entry.file,
-                fix="score the predictions again with the same benchmark folder",
-            )
-        for column in one.measured.columns:
-            given = {key: value for key, value in column.items() if key != "headline"}
-            whose, first = known.setdefault(column["key"], (one.method, given))
-            if first != given:
-                raise ResultError(
-                    f"{whose} and {one.method} mean different things by the score {column['key']}",
-                    where=one.entry.file,
-                    fix="score all predictions again with the same version",
-                )
-
-
-def _columns(about: About, methods: Sequence[Scored]) -> list[ScoreColumn]:
-    """Return the scores that any method has, the headline ones that all have first."""
-    found = {c.key: c for one in methods for c in one.measured.score_columns}
-    columns = list(found.values()) or list(about.columns)
-    of_all = [{c.key for c in one.measured.score_columns if c.headline} for one in methods]
-    headline = set.intersection(*of_all) if of_all else {c.key for c in columns if c.headline}
-    marked = [c.model_copy(update={"headline": c.key in headline}) for c in columns]
-    return sorted(marked, key=lambda column: not column.headline)
-
-
 def _ranked(
     columns: Sequence[ScoreColumn], methods: Sequence[Scored], cache: Path
 ) -> dict[str, Ranked]:
-    measured = [one.measured for one in methods]
     headline = [column for column in columns if column.headline and methods]
     if _is_sealed(methods):
-        return {column.key: rank_sealed(measured, column) for column in headline}
-    ids, arrays = [one.id for one in methods], [one.array for one in methods]
-    return {c.key: rank(ids, measured, arrays, c, cache) for c in headline}
+        return {c.key: rank_sealed([one.measured for one in methods], c) for c in headline}
+    return {c.key: rank(methods, c, cache) for c in headline}
 
 
 def _scenes(about: About, methods: Sequence[Scored]) -> list[Scene]:

@@ -239,6 +239,9 @@ def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     board.merge(2, head, ADA)
     assert not list(board.rescore().rglob("run.json"))
     assert board.data_file("runs/made/retrieval/salad/1/run.json")
+    other = board.clone("bob")
+    submit(board, other, perfect, "Vinegar", "--team", "Other Lab")
+    assert "Rank **1** of 1" in board.ci(3, board.propose(other, 3), BOB)
 
 
 def test_claimed_result_that_is_not_so_is_refused_and_shown(

@@ -1,0 +1,207 @@
+"""Paired tests of means under random signs: many pairs share their sums; see `pair_tests`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.statistics.pairs import Places, Wanted, hubs, rows_of
+from airzoo_bench.statistics.resampling import unit_products
+from airzoo_bench.statistics.samples import Sample
+
+__all__ = ["SignedSums", "Tested", "codes_of", "normal_tail"]
+
+_RESOLVED = 25
+_SURE = 6.0  # standard deviations; Hoeffding: less than one of 10**7 draws is as extreme
+_SLACK = 1e-9
+_CANCELLED = 1e-3  # of two squares: what is left of their difference has few digits
+_CELLS = 1 << 22
+
+Tested = Iterator[tuple[int, Places, Floats]]
+"""A variable, those that it is paired with, and p of each."""
+
+
+@dataclass(frozen=True)
+class SignedSums:
+    """What pairs of means share.
+
+    Attributes
+    ----------
+    values : (V, N) array
+        Each unit divided by the size of its group, so that sums are sums of the groups' means.
+    codes : (V, N) array
+        Equal where two variables tie on a unit.
+    sums : (V,) array
+        Of the values as they are.
+    squares : (V, V) array
+        Products of the variables, unit by unit, summed.
+    draws : (V, B) array
+        Sums under random signs.
+    """
+
+    values: Floats
+    codes: NDArray[Any]
+    sums: Floats
+    squares: Floats
+    draws: Floats
+
+    @classmethod
+    def of(cls, sample: Sample, draws: Floats, wanted: Wanted) -> SignedSums:
+        """Take what the tests of some pairs need.
+
+        Parameters
+        ----------
+        sample : Sample
+            V variables that are averaged by the mean.
+        draws : (V, B) array
+            From `pair_draws`.
+        wanted : (V, V) bool
+            From `wanted_pairs`.
+
+        Returns
+        -------
+        SignedSums
+            Infinite values count as 0.
+        """
+        parts = [np.where(np.isinf(part), 0.0, part) for part in sample.values]
+        values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
+        squares = unit_products(values, hubs(wanted))
+        return cls(
+            values, codes_of(np.concatenate(parts, axis=1)), values.sum(axis=1), squares, draws
+        )
+
+    def tests(self, wanted: Wanted) -> Tested:
+        """Test pairs; exactly where all patterns of signs are no more than the draws.
+
+        Parameters
+        ----------
+        wanted : (V, V) bool
+            No pair has an infinite value.
+
+        Yields
+        ------
+        tuple of int, (C,) array of int and (C,) array
+            A variable, those that it is paired with, and p of each. What comes later stands.
+        """
+        resamples = self.draws.shape[1]
+        most = int(np.log2(resamples))
+        few: list[tuple[int, Places, NDArray[np.int64]]] = []
+        for one, others in rows_of(wanted):
+            spread = self._spread(one, others)
+            observed = np.abs(self.sums[others] - self.sums[one])
+            scores = np.divide(observed, spread, out=np.zeros(len(others)), where=spread > 0)
+            p_values = normal_tail(scores)
+            near = scores < _SURE
+            extreme = self._extreme(one, others[near], (observed - _SLACK * spread)[near])
+            p_values[near] = _resolved(extreme, resamples, p_values[near])
+            yield one, others, p_values
+            # Of k differences the score is at most the root of k.
+            close = others[scores**2 <= most + 1]
+            unlike = self._unlike(one, close)
+            few.append((one, close[unlike <= most], unlike[unlike <= most]))
+        yield from self._exact(few)
+
+    def _spread(self, one: int, others: Places) -> Floats:
+        """Return the standard deviation of the signed sum of differences."""
+        own, theirs = self.squares[one, one], self.squares[others, others]
+        squares = own + theirs - 2 * self.squares[one, others]
+        for place in np.flatnonzero(squares < _CANCELLED * (own + theirs)):
+            squares[place] = ((self.values[one] - self.values[others[place]]) ** 2).sum()
+        rounding = squares <= _SLACK**2 * (own + theirs)
+        return np.sqrt(np.where(rounding, 0.0, squares))
+
+    def _extreme(self, one: int, others: Places, least: Floats) -> NDArray[np.int64]:
+        counts = np.zeros(len(others), np.int64)
+        step = max(1, (_CELLS >> 5) // self.draws.shape[1])
+        for start in range(0, len(others), step):
+            some = slice(start, start + step)
+            sums = np.abs(self.draws[others[some]] - self.draws[one])
+            counts[some] = np.count_nonzero(sums >= least[some, None], axis=1)
+        return counts
+
+    def _unlike(self, one: int, others: Places) -> NDArray[np.int64]:
+        counts = np.zeros(len(others), np.int64)
+        step = max(1, (_CELLS >> 3) // self.codes.shape[1])
+        for start in range(0, len(others), step):
+            some = slice(start, start + step)
+            counts[some] = np.count_nonzero(self.codes[others[some]] != self.codes[one], axis=1)
+        return counts
+
+    def _exact(self, few: list[tuple[int, Places, NDArray[np.int64]]]) -> Tested:
+        signs = {0: np.ones((0, 1))}
+        for one, others, unlike in few:
+            for number in np.unique(unlike).tolist():
+                if number not in signs:
+                    signs[number] = _every_sign(number)
+                part = others[unlike == number]
+                yield one, part, self._every(one, part, number, signs[number])
+
+    def _every(self, one: int, others: Places, number: int, signs: Floats) -> Floats:
+        if number == 0:
+            return np.ones(len(others))
+        p_values = np.empty(len(others))
+        step = max(1, _CELLS // max(self.codes.shape[1], signs.shape[1]))
+        for start in range(0, len(others), step):
+            some = others[start : start + step]
+            _, units = np.nonzero(self.codes[some] != self.codes[one])
+            places = units.reshape(len(some), number)
+            values = self.values[some[:, None], places] - self.values[one, places]
+            sums = np.abs(values @ signs)
+            least = np.abs(values.sum(axis=1)) - _SLACK * np.abs(values).max(axis=1)
+            p_values[start : start + step] = (sums >= least[:, None]).mean(axis=1)
+        return p_values
+
+
+def _every_sign(number: int) -> Floats:
+    """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
+    digits = (np.arange(2 ** (number - 1)) >> np.arange(number)[:, None]) & 1
+    return np.asarray(1.0 - 2.0 * digits, np.float64)
+
+
+def codes_of(values: Floats) -> NDArray[Any]:
+    """Round values to 30 binary digits, those of 1 where they are smaller: what is alike, ties.
+
+    Parameters
+    ----------
+    values : array
+        May be infinite.
+
+    Returns
+    -------
+    array
+        Of the same shape.
+    """
+    if values.max(initial=0.0) <= 1.5:
+        return np.asarray(np.rint(np.ldexp(values, 30)), np.int32)
+    known = np.where(np.isinf(values), 0.0, np.abs(values))
+    sizes = np.frexp(np.maximum(1.0, known))[1]
+    return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
+
+
+def normal_tail(scores: Floats) -> Floats:
+    """Return two-sided p of normal scores, never 0.
+
+    Parameters
+    ----------
+    scores : (C,) array
+        In standard deviations, at least 0.
+
+    Returns
+    -------
+    (C,) array
+        From the smallest positive number to 1.
+    """
+    from scipy.special import ndtr
+
+    return np.asarray(np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny))
+
+
+def _resolved(extreme: NDArray[np.int64], draws: int, tail: Floats) -> Floats:
+    counted = (extreme + 1) / (draws + 1)
+    bound = (_RESOLVED + 1) / (draws + 1)
+    return np.asarray(np.where(extreme >= _RESOLVED, counted, np.minimum(tail, bound)))

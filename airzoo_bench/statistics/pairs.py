@@ -1,0 +1,75 @@
+"""Which pairs of many variables are asked for, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Places", "Wanted", "hubs", "rows_of", "wanted_pairs"]
+
+Places = NDArray[np.intp]
+"""Variables, by their numbers."""
+Wanted = NDArray[np.bool_]
+"""Which pairs are asked for (V, V), above the diagonal alone."""
+
+
+def wanted_pairs(count: int, chosen: Places | None) -> Wanted:
+    """Return which pairs have a chosen variable.
+
+    Parameters
+    ----------
+    count : int
+        Of variables.
+    chosen : (C,) array of int or None
+        None: all.
+
+    Returns
+    -------
+    (V, V) bool
+        True above the diagonal alone.
+    """
+    wanted = np.ones((count, count), np.bool_)
+    if chosen is not None:
+        wanted[:] = False
+        wanted[chosen], wanted[:, chosen] = True, True
+    return np.triu(wanted, 1)
+
+
+def rows_of(wanted: Wanted) -> Iterator[tuple[int, Places]]:
+    """Yield each variable with the higher ones that it is paired with.
+
+    Parameters
+    ----------
+    wanted : (V, V) bool
+        From `wanted_pairs`.
+
+    Yields
+    ------
+    tuple of int and (C,) array of int
+        Variables without any are left out.
+    """
+    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
+        yield one, np.flatnonzero(wanted[one])
+
+
+def hubs(wanted: Wanted) -> Places:
+    """Return variables of which every wanted pair has one: few where few were chosen.
+
+    Parameters
+    ----------
+    wanted : (V, V) bool
+        From `wanted_pairs`.
+
+    Returns
+    -------
+    (C,) array of int
+        Ascending.
+    """
+    both = wanted | wanted.T
+    count = both.sum(axis=1)
+    most = np.flatnonzero(count == count.max())
+    rest = both.copy()
+    rest[most], rest[:, most] = False, False
+    return np.flatnonzero(both.any(axis=1)) if rest.any() else most

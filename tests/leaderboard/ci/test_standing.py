@@ -1,0 +1,85 @@
+"""The comment says of a method what the board will say."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.leaderboard.ci.artifact import Standing
+from airzoo_bench.leaderboard.ci.standing import standing_of
+from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.statistics.significance import LEVEL
+from tests.leaderboard.site.support import built, method, some_runs, write_version
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a board of close and far methods: one superseded, one measured by another truth."""
+    root = tmp_path_factory.mktemp("standing")
+    some_runs(root / "runs", 6)
+    write_version(root / "runs", "old", 1, method("Old", 0.3))
+    write_version(root / "runs", "heir", 1, method("Heir", 0.31), supersedes="old")
+    write_version(root / "runs", "far", 1, method("Far", 0.9, truth="u" * 64))
+    built(root)
+    return root
+
+
+def placed(root: Path, folder: str) -> Standing | None:
+    """Return what the comment says."""
+    found = standing_of(Place("made", "retrieval", folder), root / "runs", root / "of comment")
+    standing: Standing | None = found["standing"]
+    return standing
+
+
+def test_comment_and_board_say_the_same(root: Path) -> None:
+    [table] = [
+        json.loads(path.read_text())
+        for path in (root / "site/api/v1/tables").glob("*/table.json")
+        if '"heir"' in path.read_text()
+    ]
+    key = table["scores"][0]["key"]
+    pairs = json.loads((root / "site" / table["scores"][0]["pairs"]).read_text())
+    ids, names = pairs["ids"], {row["id"]: row["method"] for row in table["rows"]}
+    p_values = np.ones((len(ids), len(ids)))
+    upper = np.triu_indices(len(ids), 1)
+    p_values[upper] = np.frombuffer(base64.b64decode(pairs["p_holm"]), "<f4")
+    alike = np.minimum(p_values, p_values.T) > LEVEL
+    assert 0 < alike[upper].sum() < len(upper[0])
+    for row in [row for row in table["rows"] if row["id"] in ids]:
+        standing = placed(root, row["id"])
+        own = ids.index(row["id"])
+        assert standing is not None
+        assert [standing.first, standing.last] == row["scores"][key]["rank"]
+        assert standing.methods == len(ids) == 7
+        others = [names[one] for n, one in enumerate(ids) if n != own and alike[own, n]]
+        assert standing.alike == tuple(sorted(others))
+
+
+def test_intervals_are_those_of_the_board(root: Path) -> None:
+    rows = standing_of(Place("made", "retrieval", "m0"), root / "runs", root / "of comment")["rows"]
+    [file] = (root / "site/api/v1/tables").glob("*/methods/m0.json")
+    found = json.loads(file.read_text())
+    parts = {"average": found["row"]["scores"]}
+    for row in rows:
+        for key, shown in row.scores.items():
+            board = parts.get(row.title, found["scenes"].get(row.title, {})).get(key)
+            if board is not None:
+                assert [shown.value, shown.low, shown.high] == [
+                    board[name] for name in ("value", "low", "high")
+                ]
+    assert rows[-1].title == "average"
+    assert all(shown.before is not None for shown in rows[-1].scores.values())
+
+
+def test_what_is_superseded_has_no_rank(root: Path) -> None:
+    assert placed(root, "old") is None
+
+
+def test_another_truth_is_ranked_alone(root: Path) -> None:
+    standing = placed(root, "far")
+    assert standing is not None
+    assert [standing.first, standing.last, standing.methods] == [1, 1, 1]
