@@ -65,7 +65,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         repository = Repository.create(work / "board.git", remote)
         repository.fetch({f"refs/heads/{rules.branch}": BASE}, blobs=False, depth=1)
         branch = DataBranch.open(work / "data.git", remote)
-        out.mkdir(parents=True, exist_ok=True)
+        (out / "runs").mkdir(parents=True, exist_ok=True)
         commit = repository.resolve(BASE) or ""
         places = list(_places(repository, rules.board))
         for place in places:
