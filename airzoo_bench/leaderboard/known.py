@@ -64,8 +64,8 @@ def known_submissions(root: Path) -> list[Known]:
         except SubmissionError:  # its own check says so
             continue
         at = (place.benchmark, place.track, place.folder)
-        more = (one.method, one.team, one.supersedes, one.predictions.sha256)
-        found.append(Known(*at, *more))
+        sha256 = one.predictions.sha256
+        found.append(Known(*at, one.method, one.team, one.supersedes, sha256))
     return found
 
 
