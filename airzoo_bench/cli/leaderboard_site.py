@@ -16,6 +16,7 @@ from airzoo_bench.cli.common import (
     say,
     working,
 )
+from airzoo_bench.core.errors import UsageError
 
 __all__ = ["BUILD_EXAMPLES", "SERVE_EXAMPLES", "build", "serve"]
 
@@ -23,6 +24,8 @@ BUILD_EXAMPLES = examples(
     "leaderboard build --out site", "leaderboard build results/*/result.json --out site"
 )
 SERVE_EXAMPLES = examples("leaderboard serve site")
+
+_RUNS = Path("runs")
 
 
 def build(
@@ -35,7 +38,7 @@ def build(
     ] = Path("site"),
     runs: Annotated[
         Path, typer.Option(help="Scored submissions: benchmark/track/folder/number/.")
-    ] = Path("runs"),
+    ] = _RUNS,
     submissions: Annotated[
         Path, typer.Option(help="Submissions, to say which have not been scored yet.")
     ] = Path("submissions"),
@@ -59,6 +62,12 @@ def build(
     from airzoo_bench.leaderboard.site.build import build_board
     from airzoo_bench.leaderboard.site.reproductions import REPRODUCTIONS_FILE, read_links
 
+    if runs != _RUNS and not runs.is_dir():
+        raise UsageError(
+            "no folder of runs: the board would lose all that were scored",
+            where=runs,
+            fix="correct --runs, or leave it out where there are none",
+        )
     stated = read_board(board) if board.is_file() or board != Path("leaderboard.toml") else None
     given = Given(
         runs,

@@ -36,7 +36,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Known:
-    """A submission that is on the board."""
+    """A submission that is on the board; of its predictions, SHA-256 as it states."""
 
     benchmark: str
     track: str
@@ -44,6 +44,7 @@ class Known:
     method: str
     team: str
     supersedes: str | None = None
+    predictions: str = ""
 
     @property
     def place(self) -> Place:
@@ -63,7 +64,8 @@ def known_submissions(root: Path) -> list[Known]:
         except SubmissionError:  # its own check says so
             continue
         at = (place.benchmark, place.track, place.folder)
-        found.append(Known(*at, one.method, one.team, one.supersedes))
+        sha256 = one.predictions.sha256
+        found.append(Known(*at, one.method, one.team, one.supersedes, sha256))
     return found
 
 
@@ -92,6 +94,12 @@ def check_names(
         if (one.benchmark, one.track) == (place.benchmark, place.track)
     }
     yield from _same_names(submission, here)
+    for one in here.values():
+        if one.predictions == submission.predictions.sha256 and one.team != submission.team:
+            yield (
+                f"the predictions are to the last byte those of {one.method!r} of team "
+                f"{one.team!r}, in {one.folder}"
+            )
     yield from _line_of_versions(submission, place.folder, here)
     if submission.supersedes is not None:
         yield from _superseded(submission, submission.supersedes, place, here)

@@ -68,7 +68,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         repository = Repository.create(work / "board.git", remote)
         repository.fetch({f"refs/heads/{rules.branch}": BASE}, blobs=False, depth=1)
         branch = DataBranch.open(work / "data.git", remote)
-        out.mkdir(parents=True, exist_ok=True)
+        (out / "runs").mkdir(parents=True, exist_ok=True)
         commit = repository.resolve(BASE) or ""
         benchmarks = [one.name for one in rules.board.benchmarks]
         places = [*chain.from_iterable(submitted(repository, name) for name in benchmarks)]

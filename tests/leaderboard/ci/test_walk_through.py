@@ -287,6 +287,14 @@ def test_name_that_another_took_meanwhile_stays_off_the_board(
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
+def test_no_board_is_built_of_a_folder_that_is_not_there(board: Board) -> None:
+    board.build()  # without a submission there is a folder, and nothing in it
+    site = board.home / "site"
+    done = board.command("leaderboard", "build", "--runs", board.home / "rnus", "--out", site)
+    assert "the board would lose all that were scored" in str(done.exception)
+    assert not site.exists()
+
+
 def test_run_that_breaks_off_has_read_all_older_runs(
     board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -230,6 +230,16 @@ class TestNames:
         shutil.rmtree(board / "submissions" / "made" / "retrieval" / folder, ignore_errors=True)
         assert said in only_error(checked(write(board, perfect, folder, **changes), data))
 
+    def test_predictions_of_somebody_else_are_said(
+        self, board: Path, data: Path, perfect: Any
+    ) -> None:
+        write(board, perfect)
+        copied = checked(write(board, perfect, "copy", method="Mine", team="Other"), data)
+        assert not copied.errors
+        assert copied.warnings == [
+            "the predictions are to the last byte those of 'SALAD' of team 'Example Lab', in salad"
+        ]
+
     def test_the_third_of_a_name(self, board: Path, data: Path, perfect: Any) -> None:
         write(board, perfect)
         write(board, perfect, "second", supersedes="salad")
@@ -241,9 +251,9 @@ class TestNames:
         write(board, perfect)
         found = checked(write(board, perfect, "second", team="Other"), data)
         assert not found.errors
-        assert found.warnings == [
+        assert found.warnings[0] == (
             "'SALAD' is on this board already, of team 'Example Lab', in salad"
-        ]
+        )
 
 
 class TestTrainingData:
