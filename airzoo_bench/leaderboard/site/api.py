@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, Literal
 
 __all__ = [
@@ -285,12 +285,14 @@ class MethodFile:
 
 def as_json(value: Any) -> Any:
     """Return what `json.dumps` can write: infinite numbers as text, as result.json has them."""
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, float):
+        return ("Infinity" if value > 0 else "-Infinity") if math.isinf(value) else value
     if is_dataclass(value):
-        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
+        return {name: as_json(part) for name, part in vars(value).items()}
     if isinstance(value, Mapping):
         return {str(key): as_json(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [as_json(part) for part in value]
-    if isinstance(value, float) and math.isinf(value):
-        return "Infinity" if value > 0 else "-Infinity"
     return value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -85,11 +85,12 @@ class ApiFiles:
     def protocols(self) -> dict[str, Protocol]:
         """The protocols that the board is of, and those of its results that are known here."""
         files = protocol_files(self.given.data)
-        known = {name: load_protocol(path) for name, path in files.items()}
+        load = cache(load_protocol)
         board = self.given.board
         wanted = [] if board is None else [p for b in board.benchmarks for p in b.protocols]
         if board is None:
             printed = {(table.benchmark, table.track) for table in self.reported.tables}
+            known = {name: load(path) for name, path in files.items()}
             wanted = [n for n, p in known.items() if (p.benchmark, p.track) in printed]
         missing = [name for name in wanted if name not in files]
         if missing:
@@ -99,7 +100,7 @@ class ApiFiles:
                 fix="name the folder of prepared benchmarks by --data",
             )
         used = {scored.measured.protocol for scored, _ in self.methods}
-        return {name: one for name, one in known.items() if name in wanted or name in used}
+        return {n: load(path) for n, path in files.items() if n in wanted or n in used}
 
     @cached_property
     def groups(self) -> dict[tuple[Any, ...], list[Scored]]:

@@ -9,7 +9,7 @@ from airzoo_bench.leaderboard.site.api import Score, Version
 from airzoo_bench.leaderboard.site.downloads import News
 from airzoo_bench.leaderboard.site.entries import Entry
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
-from airzoo_bench.leaderboard.site.rows import Scored, scores_of
+from airzoo_bench.leaderboard.site.rows import Scored, overall_scores
 from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import show_number
 
@@ -44,7 +44,7 @@ def versions(scored: Scored, older: Older, ids: _Ids) -> Iterator[Version]:
             entry.scored,
             measured.made_with,
             ids.get(measured.measures, ""),
-            scores_of(measured.score_columns, measured)[OVERALL],
+            overall_scores(measured),
             "" if before is None else _changes(measured, before),
             entry.place,
         )
@@ -81,7 +81,7 @@ def _changes(new: Measured, old: Measured) -> str:
 
 
 def _sentence(measured: Measured) -> str:
-    scores: Mapping[str, Score] = scores_of(measured.score_columns, measured)[OVERALL]
+    scores: Mapping[str, Score] = overall_scores(measured)
     shown = [c for c in measured.score_columns if c.headline and c.key in scores]
     return "; ".join(
         f"{c.title} {scores[c.key].text}"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import is_share
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
@@ -84,24 +84,23 @@ class Measured:
         return [one["key"] for one in self.columns if one["headline"]].index(key)
 
 
-def sample_of(measured: Sequence[Measured], arrays: Sequence[Path], column: ScoreColumn) -> Sample:
+def sample_of(
+    measured: Sequence[Measured], arrays: Sequence[Floats], column: ScoreColumn
+) -> Sample:
     """Put one headline score of many methods into a sample, as `make_sample` would.
 
     Parameters
     ----------
     measured : sequence of Measured
         That measure the same.
-    arrays : sequence of Path
+    arrays : sequence of (V, N) arrays
         From `measure_all`.
     column : ScoreColumn
         A headline score of all.
     """
     first = measured[0]
     rows = np.stack(
-        [
-            np.load(path, mmap_mode="r", allow_pickle=False)[one.place(column.key)]
-            for one, path in zip(measured, arrays, strict=True)
-        ]
+        [array[one.place(column.key)] for one, array in zip(measured, arrays, strict=True)]
     )
     ends = np.cumsum([units for _, units in first.groups])[:-1]
     by_query = first.unit == "query"

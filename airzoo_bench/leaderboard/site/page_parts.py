@@ -99,8 +99,10 @@ def finding_text(finding: Json) -> str:
 
 def finding_notes(row: Json, scene: str, table: Json, notes: Notes) -> dict[str, list[Json]]:
     """Return by score what the audit says of a row's printed numbers."""
-    titles = {column["key"]: shown(column["title"]) for column in table["scores"]}
     found: dict[str, list[Json]] = {}
+    if not row["findings"]:
+        return found
+    titles = {column["key"]: shown(column["title"]) for column in table["scores"]}
     for finding in row["findings"]:
         if finding["scene"] == scene:
             score = titles.get(finding["score"], shown(finding["score"]))

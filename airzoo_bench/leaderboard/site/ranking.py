@@ -115,13 +115,13 @@ def rank(
         Of one protocol and truth, see `check_alike`.
     column : ScoreColumn
     cache : Path
-        Keeps each method's draws.
+        Keeps the methods' draws, and what is known of pairs.
     """
     ids, measured = [one.id for one in methods], [one.measured for one in methods]
-    arrays = [one.array for one in methods]
+    stems = np.array([one.array.stem for one in methods])
     resampling = ResamplingConfig(resamples_for(len(ids)))
-    sample = sample_of(measured, arrays, column)
-    p_values, *limits = _tested(sample, arrays, column.key, resampling, cache)
+    sample = sample_of(measured, [one.values for one in methods], column)
+    p_values, *limits = _tested(sample, stems, column.key, resampling, cache)
     corrected = correct_pairs(p_values)
     values = np.array([one.values[OVERALL][column.key] for one in measured])
     ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
@@ -146,26 +146,21 @@ def rank(
 
 
 def _tested(
-    sample: Sample, arrays: Sequence[Path], key: str, resampling: ResamplingConfig, cache: Path
+    sample: Sample, stems: NDArray[np.str_], key: str, resampling: ResamplingConfig, cache: Path
 ) -> Floats:
     """Return p, low and high of row minus column, (3, V, V): what was known before and the rest.
 
     Pairs are taken in the order of their hashes. A pair then has the same to the last bit whatever
     the other methods are and wherever they stand, so that known ones and new ones fit together.
     """
-    stems = np.array([path.stem for path in arrays])
     order = np.argsort(stems)
-    ordered = replace(
-        sample,
-        values=tuple(part[order] for part in sample.values),
-        medians=sample.medians[order],
-        shares=None if sample.shares is None else sample.shares[order],
-    )
+    ordered = _part(sample, order)
     name = f"pairs {key} {resampling.resamples} {resampling.seed} {sample.unit} {sample.groups}"
     file = cache / f"{hashlib.sha256(name.encode()).hexdigest()}.npz"
+    sums = cache / f"{hashlib.sha256(f'draws of {name}'.encode()).hexdigest()}.npz"
     found, new = _known(file, stems[order])
     if len(new):
-        draws = _draws(ordered, [arrays[place] for place in order], key, resampling, cache)
+        draws = _draws(ordered, stems[order], resampling, sums)
         p_values = pair_p_values(ordered, resampling, draws, new)
         limits = pair_limits(ordered, resampling, new)
         fresh = np.stack([np.triu(p_values, 1), *limits])
@@ -193,27 +188,30 @@ def _known(file: Path, stems: NDArray[np.str_]) -> tuple[Floats, NDArray[np.intp
 
 
 def _draws(
-    sample: Sample, arrays: Sequence[Path], key: str, resampling: ResamplingConfig, cache: Path
+    sample: Sample, stems: NDArray[np.str_], resampling: ResamplingConfig, file: Path
 ) -> Floats:
     """Return the draws of all methods, those that no earlier build has made made now."""
-    kept = [_kept(cache, path, key, resampling) for path in arrays]
-    missing = np.array([n for n, path in enumerate(kept) if not path.is_file()], np.intp)
-    if len(missing):
-        rows = Sample(
-            sample.unit,
-            sample.groups,
-            tuple(part[missing] for part in sample.values),
-            sample.medians[missing],
-        )
-        for number, row in zip(missing.tolist(), pair_draws(rows, resampling), strict=True):
-            with atomic_write(kept[number]) as stream:
-                np.save(stream, row, allow_pickle=False)
-    return np.stack([np.load(path, allow_pickle=False) for path in kept])
+    kept, known = None, np.zeros(len(stems), np.bool_)
+    if file.is_file():
+        with np.load(file, allow_pickle=False) as archive:
+            _, here, there = np.intersect1d(stems, archive["stems"], return_indices=True)
+            kept, known[here] = np.asarray(archive["draws"], np.float64)[there], True
+    if known.all() and kept is not None:
+        return kept
+    made = pair_draws(_part(sample, np.flatnonzero(~known)), resampling)
+    draws = np.empty((len(stems), made.shape[1]))
+    draws[~known] = made
+    if kept is not None:
+        draws[known] = kept  # both in the order of their hashes
+    with atomic_write(file) as stream:
+        write_npz(stream, {"stems": stems, "draws": draws})
+    return draws
 
 
-def _kept(cache: Path, array: Path, key: str, resampling: ResamplingConfig) -> Path:
-    text = f"{array.stem} {key} {resampling.resamples} {resampling.seed}"
-    return cache / f"{hashlib.sha256(text.encode()).hexdigest()}.npy"
+def _part(sample: Sample, rows: NDArray[np.intp]) -> Sample:
+    values = tuple(part[rows] for part in sample.values)
+    shares = None if sample.shares is None else sample.shares[rows]
+    return replace(sample, values=values, medians=sample.medians[rows], shares=shares)
 
 
 def _about(sample: Sample, resampling: ResamplingConfig) -> str:

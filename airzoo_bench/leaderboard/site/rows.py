@@ -7,7 +7,8 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ __all__ = [
     "Scored",
     "Scores",
     "floor_row",
+    "overall_scores",
     "reported_row",
     "reported_scores",
     "scored_row",
@@ -49,6 +51,11 @@ class Scored:
     measured: Measured
     array: Path
 
+    @cached_property
+    def values(self) -> Floats:
+        """The array (V, N) of headline scores, read where it is used."""
+        return np.asarray(np.load(self.array, mmap_mode="r", allow_pickle=False))
+
     @property
     def method(self) -> str:
         """The method's name in tables."""
@@ -72,6 +79,12 @@ def slugs(methods: Sequence[str], taken: Iterable[str] = ()) -> list[str]:
 def _plain(method: str) -> str:
     letters = unicodedata.normalize("NFKD", method).encode("ascii", "ignore").decode().lower()
     return _NOT_PLAIN.sub("-", letters).strip("-")[:_LONGEST].strip("-") or "method"
+
+
+def overall_scores(measured: Measured) -> dict[str, Score]:
+    """Return the averages of a result, without rank ranges."""
+    average = replace(measured, values={OVERALL: measured.values[OVERALL]})
+    return scores_of(measured.score_columns, average)[OVERALL]
 
 
 def scores_of(

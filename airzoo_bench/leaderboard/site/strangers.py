@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from functools import lru_cache
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -31,7 +32,12 @@ def shown(text: object, most: int = _MOST) -> str:
     most : int
         How many letters are kept.
     """
-    line = " ".join(str(text).split())
+    return _shown(str(text), most)
+
+
+@lru_cache(maxsize=4096)  # a table's names stand on each of its pages
+def _shown(text: str, most: int) -> str:
+    line = " ".join(text.split())
     visible, marks = [], 0
     for letter in line[: 4 * most]:
         kind = unicodedata.category(letter)

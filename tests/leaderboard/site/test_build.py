@@ -17,6 +17,7 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.leaderboard.site.api_files import MARK
 from airzoo_bench.leaderboard.site.build import build_board
+from airzoo_bench.leaderboard.site.pages import _Pages
 from airzoo_bench.results.best import value_of
 from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import read_scored
@@ -166,6 +167,30 @@ def test_plain_results_in_any_order(tmp_path: Path, results: list[int]) -> None:
 def test_two_processes_give_the_same_bytes(root: Path) -> None:
     site = build_board(given(root), root / "two", root / "fresh", jobs=2, note=print)
     assert files_of(site) == files_of(root / "site")
+
+
+def test_only_pages_whose_input_changed_are_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some_runs(tmp_path / "runs", 3)
+    built(tmp_path)
+    made, page = [], _Pages._page
+
+    def noted(self: _Pages, path: str, *more: Any, **values: Any) -> tuple[str, str]:
+        made.append(path)
+        return page(self, path, *more, **values)
+
+    monkeypatch.setattr(_Pages, "_page", noted)
+    built(tmp_path)
+    front = ["index.html", "reproduction.html", "downloads.html", "about.html"]
+    assert made == front
+    made.clear()
+    write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.42, seed=1))
+    site = built(tmp_path)
+    assert {f"tables/made/{name}.html" for name in ("index", "compare", "methods/m1")} <= {*made}
+    assert all(path in front or path.startswith("tables/made/") for path in made)
+    assert len(made) < len(list(site.rglob("*.html"))) / 2
+    assert files_of(site) == files_of(built(tmp_path, "again", "another cache"))
 
 
 def test_names_that_would_share_a_page_do_not(tmp_path: Path) -> None:
