@@ -92,7 +92,10 @@ def _asked(key: str, choices: Sequence[str], *, needed: bool) -> Any:
     typer.echo(f"\n{field.description} ({_hints(key, field, choices, needed)})", err=True)
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
     while True:
-        answer = typer.prompt(key, default="", show_default=False, err=True)
+        try:
+            answer = typer.prompt(key, default="", show_default=False, err=True)
+        except typer.Abort:  # Ctrl-C, or the end of the input
+            raise KeyboardInterrupt from None
         value = _split(answer) if key in _LISTS else answer.strip()
         if not needed and not value:
             return None

@@ -208,6 +208,13 @@ def test_questions_on_a_terminal(board: Path, preds: Path, none: str) -> None:
     assert stated.pipeline.uses == ("prior",)
 
 
+def test_who_stops_at_a_question_stops(board: Path, preds: Path) -> None:
+    text, code = _typed(["submission", "new", str(preds)], ["\x04"])
+    assert code in (130, -signal.SIGINT)
+    assert "stopped" in text
+    assert not (board / "submissions").exists()
+
+
 def _typed(arguments: list[str], answers: list[str]) -> tuple[str, int]:
     """Run a command on a terminal, type answers, and return what it shows, and its exit code."""
     ours, theirs = pty.openpty()
