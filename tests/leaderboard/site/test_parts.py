@@ -241,7 +241,7 @@ def test_nobody_takes_a_reproduction_s_place() -> None:
     ]
     printed = Row("reported-salad", "reported", "SALAD", {"recall@1": Score(0.5, "50.00")})
     table = sample_table("airzoo-mini-retrieval", [*rows, printed])
-    found = find_reproductions(table, {row.id: {} for row in (*rows, printed)}, ())
+    found = find_reproductions(table, {row.id: {} for row in (*rows, printed)}, (), {})
     assert [one.by for one in found] == ["Lab", "Spoiler"]
 
 
