@@ -18,6 +18,7 @@ from airzoo_bench.leaderboard.site.api import (
     BoardIndex,
     MethodFile,
     Reproduction,
+    TableFile,
     TableLink,
 )
 from airzoo_bench.leaderboard.site.downloads import atom_feed, bibtex
@@ -248,7 +249,7 @@ class ApiFiles:
         names = {one.table.benchmark: one.table.benchmark_title for one in self.tables}
         names = {n: names.get(n, self._benchmark_title(n)) for n in (*order, *sorted(names))}
         benchmarks = [
-            Benchmark(name, title, tuple(self._link(m) for m in self._in_order(name)))
+            Benchmark(name, title, tuple(map(self._link, self._in_order(name))))
             for name, title in names.items()
         ]
         dates = [link.updated for b in benchmarks for link in b.tables if link.updated]
@@ -263,12 +264,16 @@ class ApiFiles:
             tuple(benchmarks),
         )
 
-    def _in_order(self, benchmark: str) -> list[Made]:
-        own = [one for one in self.tables if one.table.benchmark == benchmark]
-        return sorted(own, key=lambda m: (m.table.protocol, not m.table.current, m.table.id))
+    def _in_order(self, benchmark: str) -> list[TableFile]:
+        """Return a benchmark's tables in the order in which the board states their protocols."""
+        board = self.given.board
+        stated = [p for b in (board.benchmarks if board else ()) for p in b.protocols]
+        own = [one.table for one in self.tables if one.table.benchmark == benchmark]
+        names = dict.fromkeys([*stated, *sorted(table.protocol for table in own)])
+        order = {name: number for number, name in enumerate(names)}
+        return sorted(own, key=lambda t: (order[t.protocol], not t.current, t.id))
 
-    def _link(self, made: Made) -> TableLink:
-        table = made.table
+    def _link(self, table: TableFile) -> TableLink:
         dates = [row.rescored for row in table.rows if row.rescored]
         scored = sum(row.kind in ("re-scored", "sealed") for row in table.rows)
         return TableLink(

@@ -39,8 +39,8 @@ from airzoo_bench.tables.wording import intervals_made, resampled
 __all__ = ["About", "Made", "make_table"]
 
 _RANKS = (
-    "Rank ranges: from 1 + the methods that are significantly better to N - those significantly "
-    "worse, of the N methods that were scored here. "
+    "Rank ranges: from 1 plus the methods that are significantly better to N minus those that are "
+    "significantly worse, of the N methods that were scored here. "
 )
 _PAIRED = "Paired tests of every two methods, Holm's correction for all pairs of a column, 5 %."
 _UNPAIRED = (

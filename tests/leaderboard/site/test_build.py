@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.site.api_files import MARK
 from airzoo_bench.leaderboard.site.build import build_board
 from airzoo_bench.leaderboard.site.pages import _Pages
@@ -280,6 +281,17 @@ def test_two_builds_at_once_are_refused(tmp_path: Path) -> None:
     some_runs(tmp_path / "runs", 1)
     with only_writer(tmp_path / "site"), pytest.raises(UserError, match="another build"):
         built(tmp_path)
+
+
+def test_tables_stand_in_the_order_of_the_board(tmp_path: Path) -> None:
+    order = ["airzoo-mini-retrieval", "airzoo-mini-matching"]
+    for protocols in (order, order[::-1]):
+        stated = {"name": "airzoo-mini", "title": "Mini", "protocols": tuple(protocols)}
+        board = Board.model_validate({"schema": 1, "title": "B", "benchmarks": (stated,)})
+        site = built(tmp_path, board=board)
+        index = json.loads((site / "api/v1/board.json").read_text(encoding="utf-8"))
+        mini = next(one for one in index["benchmarks"] if one["name"] == "airzoo-mini")
+        assert [table["protocol"] for table in mini["tables"]] == protocols
 
 
 _KILLER = """
