@@ -27,12 +27,16 @@ class Limits(Strict):
         Of all files of a submission in the repository, and of predictions at an address.
     tries, days : int
         Scored tries of one account within so many days, on a sealed benchmark.
+    entries : int
+        Submissions of one account that a table shows at once: each more widens the rank ranges
+        of all, since every two are compared.
     """
 
     committed_bytes: Count = 25_000_000
     url_bytes: Annotated[int, Field(ge=1, le=1 << 40)] = 20_000_000_000
     tries: Count = 4
     days: Count = 30
+    entries: Count = 10
 
 
 class BoardBenchmark(Strict):

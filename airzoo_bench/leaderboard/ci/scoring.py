@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import BenchmarkError, ProtocolError, UserError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
@@ -129,7 +130,7 @@ class _Submitted:
             known=known,
             fetch=True,
         )
-        faults = [*checked.errors, *self._foreign(checked)]
+        faults = [*checked.errors, *self._foreign(checked), *self._crowd(checked, known)]
         if faults:
             return _refused(self.pull, self.found, faults, self.work)
         given = checked.submission
@@ -155,6 +156,24 @@ class _Submitted:
             yield (
                 f"team {given.team!r} is on the board with {theirs[0].folder}, by another account: "
                 "the maintainers should know whether this is of the same team"
+            )
+
+    def _crowd(self, checked: CheckedSubmission, known: Sequence[Known]) -> Iterator[UserError]:
+        """Refuse one more than an account may show: clones would widen everybody's rank range."""
+        given, place, most = checked.submission, self.found.place, self.rules.board.limits.entries
+        if given is None or self.pull.account in self.rules.board.maintainers:
+            return
+        here = place.benchmark, place.track
+        table = [one for one in known if (one.benchmark, one.track) == here]
+        gone = {place.folder, given.supersedes, *(one.supersedes for one in table)}
+        shown = [one for one in table if one.folder not in gone]
+        own = [one for one in shown if owner(self.ledger, one.place) == self.pull.account]
+        if len(own) >= most:
+            yield RefusedError(
+                f"this account has {counted(len(own), 'submission')} in this table already",
+                where=f"{place.path}/submission.toml",
+                expected=f"at most {most} that are shown at once",
+                fix="let it supersede one of them, or withdraw one",
             )
 
     def _foreign(self, checked: CheckedSubmission) -> list[UserError]:

@@ -287,6 +287,26 @@ def test_name_that_another_took_meanwhile_stays_off_the_board(
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
+def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -> None:
+    """Every two of a table are compared: clones would weaken what is found of all others."""
+    (board.main / "leaderboard.toml").write_text(f"{BOARD}\n[limits]\nentries = 1\n")
+    board.push_main("One each")
+    fork = board.clone("fork")
+    submit(board, fork, perfect, "Salad")
+    head = board.propose(fork, 1)
+    assert "is refused" not in board.ci(1, head, ADA)
+    board.merge(1, head, ADA)
+    newer = board.clone("newer")
+    submit(board, newer, worse(perfect), "Cress")
+    head = board.propose(newer, 2)
+    refused = board.ci(2, head, ADA, code=1)
+    assert "this account has 1 submission in this table already" in refused
+    assert "is refused" not in board.ci(2, head, BOB)
+    assert "is refused" not in board.ci(2, head, MAINTAINER)
+    submit(board, newer, worse(perfect), "Cress", "--force", "--supersedes", "salad")
+    assert "is refused" not in board.ci(2, board.propose(newer, 2), ADA)
+
+
 def test_no_board_is_built_of_a_folder_that_is_not_there(board: Board) -> None:
     board.build()  # without a submission there is a folder, and nothing in it
     site = board.home / "site"
