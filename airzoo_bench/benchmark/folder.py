@@ -30,6 +30,7 @@ __all__ = [
     "SceneWanted",
     "TruthWanted",
     "benchmark_folders",
+    "benchmark_place",
     "data_root",
     "differences",
     "find_benchmark",
@@ -214,6 +215,11 @@ def benchmark_folders(root: Path) -> dict[str, Path]:
     return {path.parent.name: path.parent for path in sorted(root.glob("*/benchmark.toml"))}
 
 
+def benchmark_place(name: str, data: Path) -> Path:
+    """Return where the folder of a benchmark would be: `data` itself, or the one of its name."""
+    return data if (data / "benchmark.toml").is_file() else data / name
+
+
 def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
     """Open a benchmark by name.
 
@@ -231,7 +237,7 @@ def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
     BenchmarkError
         It is not there, its truth is sealed, or the folder holds another benchmark.
     """
-    folder = data if (data / "benchmark.toml").is_file() else data / name
+    folder = benchmark_place(name, data)
     if not folder.is_dir():
         there = ", ".join(benchmark_folders(data)) or "none"
         raise BenchmarkError(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, benchmark_place, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, UnreadableError, UsageError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
@@ -149,6 +149,8 @@ def _open_native(
     try:
         known = read_truths(found, chosen, data, sealed=True)
     except BenchmarkError:
+        if benchmark_place(chosen.benchmark, data).is_dir():
+            raise  # it is there, and damaged or of other settings
         known = None  # readers say what they cannot tell without; scoring says that it is missing
     truths, folders = (known[1], known[0].image_folders) if known else ([], ())
     read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes, folders))

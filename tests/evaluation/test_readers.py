@@ -88,6 +88,18 @@ def test_own_files_have_no_reader_in_their_result(
     assert "reader" not in json.loads(result.result.model_dump_json())["predictions"]
 
 
+@pytest.mark.parametrize("command", [("eval", "retrieval"), ("check",)])
+def test_a_damaged_benchmark_is_not_called_missing(
+    command: tuple[str, ...], ranked: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = next(path for path in (data / "made" / "scenes").iterdir())
+    (scene / "queries.csv").write_text("id,image\n")
+    assert run_main(*command, ranked, "--protocol", "made-retrieval") == 2
+    said = capsys.readouterr().err
+    assert str(scene) in said
+    assert "missing" not in said
+
+
 def test_check_says_what_it_is(ranked: Path, command: Callable[..., Result]) -> None:
     ran = command("check", ranked, "--protocol", "made-retrieval")
     assert ran.exit_code == 0
