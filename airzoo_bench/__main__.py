@@ -2,7 +2,7 @@
 
 import os
 import sys
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 
 __all__ = ["main"]
 
@@ -10,8 +10,11 @@ _MESSAGE = "airzoo-bench: stopped; nothing was left half-written\n"
 _STOPPED = 130
 _TERMINATED = 143
 _PATIENCE_S = 0.5
-# A library that does not come back from Ctrl-C within this time is not waited for.
-_UNWINDING_S = 1.0
+# A library that does not return to Python within this time of a Ctrl-C is not waited for.
+_HEARING_S = 1.0
+# Once it has, workers are ended and what is kept is said: the time for it on a busy machine.
+_UNWINDING_S = 5.0
+_HEARD = Event()
 _LEAVING = Lock()
 
 
@@ -39,6 +42,7 @@ def _obey_signals() -> None:
     """
     import signal
 
+    signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _terminate)
     if sys.platform == "win32":
         return
@@ -48,7 +52,13 @@ def _obey_signals() -> None:
     Thread(target=_end_in_time, args=(ear,), daemon=True).start()
 
 
+def _interrupt(*_: object) -> None:
+    _HEARD.set()
+    raise KeyboardInterrupt
+
+
 def _terminate(*_: object) -> None:
+    _HEARD.set()
     sys.exit(_TERMINATED)
 
 
@@ -60,7 +70,8 @@ def _end_in_time(ear: int) -> None:
     code = None
     while code is None:
         code = codes.get(signal.Signals(os.read(ear, 1)[0]))
-    time.sleep(_UNWINDING_S)
+    if _HEARD.wait(_HEARING_S):
+        time.sleep(_UNWINDING_S)
     _stop(code)
 
 

@@ -20,6 +20,7 @@ __all__ = [
     "ProtocolError",
     "RasterError",
     "ResultError",
+    "StorageError",
     "SubmissionError",
     "UnreadableError",
     "UsageError",
@@ -109,6 +110,10 @@ class UnreadableError(PredictionError):
 
 class ResultError(UserError):
     """A result file cannot be read, or results cannot be put side by side."""
+
+
+class StorageError(UserError):
+    """What a URL names cannot be read or written."""
 
 
 class SubmissionError(UserError):

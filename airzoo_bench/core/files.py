@@ -7,12 +7,10 @@ import json
 import os
 import zipfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from stat import S_ISREG
+from typing import IO, TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.exchange import exchange
@@ -30,6 +28,10 @@ from airzoo_bench.core.temporaries import (
     temporary_file,
     temporary_folder,
 )
+from airzoo_bench.core.trees import entries_below
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = [
     "LIMIT_BYTES",
@@ -44,6 +46,7 @@ __all__ = [
     "read_text",
     "sha256_of",
     "sha256_of_tree",
+    "stamps",
     "write_npz",
 ]
 
@@ -189,11 +192,25 @@ def sha256_of(path: Path) -> str:
 
 
 def sha256_of_tree(path: Path) -> str:
-    """Return the SHA-256 of a file, or of all files of a folder with their names."""
+    """Return the SHA-256 of a file, or of all files of a folder, through links, by their names."""
     if path.is_file():
         return sha256_of(path)
-    files = sorted(p for p in path.rglob("*") if p.is_file())
+    files = sorted(p for p in entries_below(path) if p.is_file())
     return fingerprint([[p.relative_to(path).as_posix(), sha256_of(p)] for p in files])
+
+
+def stamps(path: Path) -> dict[Path, tuple[int, int]]:
+    """Return size and time of change, in ns, of a file or of all files of a folder.
+
+    What is not there, not readable or no file has none. Links are followed as by `sha256_of_tree`.
+    """
+    found: dict[Path, tuple[int, int]] = {}
+    for entry in entries_below(path) if path.is_dir() else (path,):
+        with suppress(OSError, ValueError):  # it may go at any moment
+            told = entry.stat()
+            if S_ISREG(told.st_mode):
+                found[entry] = told.st_size, told.st_mtime_ns
+    return found
 
 
 def canonical_json(value: object) -> str:
@@ -213,6 +230,8 @@ def write_npz(
 
     ``numpy.savez`` stamps every member with the time of day.
     """
+    import numpy as np
+
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with zipfile.ZipFile(target, "w", method) as archive:
         for name, array in arrays.items():

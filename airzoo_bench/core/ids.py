@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ __all__ = [
     "Assignment",
     "assign_queries",
     "check_ids",
+    "rows_among",
     "scene_of",
     "with_endings",
 ]
@@ -37,6 +38,7 @@ IMAGE_SUFFIXES = (
 
 _SHOWN = 3
 _SHOWN_LETTERS = 80
+_BYTES_OF_LETTER = 4
 
 Texts = NDArray[np.str_]
 
@@ -136,12 +138,36 @@ def assign_queries(given: Texts, scenes: Sequence[pd.Series[str]]) -> Assignment
     scenes : sequence of Series
         Ids of the queries of each scene.
     """
-    import pandas as pd
-
-    index = pd.Index(given)
-    rows = [index.get_indexer(pd.Index(ids)) for ids in scenes]
-    absent = [ids.to_numpy(str)[found < 0] for ids, found in zip(scenes, rows, strict=True)]
+    asked = np.concatenate([np.zeros(0, "<U1"), *(ids.to_numpy(str) for ids in scenes)])
+    found = rows_among(asked, given)
     strange = np.ones(len(given), np.bool_)
-    for found in rows:
-        strange[found[found >= 0]] = False
-    return Assignment(rows, np.concatenate([np.zeros(0, "<U1"), *absent]), given[strange])
+    strange[found[found >= 0]] = False
+    ends = np.cumsum([len(ids) for ids in scenes], dtype=np.intp)
+    return Assignment(np.split(found, ends)[:-1], asked[found < 0], given[strange])
+
+
+def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:
+    """Return the row of each name among known ones, -1 for the others.
+
+    Parameters
+    ----------
+    names : (N,) str
+    known : (K,) str
+        Each once.
+    """
+    import pyarrow.compute as pc
+
+    letters = max(1, *(texts.dtype.itemsize // _BYTES_OF_LETTER for texts in (names, known)))
+    found = pc.index_in(_as_bytes(names, letters), value_set=_as_bytes(known, letters))
+    rows: NDArray[np.intp] = pc.fill_null(found, -1).to_numpy().astype(np.intp)
+    return rows
+
+
+def _as_bytes(texts: Texts, letters: int) -> Any:
+    """Return texts as Arrow's values of one width, which it compares without reading letters."""
+    import pyarrow as pa
+
+    # A text in NumPy ends in as many NUL as it is shorter, and so do equal ones of other widths.
+    filled = np.ascontiguousarray(texts, f"<U{letters}")
+    kind = pa.binary(letters * _BYTES_OF_LETTER)
+    return pa.FixedSizeBinaryArray.from_buffers(kind, len(filled), [None, pa.py_buffer(filled)])

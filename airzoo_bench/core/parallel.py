@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from typing import TypeVar, cast
 
-__all__ = ["parallel_map"]
+__all__ = ["parallel_map", "without_ctrl_c"]
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -41,20 +41,22 @@ def parallel_map(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Itera
         yield from map(work, items)
         return
     with ProcessPoolExecutor(jobs, get_context("spawn"), _obey_the_parent) as pool:
+        others = active_children()
         # Not `pool.map`, which cancels what is left, and so trips the pool over workers that ended.
-        with _without_ctrl_c():
+        with without_ctrl_c():
             left = deque(pool.submit(_unless_ending, work, item) for item in items)
+        own = [process for process in active_children() if process not in others]
         try:
             while left:
                 yield cast(R, left.popleft().result())
         except BaseException:
-            for process in active_children():
+            for process in own:
                 process.terminate()
             raise
 
 
 @contextmanager
-def _without_ctrl_c() -> Iterator[None]:
+def without_ctrl_c() -> Iterator[None]:
     """Start processes that a Ctrl-C does not reach, not even while they import; it waits for here.
 
     What a stopped run leaves of locks its tracker clears, which need not warn of it.

@@ -6,6 +6,7 @@ Every command asks: nothing heavy is imported here.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -18,6 +19,7 @@ __all__ = [
     "check_new_folder",
     "check_output_file",
     "check_output_folder",
+    "data_location",
     "data_root",
     "followed",
 ]
@@ -35,6 +37,7 @@ def check_output_folder(folder: Path, names: Iterable[str]) -> None:
         A file stands where the folder or one above it should be, or a folder where a file should;
         or see `check_output_file`.
     """
+    _refuse_url(folder)
     for place in (folder, *folder.parents):
         if place.exists():
             if not place.is_dir():
@@ -61,6 +64,7 @@ def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
         folder, a pipe, a device); it or its folder is not to be written to; or a file stands
         where a folder should.
     """
+    _refuse_url(path)
     try:
         _check_place(path, "name another file")
         _check_folder(followed(path))
@@ -73,6 +77,17 @@ def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
                 where=path,
                 fix="name another file to write",
             )
+
+
+def _refuse_url(path: Path) -> None:
+    """Refuse what was written as a URL where only `eval` can write to one."""
+    if re.fullmatch(r"[a-z][a-z0-9+.-]+:", path.parts[0] if path.parts else "", re.IGNORECASE):
+        raise UsageError(
+            "looks like a URL, and this is written to a disk",
+            where=path,
+            expected="a path; of what is written, only runs (`eval --out`) may be at a URL",
+            fix="upload it afterwards, with your storage's own tools",
+        )
 
 
 def followed(path: Path) -> Path:
@@ -119,14 +134,32 @@ DATA_VARIABLE = "AIRZOO_BENCH_DATA"
 """The variable of the environment that names the folder."""
 
 
-def data_root() -> Path:
-    """Return the folder in which benchmark folders lie: AIRZOO_BENCH_DATA, else a cache folder."""
+def data_location() -> str | Path:
+    """Return where benchmark folders lie: AIRZOO_BENCH_DATA, path or URL, else a cache folder."""
     named = os.environ.get(DATA_VARIABLE)
     if named:
-        return Path(named).expanduser()
+        return named if "://" in named else Path(named).expanduser()
     from platformdirs import user_cache_path
 
     return user_cache_path("airzoo-bench") / "data"
+
+
+def data_root() -> Path:
+    """Return the folder of this machine in which benchmark folders lie and are made.
+
+    Raises
+    ------
+    UsageError
+        AIRZOO_BENCH_DATA is a URL.
+    """
+    place = data_location()
+    if isinstance(place, str):
+        raise UsageError(
+            "a URL, and a folder of this machine is needed",
+            where=f"{DATA_VARIABLE}={place}",
+            fix=f"set {DATA_VARIABLE} to a folder; what is read may be a URL, by --data",
+        )
+    return place
 
 
 def check_new_folder(path: Path, *, replace: bool, mark: str = MARK) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass
+from threading import Timer
 from time import monotonic
 from typing import Protocol, TypeVar
 
-__all__ = ["Progress", "silent", "told"]
+__all__ = ["Headed", "Progress", "shown", "silent", "told"]
 
 T = TypeVar("T")
 
+_FIRST_S = 2.0
 _EVERY_S = 30.0
 
 
@@ -26,6 +29,24 @@ def silent(items: Iterable[T], label: str, total: int) -> Iterator[T]:
     yield from items
 
 
+@dataclass(frozen=True)
+class Headed:
+    """Shows work with a heading before each label, such as the scene that it is done for."""
+
+    heading: str
+    progress: Progress
+
+    def __call__(self, items: Iterable[T], label: str, total: int) -> Iterator[T]:
+        """See `Progress`."""
+        return self.progress(items, f"{self.heading}: {label}", total)
+
+
+def shown(work: Callable[[], T], label: str, progress: Progress) -> T:
+    """Do work that is one piece, and show while it lasts what it is."""
+    (result,) = progress((work() for _ in range(1)), label, 1)
+    return result
+
+
 def told(
     items: Iterable[T],
     label: str,
@@ -33,8 +54,11 @@ def told(
     *,
     say: Callable[[str], None],
     clock: Callable[[], float] = monotonic,
-) -> Iterator[T]:
-    """Yield the items and say every half minute how many are done and how long the rest takes.
+    first_s: float = _FIRST_S,
+    every_s: float = _EVERY_S,
+    rate: bool = False,
+) -> Generator[T, None, None]:
+    """Yield the items; name what takes long, and say now and then how long the rest takes.
 
     Parameters
     ----------
@@ -44,14 +68,40 @@ def told(
         Takes a line of text.
     clock : callable
         Seconds since whenever.
+    first_s : float
+        Seconds after which work that is still under way is named, whatever its items take.
+    every_s : float
+        Seconds between the lines that follow.
+    rate : bool
+        Say too how many are done a second.
     """
+    name = Timer(first_s, say, [f"{label} ..."])
+    name.daemon = True
+    name.start()
+    try:
+        yield from _counted(items, label, total, say, clock, every_s, rate=rate)
+    finally:
+        name.cancel()
+
+
+def _counted(
+    items: Iterable[T],
+    label: str,
+    total: int,
+    say: Callable[[str], None],
+    clock: Callable[[], float],
+    every_s: float,
+    *,
+    rate: bool,
+) -> Iterator[T]:
     begin = last = clock()
     for done, item in enumerate(items, 1):
         yield item
         now = clock()
-        if now - last >= _EVERY_S and done < total:
+        if now - last >= every_s and done < total:
             left = (now - begin) / done * (total - done)
-            say(f"{label}: {done:,} of {total:,}, about {_duration(left)} left")
+            speed = f"{done / (now - begin):.3g}/s, " if rate else ""
+            say(f"{label}: {done:,} of {total:,}, {speed}about {_duration(left)} left")
             last = now
 
 

@@ -143,11 +143,15 @@ def clear_abandoned(folder: Path) -> None:
     """
     with suppress(OSError):
         for entry in list(os.scandir(folder)):
+            if not entry.name.endswith((PART, _ASIDE)):
+                continue
             path = Path(entry.path)
-            if entry.name.endswith(PART) and _is_abandoned(path):
-                _remove(path)
-            elif entry.name.endswith(_ASIDE) and _is_abandoned(path):
-                _put_back(path)
+            # Held until it is gone: who has just made it, and waits for the lock, then sees that.
+            with _held_if_abandoned(path) as held:
+                if held and entry.name.endswith(PART):
+                    _remove(path)
+                elif held:
+                    _put_back(path)
 
 
 def remove_own() -> None:
@@ -220,9 +224,10 @@ if sys.platform == "win32":
     def _lock_at(path: Path) -> int:
         return os.open(path, os.O_CREAT | os.O_RDWR)
 
-    def _is_abandoned(path: Path) -> bool:
+    @contextmanager
+    def _held_if_abandoned(path: Path) -> Iterator[bool]:
         del path
-        return False
+        yield False
 
 else:
     import fcntl
@@ -255,16 +260,22 @@ else:
             os.close(handle)
         raise BlockingIOError(f"{path} is locked")
 
-    def _is_abandoned(path: Path) -> bool:
+    @contextmanager
+    def _held_if_abandoned(path: Path) -> Iterator[bool]:
+        """Lock what no process holds; whether there was such a thing."""
         try:
             handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         except OSError:
-            return False
+            yield False
+            return
+        try:
+            yield _is_free(handle)
+        finally:
+            os.close(handle)
+
+    def _is_free(handle: int) -> bool:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             return False
-        else:
-            return True
-        finally:
-            os.close(handle)
+        return True

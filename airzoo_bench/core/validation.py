@@ -31,6 +31,7 @@ __all__ = [
     "nearest",
     "read_toml",
     "toml_value",
+    "unambiguous_json",
     "validated",
     "validation_message",
 ]
@@ -168,6 +169,33 @@ def _example(loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
             return f" (such as {key} = {toml_value(field.examples[0])})" if field.examples else ""
         model = inner[0]
     return ""
+
+
+def unambiguous_json(text: str) -> Any:
+    """Read JSON in which no key stands twice: readers of JSON take the last, without a word.
+
+    Parameters
+    ----------
+    text : str
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, is nested too deep, or a key stands twice.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_each_once)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict[str, Any]()
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"key {key[:80]!r} stands twice")
+        found[key] = value
+    return found
 
 
 def toml_value(value: Any) -> str:

@@ -16,9 +16,12 @@ from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.formats.parquet import read_columns
 
 __all__ = [
+    "FIELDS",
     "Arrays",
+    "check_characters",
     "check_fields",
     "check_length",
+    "fields_file",
     "numbers",
     "open_arrays",
     "protocol_name",
@@ -26,6 +29,8 @@ __all__ = [
     "wrong_type",
 ]
 
+FIELDS = "predictions.npz"
+"""Of predictions in a folder, the file that has all fields but those in shards beside it."""
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
 _BLOCK_CODES = 1 << 20
@@ -111,6 +116,11 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     )
 
 
+def fields_file(path: Path) -> Path:
+    """Return the file that has the fields of predictions: the path, or `FIELDS` in a folder."""
+    return path / FIELDS if (path / FIELDS).is_file() else path
+
+
 def check_fields(
     arrays: Arrays, needed: Collection[str], allowed: Collection[str], expected: str
 ) -> None:
@@ -181,11 +191,11 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
         )
     copies = f"field '{name}' while its ids are compared"
     arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
-    _check_characters(arrays.path, name, values)
+    check_characters(arrays.path, name, values)
     return values
 
 
-def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
+def check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
     """Refuse ids that could forge a line of a message, steer a terminal, or fill a screen."""
     if not ids.size:
         return

@@ -54,5 +54,5 @@ class Budget:
                 f"{part}: {self.taken[part]:,} bytes of memory{rest}, more than the limit",
                 where=path,
                 expected=f"at most {self.limit_bytes:,} bytes, all together",
-                fix="raise --max-memory" + (f"; {fix}" if fix else ""),
+                fix="raise --max-memory" + (f", or {fix}" if fix else ""),
             )

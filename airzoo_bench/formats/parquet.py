@@ -6,7 +6,8 @@ bytes, and so it stays as small as it is stored until its lengths have been look
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,17 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.parquet_pages import claimed_bytes
 
-__all__ = ["read_columns"]
+__all__ = ["column_names", "read_columns", "read_flat_table"]
 
 _BATCH_ROWS = 65_536
 _LONGEST_TEXT = 512
+_BYTES_OF_NUMBER = 8
 _TEXT_OBJECT = 64  # bytes that a text takes in Python besides its letters
 
 
-def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDArray[Any]]:
+def read_columns(
+    path: Path, columns: tuple[str, ...], budget: Budget, passed_over: tuple[str, ...] = ()
+) -> dict[str, NDArray[Any]]:
     """Read the named columns that a parquet file has.
 
     Parameters
@@ -36,6 +40,8 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
         The columns that there may be.
     budget : Budget
         What the columns may take in memory together.
+    passed_over : tuple of str
+        Columns that there may be besides, and that are not read.
 
     Returns
     -------
@@ -48,8 +54,6 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
         Not a parquet file, damaged, larger than the limit, other columns, null values, or lists
         of differing lengths.
     """
-    import pyarrow as pa
-
     if not path.is_file():
         raise UnreadableError(
             "no such prediction file",
@@ -57,8 +61,86 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
             expected=".npz or .parquet",
             fix="`airzoo-bench template` writes an example",
         )
+    with _told_as_damage(path):
+        return _read(path, columns, budget, passed_over)
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of a file's columns.
+
+    Raises
+    ------
+    PredictionError
+        Not a parquet file, or damaged.
+    """
+    import pyarrow.parquet as pq
+
+    with _told_as_damage(path):
+        claimed_bytes(path)  # Arrow may end the process over metadata that are damaged
+        return list(pq.read_schema(path).names)
+
+
+def read_flat_table(path: Path, columns: Collection[str], budget: Budget) -> Any:
+    """Read columns of numbers, truth values and texts, of which any may be missing in places.
+
+    Parameters
+    ----------
+    path : Path
+    columns : collection of str
+        Those that are read, each of which the file has.
+    budget : Budget
+        What they may take in memory together.
+
+    Returns
+    -------
+    pyarrow.Table
+        Of int64, uint64, float64, bool and large_string.
+
+    Raises
+    ------
+    PredictionError
+        Not a parquet file, damaged, larger than the limit, or a column is of another type.
+    """
+    import pyarrow as pa
+
+    with _told_as_damage(path), _opened(path, budget) as file:
+        parts, taken = [], 0
+        for batch in _batches(file, list(columns)):
+            batch.validate(full=True)
+            plain = {one: _plain(path, one, batch.column(one), budget, taken) for one in columns}
+            parts.append(pa.table(plain))
+            taken += parts[-1].nbytes
+        return pa.concat_tables(parts) if parts else file.schema_arrow.empty_table().select(columns)
+
+
+def _plain(path: Path, name: str, values: Any, budget: Budget, taken: int) -> Any:
+    """Return a column of a batch as one of the five types."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = values.type
+    if pa.types.is_dictionary(kind):
+        longest = pc.max(pc.binary_length(values.dictionary)).as_py() or 0
+        budget.hold(path, "its columns", taken + len(values) * (longest + _BYTES_OF_NUMBER))
+        return values.dictionary_decode().cast(pa.large_string())
+    budget.hold(path, "its columns", taken + len(values) * _BYTES_OF_NUMBER)
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return values.cast(pa.large_string())
+    if pa.types.is_boolean(kind) or pa.types.is_uint64(kind):
+        return values
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        return values.cast(pa.int64() if pa.types.is_integer(kind) else pa.float64())
+    raise PredictionError(
+        f"column '{name}' has values of type {kind}", where=path, expected="text or numbers"
+    )
+
+
+@contextmanager
+def _told_as_damage(path: Path) -> Iterator[None]:
+    import pyarrow as pa
+
     try:
-        return _read(path, columns, budget)
+        yield
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UnreadableError(
             f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
@@ -68,21 +150,29 @@ def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[s
         ) from error
 
 
-def _read(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDArray[Any]]:
+def _opened(path: Path, budget: Budget, passed_over: tuple[str, ...] = ()) -> Any:
+    """Open a file whose pages are sound, and whose texts stay as small as they are stored."""
     import pyarrow.parquet as pq
 
-    budget.hold(path, "its pages", claimed_bytes(path))
+    budget.hold(path, "its pages", claimed_bytes(path, passed_over))
     with pq.ParquetFile(path) as file:
         # A walk through all pages in small pieces, which finds damage: Arrow ends the process when
         # it is asked for the metadata of a damaged column.
-        file.scan_contents(batch_size=_BATCH_ROWS)
+        read = [name for name in file.schema_arrow.names if name not in passed_over]
+        file.scan_contents(columns=read if passed_over else None, batch_size=_BATCH_ROWS)
         texts = [file.schema.column(i).path for i in range(file.metadata.num_columns)]
-    with pq.ParquetFile(path, read_dictionary=texts) as file:
-        names = file.schema_arrow.names
+    return pq.ParquetFile(path, read_dictionary=texts)
+
+
+def _read(
+    path: Path, columns: tuple[str, ...], budget: Budget, passed_over: tuple[str, ...]
+) -> dict[str, NDArray[Any]]:
+    with _opened(path, budget, passed_over) as file:
+        names = [name for name in file.schema_arrow.names if name not in passed_over]
         _check_columns(path, names, columns)
         parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
         row = 0
-        for batch in _batches(file):
+        for batch in _batches(file, names if passed_over else None):
             for name in names:
                 taken = sum(array.nbytes for array in parts[name])
                 piece = _Piece(path, name, batch.column(name), row, taken, budget)
@@ -91,10 +181,10 @@ def _read(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDA
     return {name: _joined(arrays, name, path) for name, arrays in parts.items()}
 
 
-def _batches(file: Any) -> Iterator[Any]:
+def _batches(file: Any, names: list[str] | None) -> Iterator[Any]:
     # Group by group: each has a dictionary of its own, and lists cannot change theirs in a batch.
     for group in range(file.metadata.num_row_groups):
-        yield from file.iter_batches(batch_size=_BATCH_ROWS, row_groups=[group])
+        yield from file.iter_batches(_BATCH_ROWS, row_groups=[group], columns=names)
 
 
 def _check_columns(path: Path, names: list[str], columns: tuple[str, ...]) -> None:

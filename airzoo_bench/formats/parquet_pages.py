@@ -9,18 +9,22 @@ the fields of https://github.com/apache/parquet-format/blob/master/src/main/thri
 from __future__ import annotations
 
 import mmap
+from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["claimed_bytes"]
+__all__ = ["Chunk", "claimed_bytes", "row_groups"]
 
 _MAGIC = b"PAR1"
 _LARGEST_FOOTER = 1 << 22
 _MOST_PAGES = 1 << 18
 _DEEPEST = 16
+_LONGEST_NAME = 256
 _BYTES_A_VALUE = 12  # as an index into a dictionary, and what says which list it is in
 _DELTA_BYTE_ARRAY = 7
-_ROW_GROUPS, _COLUMNS, _META, _CODEC_BYTES = 4, 1, 3, 7
+_ROW_GROUPS, _COLUMNS, _GROUP_ROWS, _META = 4, 1, 3, 3
+_NAME, _VALUES, _CODEC_BYTES = 3, 5, 7
 _DATA_START, _DICTIONARY_START = 9, 11
 _PLAIN_BYTES, _PACKED_BYTES, _KINDS_OF_PAGE = 2, 3, {5: 2, 7: 2, 8: 4}
 _DOUBLE, _BINARY, _LISTS, _MAP, _STRUCT = 7, 8, (9, 10), 11, 12
@@ -28,8 +32,50 @@ _DOUBLE, _BINARY, _LISTS, _MAP, _STRUCT = 7, 8, (9, 10), 11, 12
 Struct = dict[int, Any]
 
 
-def claimed_bytes(path: Path) -> int:
+@dataclass(frozen=True)
+class Chunk:
+    """A column of a row group, as the file states it.
+
+    Attributes
+    ----------
+    column : str
+        Its outermost name.
+    rows, values : int
+        Of the row group; of the column in it, a value an entry of a list.
+    stored_bytes : int
+    pages : tuple of int
+        What each page asks for when it is read.
+    """
+
+    column: str
+    rows: int
+    values: int
+    stored_bytes: int
+    pages: tuple[int, ...]
+
+
+def claimed_bytes(path: Path, passed_over: Collection[str] = ()) -> int:
     """Return how much memory the pages of a file ask for when they are read.
+
+    Parameters
+    ----------
+    path : Path
+    passed_over : collection of str
+        Columns that are not read.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged, or has pages that no reader can bound.
+    """
+    groups = row_groups(path)
+    return sum(
+        sum(chunk.pages) for group in groups for chunk in group if chunk.column not in passed_over
+    )
+
+
+def row_groups(path: Path) -> list[list[Chunk]]:
+    """Return what each row group of a file has, column by column.
 
     Raises
     ------
@@ -45,27 +91,33 @@ def claimed_bytes(path: Path) -> int:
             if body[-4:] != _MAGIC or not 0 < footer <= min(size - 12, _LARGEST_FOOTER):
                 raise ValueError("its footer is damaged, cut off or absurdly long")
             data = _Compact(body, size - 8 - footer, size - 8).struct()
-            groups = _structs(data.get(_ROW_GROUPS))
-            chunks = [chunk for group in groups for chunk in _structs(group.get(_COLUMNS))]
-            return sum(_chunk_bytes(body, _struct(chunk.get(_META)), size) for chunk in chunks)
+            return [_group(body, group, size) for group in _structs(data.get(_ROW_GROUPS))]
 
 
-def _chunk_bytes(body: mmap.mmap, meta: Struct, size: int) -> int:
-    starts = [meta[key] for key in (_DATA_START, _DICTIONARY_START) if meta.get(key)]
+def _group(body: mmap.mmap, group: Struct, size: int) -> list[Chunk]:
+    rows, columns = _whole(group.get(_GROUP_ROWS, 0)), _structs(group.get(_COLUMNS))
+    return [_chunk(body, _struct(column.get(_META)), rows, size) for column in columns]
+
+
+def _chunk(body: mmap.mmap, meta: Struct, rows: int, size: int) -> Chunk:
+    starts = [_whole(meta[key]) for key in (_DATA_START, _DICTIONARY_START) if meta.get(key)]
     place = min(starts, default=-1)
-    end = place + _whole(meta.get(_CODEC_BYTES))
+    stored = _whole(meta.get(_CODEC_BYTES))
+    end = place + stored
     if not 0 < place <= end <= size:
         raise ValueError("a column lies outside the file")
-    stated, pages = 0, 0
-    while place < end and pages < _MOST_PAGES:
+    pages: list[int] = []
+    while place < end and len(pages) < _MOST_PAGES:
         reader = _Compact(body, place, end)
         page = reader.struct()
-        stated += _page_bytes(page)
+        pages.append(_page_bytes(page))
         place = reader.place + _whole(page.get(_PACKED_BYTES))
-        pages += 1
     if place != end:
         raise ValueError("the pages of a column do not fit it")
-    return stated
+    name = meta.get(_NAME)
+    column = name[0] if isinstance(name, list) and name and isinstance(name[0], bytes) else b""
+    values = _whole(meta.get(_VALUES, 0))
+    return Chunk(column.decode("utf-8", "replace"), rows, values, stored, tuple(pages))
 
 
 def _page_bytes(page: Struct) -> int:
@@ -127,7 +179,7 @@ class _Compact:
         if kind in (4, 5, 6):
             return self._signed()
         if kind in (_DOUBLE, _BINARY):
-            return self._skip(8 if kind == _DOUBLE else self._unsigned())
+            return self._bytes(8 if kind == _DOUBLE else self._unsigned())
         if kind in _LISTS:
             return self._list()
         if kind == _STRUCT:
@@ -147,10 +199,11 @@ class _Compact:
         self.place += 1
         return self._body[self.place - 1]
 
-    def _skip(self, count: int) -> None:
+    def _bytes(self, count: int) -> bytes:
         if count > self._end - self.place:
             raise ValueError("its metadata are cut off")
         self.place += count
+        return self._body[self.place - count : self.place - count + min(count, _LONGEST_NAME)]
 
     def _unsigned(self) -> int:
         value = 0

@@ -11,8 +11,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.bootstrap_limits import quantiles
 from airzoo_bench.statistics.intervals import FEWEST
 from airzoo_bench.statistics.pair_tests import mean_draws
-from airzoo_bench.statistics.pairs import Places, hubs, wanted_pairs
-from airzoo_bench.statistics.resampling import unit_products
+from airzoo_bench.statistics.pairs import Places, hubs, oriented, rows_of, wanted_pairs
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 from airzoo_bench.statistics.share_differences import (
     Reaches,
@@ -21,6 +20,7 @@ from airzoo_bench.statistics.share_differences import (
     squares_of_hits,
     student_squares,
 )
+from airzoo_bench.statistics.unit_products import UnitProducts
 
 __all__ = ["pair_limits"]
 
@@ -58,7 +58,8 @@ def pair_limits(
     by_shares = sample.shares is not None and bool(sample.shares.all())
     rows = _of_shares if by_shares else _by_percentiles
     for one, others, found in rows(sample, resampling, wanted):
-        limits[:, one, others] = found.T
+        first, second = oriented(one, others)
+        limits[:, first, second] = found.T
     return limits
 
 
@@ -70,8 +71,7 @@ def _by_percentiles(
 ) -> _Found:
     draws = mean_draws(sample, resampling)
     step = max(1, _CELLS // resampling.resamples)
-    for one in range(len(draws) - 1):
-        others = np.flatnonzero(wanted[one])
+    for one, others in rows_of(wanted):
         for start in range(0, len(others), step):
             some = others[start : start + step]
             yield one, some, _percentiles(draws, one, some, resampling.confidence)
@@ -84,8 +84,8 @@ def _of_shares(sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.
     kind = _Hits if hits else _Graded
     scenes = [kind(part, rows, confidence) for part in sample.values]
     means = np.mean([part.mean(axis=1) for part in sample.values], axis=0)
-    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
-        others = np.flatnonzero(wanted[one])
+    for one, others in rows_of(wanted):
+        first, second = oriented(one, others)
         squares = np.zeros((2, len(others)))
         graded, unsure = np.zeros((2, len(others)), np.bool_)
         for scene in scenes:
@@ -93,9 +93,10 @@ def _of_shares(sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.
             squares += found
             graded |= fractions
             unsure |= cancelled
-        yield one, others, put_together(means[one] - means[others], squares, len(scenes))
+        yield one, others, put_together(means[first] - means[second], squares, len(scenes))
         direct = others[unsure | ~(graded | hits)]
-        yield one, direct, _directly(sample, one, direct, confidence)
+        if len(direct):
+            yield one, direct, _directly(sample, one, direct, confidence)
 
 
 _Squares = tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]
@@ -107,13 +108,13 @@ class _Hits:
 
     def __init__(self, values: Floats, rows: Places, confidence: float) -> None:
         self._count = values.shape[1]
-        self._both = unit_products(values, rows)
+        self._products = UnitProducts.of(values, rows)
         self._reaches = Reaches.of_hits(self._count, confidence)
 
     def squares(self, one: int, others: Places) -> _Squares:
-        both = self._both[one, others]
-        won = (self._both[one, one] - both).astype(np.intp)
-        lost = (self._both[others, others] - both).astype(np.intp)
+        both, hits = self._products.at(one, others), self._products.squares
+        first, second = oriented(one, others)
+        won, lost = ((hits[side] - both).astype(np.intp) for side in (first, second))
         reaches = self._reaches.at(won), self._reaches.at(lost)
         no = np.zeros(len(others), np.bool_)
         return squares_of_hits(*reaches, self._count), no, no
@@ -124,13 +125,13 @@ class _Graded:
 
     def __init__(self, values: Floats, rows: Places, confidence: float) -> None:
         self._count, self._confidence = values.shape[1], confidence
-        self._products = unit_products(values - values.mean(axis=1, keepdims=True), rows)
+        self._products = UnitProducts.of(values - values.mean(axis=1, keepdims=True), rows)
         parts = np.rint((values % 1) * _PARTS).astype(np.int32)
         self._parts = np.where(parts == _PARTS, 0, parts)
 
     def squares(self, one: int, others: Places) -> _Squares:
-        own, theirs = self._products[one, one], self._products[others, others]
-        sums = own + theirs - 2 * self._products[one, others]
+        own, theirs = self._products.squares[one], self._products.squares[others]
+        sums = own + theirs - 2 * self._products.at(one, others)
         variances = np.maximum(sums, 0.0) / (self._count - 1)
         found = student_squares(variances, self._count, self._confidence)
         fractions = np.zeros(len(others), np.bool_)
@@ -146,12 +147,14 @@ def _directly(sample: Sample, one: int, others: Places, confidence: float) -> Fl
     step = max(1, _CELLS // sum(part.shape[1] for part in sample.values))
     for start in range(0, len(others), step):
         some = others[start : start + step]
-        parts = [paired_difference(part[one], part[some]) for part in sample.values]
+        first, second = oriented(one, some)
+        parts = [paired_difference(part[first], part[second]) for part in sample.values]
         found[start : start + step] = difference_limits(parts, confidence)
     return found
 
 
 def _percentiles(draws: Floats, one: int, others: Places, confidence: float) -> Floats:
-    found = np.sort(paired_difference(draws[one], draws[others]), axis=1)
+    first, second = oriented(one, others)
+    found = np.sort(paired_difference(draws[first], draws[second]), axis=1)
     tails = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
     return quantiles(found, np.broadcast_to(tails, (len(found), 2)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.pairs import Places, Wanted, hubs, rows_of
-from airzoo_bench.statistics.resampling import unit_products
 from airzoo_bench.statistics.samples import Sample
+from airzoo_bench.statistics.unit_products import UnitProducts
 
 __all__ = ["SignedSums", "Tested", "codes_of", "normal_tail"]
 
@@ -21,9 +21,37 @@ _SURE = 6.0  # standard deviations; Hoeffding: less than one of 10**7 draws is a
 _SLACK = 1e-9
 _CANCELLED = 1e-3  # of two squares: what is left of their difference has few digits
 _CELLS = 1 << 22
+_LARGEST = 1.5  # so that 30 binary digits of it fit into an integer of 32
 
 Tested = Iterator[tuple[int, Places, Floats]]
 """A variable, those that it is paired with, and p of each."""
+
+
+class Codes:
+    """What is alike where two variables tie on a unit; made of those that are asked for.
+
+    Parameters
+    ----------
+    parts : sequence of (V, N) arrays
+        Values of the units of each group.
+    """
+
+    def __init__(self, parts: Sequence[Floats]) -> None:
+        self._parts = parts
+        self._small = all(map(_is_small, parts))
+        count, units = len(parts[0]), sum(part.shape[1] for part in parts)
+        self._codes = np.empty((count, units), np.int32 if self._small else np.float64)
+        self._made = np.zeros(count, np.bool_)
+
+    def unlike(self, one: int, others: Places) -> NDArray[np.bool_]:
+        """Return on which units one variable and others do not tie, (C, N)."""
+        asked = np.append(others, one)
+        new = asked[~self._made[asked]]
+        if len(new):
+            values = np.concatenate([part[new] for part in self._parts], axis=1)
+            self._codes[new] = _codes(values, small=self._small)
+            self._made[new] = True
+        return np.asarray(self._codes[others] != self._codes[one])
 
 
 @dataclass(frozen=True)
@@ -34,20 +62,19 @@ class SignedSums:
     ----------
     values : (V, N) array
         Each unit divided by the size of its group, so that sums are sums of the groups' means.
-    codes : (V, N) array
-        Equal where two variables tie on a unit.
+    codes : Codes
+        Of the values as they are.
     sums : (V,) array
         Of the values as they are.
-    squares : (V, V) array
-        Products of the variables, unit by unit, summed.
+    products : UnitProducts
     draws : (V, B) array
         Sums under random signs.
     """
 
     values: Floats
-    codes: NDArray[Any]
+    codes: Codes
     sums: Floats
-    squares: Floats
+    products: UnitProducts
     draws: Floats
 
     @classmethod
@@ -68,12 +95,17 @@ class SignedSums:
         SignedSums
             Infinite values count as 0.
         """
-        parts = [np.where(np.isinf(part), 0.0, part) for part in sample.values]
-        values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
-        squares = unit_products(values, hubs(wanted))
-        return cls(
-            values, codes_of(np.concatenate(parts, axis=1)), values.sum(axis=1), squares, draws
-        )
+        parts = [
+            np.where(np.isinf(part), 0.0, part) if np.isinf(part.max(initial=0.0)) else part
+            for part in sample.values
+        ]
+        ends = np.cumsum([part.shape[1] for part in parts])
+        values = np.empty((len(parts[0]), ends[-1]))
+        for part, end in zip(parts, ends.tolist(), strict=True):
+            units = part.shape[1]
+            np.divide(part, units, out=values[:, end - units : end])
+        products = UnitProducts.of(values, hubs(wanted))
+        return cls(values, Codes(parts), values.sum(axis=1), products, draws)
 
     def tests(self, wanted: Wanted) -> Tested:
         """Test pairs; exactly where all patterns of signs are no more than the draws.
@@ -108,8 +140,8 @@ class SignedSums:
 
     def _spread(self, one: int, others: Places) -> Floats:
         """Return the standard deviation of the signed sum of differences."""
-        own, theirs = self.squares[one, one], self.squares[others, others]
-        squares = own + theirs - 2 * self.squares[one, others]
+        own, theirs = self.products.squares[one], self.products.squares[others]
+        squares = own + theirs - 2 * self.products.at(one, others)
         for place in np.flatnonzero(squares < _CANCELLED * (own + theirs)):
             squares[place] = ((self.values[one] - self.values[others[place]]) ** 2).sum()
         rounding = squares <= _SLACK**2 * (own + theirs)
@@ -126,10 +158,10 @@ class SignedSums:
 
     def _unlike(self, one: int, others: Places) -> NDArray[np.int64]:
         counts = np.zeros(len(others), np.int64)
-        step = max(1, (_CELLS >> 3) // self.codes.shape[1])
+        step = max(1, (_CELLS >> 3) // self.values.shape[1])
         for start in range(0, len(others), step):
             some = slice(start, start + step)
-            counts[some] = np.count_nonzero(self.codes[others[some]] != self.codes[one], axis=1)
+            counts[some] = np.count_nonzero(self.codes.unlike(one, others[some]), axis=1)
         return counts
 
     def _exact(self, few: list[tuple[int, Places, NDArray[np.int64]]]) -> Tested:
@@ -145,10 +177,10 @@ class SignedSums:
         if number == 0:
             return np.ones(len(others))
         p_values = np.empty(len(others))
-        step = max(1, _CELLS // max(self.codes.shape[1], signs.shape[1]))
+        step = max(1, _CELLS // max(self.values.shape[1], signs.shape[1]))
         for start in range(0, len(others), step):
             some = others[start : start + step]
-            _, units = np.nonzero(self.codes[some] != self.codes[one])
+            _, units = np.nonzero(self.codes.unlike(one, some))
             places = units.reshape(len(some), number)
             values = self.values[some[:, None], places] - self.values[one, places]
             sums = np.abs(values @ signs)
@@ -176,7 +208,15 @@ def codes_of(values: Floats) -> NDArray[Any]:
     array
         Of the same shape.
     """
-    if values.max(initial=0.0) <= 1.5:
+    return _codes(values, small=_is_small(values))
+
+
+def _is_small(values: Floats) -> bool:
+    return bool(values.max(initial=0.0) <= _LARGEST)
+
+
+def _codes(values: Floats, *, small: bool) -> NDArray[Any]:
+    if small:
         return np.asarray(np.rint(np.ldexp(values, 30)), np.int32)
     known = np.where(np.isinf(values), 0.0, np.abs(values))
     sizes = np.frexp(np.maximum(1.0, known))[1]

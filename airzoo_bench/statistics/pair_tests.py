@@ -134,12 +134,13 @@ def pair_p_values(
 def _of_means(
     sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: Wanted
 ) -> Tested:
-    failing = np.any([np.isinf(part).any(axis=1) for part in sample.values], axis=0)
+    failing = np.any([np.isinf(part.max(axis=1, initial=0.0)) for part in sample.values], axis=0)
     either = failing | failing[:, None]
     for one, others in rows_of(wanted & either):
         for first, size in blocks(2 * resampling.resamples, len(others)):
             part = others[first : first + size]
-            tests = paired_permutation(sample, resampling, [(one, int(other)) for other in part])
+            pairs = [(min(one, other), max(one, other)) for other in part.tolist()]
+            tests = paired_permutation(sample, resampling, pairs)
             yield one, part, np.array([test.p_value for test in tests])
     finite = wanted & ~either
     if finite.any():

@@ -1,4 +1,4 @@
-"""Which pairs of many variables are asked for, row by row."""
+"""Which pairs of many variables are asked for, and in which order they are taken."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Places", "Wanted", "hubs", "rows_of", "wanted_pairs"]
+__all__ = ["Places", "Wanted", "hubs", "oriented", "rows_of", "wanted_pairs"]
 
 Places = NDArray[np.intp]
 """Variables, by their numbers."""
@@ -38,7 +38,9 @@ def wanted_pairs(count: int, chosen: Places | None) -> Wanted:
 
 
 def rows_of(wanted: Wanted) -> Iterator[tuple[int, Places]]:
-    """Yield each variable with the higher ones that it is paired with.
+    """Yield each wanted pair once: a variable with others, which are all higher or all lower.
+
+    Where a few variables are in all pairs, each of these has its pairs together.
 
     Parameters
     ----------
@@ -48,10 +50,29 @@ def rows_of(wanted: Wanted) -> Iterator[tuple[int, Places]]:
     Yields
     ------
     tuple of int and (C,) array of int
-        Variables without any are left out.
+        With at least one other; see `oriented`.
     """
-    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
-        yield one, np.flatnonzero(wanted[one])
+    chosen, rest = hubs(wanted), wanted.copy()
+    rest[chosen] = False
+    for one in chosen.tolist():
+        above, below = np.flatnonzero(wanted[one]), np.flatnonzero(rest[:, one])
+        yield from ((one, others) for others in (above, below) if len(others))
+
+
+def oriented(one: int, others: Places) -> tuple[int, Places] | tuple[Places, int]:
+    """Put the lower side of pairs first, where rounding depends on which one comes first.
+
+    Parameters
+    ----------
+    one, others : int, (C,) array of int
+        From `rows_of`.
+
+    Returns
+    -------
+    tuple of int and (C,) array of int
+        In either order.
+    """
+    return (one, others) if others[0] > one else (others, one)
 
 
 def hubs(wanted: Wanted) -> Places:

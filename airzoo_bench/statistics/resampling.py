@@ -26,7 +26,6 @@ __all__ = [
     "resample_counts",
     "sign_flips",
     "stream_key",
-    "unit_products",
     "weighted_averages",
 ]
 
@@ -185,33 +184,6 @@ def exact_products(values: Floats, factors: Floats, total: int) -> Floats:
     halves = np.exp2(np.floor(exponents / 2)), np.exp2(np.ceil(exponents / 2))
     whole = np.rint(values * halves[0][:, None] * halves[1][:, None])
     return np.asarray((whole @ factors) / halves[0][:, None] / halves[1][:, None])
-
-
-def unit_products(values: Floats, rows: NDArray[np.intp]) -> Floats:
-    """Multiply variables unit by unit and sum, with values rounded to some 20 binary digits.
-
-    Parameters
-    ----------
-    values : (V, N) array
-        Finite.
-    rows : (R,) array of int
-        Of which variables products are wanted.
-
-    Returns
-    -------
-    (V, V) array
-        Symmetric; NaN off the diagonal where neither variable is one of `rows`. A product is the
-        same to the last bit whatever the number of threads and the other variables.
-    """
-    largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
-    sizes = np.frexp(largest)[1].astype(np.int64)
-    digits = (_EXACT_BITS - int(values.shape[1]).bit_length()) // 2
-    whole = np.rint(np.ldexp(values, (digits - sizes)[:, None]))
-    found = np.full((len(values), len(values)), np.nan)
-    found[rows] = whole[rows] @ whole.T
-    found[:, rows] = found[rows].T
-    np.fill_diagonal(found, np.einsum("vn,vn->v", whole, whole))
-    return np.asarray(np.ldexp(found, sizes[:, None] + sizes - 2 * digits))
 
 
 def _medians(values: Floats, factors: Floats, counts: Weights, total: int) -> Floats:

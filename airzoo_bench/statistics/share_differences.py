@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +124,7 @@ class Reaches:
         return cls(rates.means, rates.spread, *jeffreys_reaches(rates, confidence))
 
     @classmethod
+    @lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
     def of_hits(cls, count: int, confidence: float) -> Reaches:
         """Take those of 0, 1, ..., `count` hits of so many queries.
 

@@ -11,17 +11,9 @@ from airzoo_bench.formats.clouds import arrays, e57, glb, las, obj, off, pcd, pl
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.gzipped import Unpacked
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
+from airzoo_bench.formats.clouds.suffixes import GZIPPED_SUFFIXES, KINDS, TEXT_SUFFIXES
 
-__all__ = ["KINDS", "SUFFIXES", "open_cloud", "stem_of"]
-
-_MESHES = (".obj", ".stl", ".off", ".gltf", ".glb")
-_PLAIN = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".npy", *xyz.TEXT_SUFFIXES, *_MESHES)
-_UNZIPPED = (".laz", ".npz", ".e57")
-_GZIPPED = tuple(f"{suffix}.gz" for suffix in _PLAIN if suffix not in _UNZIPPED)
-SUFFIXES = (*_PLAIN, *_GZIPPED)
-"""Endings of files that can be clouds."""
-KINDS = f"{', '.join(_PLAIN)}, and .gz of them"
-"""The same, for people."""
+__all__ = ["open_cloud", "stem_of"]
 
 _HEAD_BYTES = 4096
 _MAGIC = (
@@ -54,7 +46,7 @@ _OBJ_STARTS = (b"#", b"v ", b"v\t", b"vn ", b"vt ", b"f ", b"o ", b"g ", b"mtlli
 def stem_of(name: str) -> str:
     """Return the name of a file without its ending, which may be of two parts: ``.ply.gz``."""
     path = Path(name)
-    return path.with_suffix("").stem if name.lower().endswith(_GZIPPED) else path.stem
+    return path.with_suffix("").stem if name.lower().endswith(GZIPPED_SUFFIXES) else path.stem
 
 
 def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -> FileCloud:
@@ -80,7 +72,7 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
         It is no such file, has the ending of another kind, is damaged or cut off, or a mesh that
         may not be sampled.
     """
-    if not (path.is_file() and path.name.lower().endswith(_GZIPPED)):
+    if not (path.is_file() and path.name.lower().endswith(GZIPPED_SUFFIXES)):
         return _open_plain(path, limit_bytes, sampling)
     unpacked = Unpacked(path)
     try:
@@ -155,14 +147,14 @@ def _kind_by_ending(suffix: str, head: bytes) -> str | None:
         ".stl": ("STL", stl.looks_like_stl(head)),
         ".off": ("OFF", _looks_like_off(head)),
         ".gltf": ("glTF", head.lstrip().startswith(b"{")),
-    } | dict.fromkeys(xyz.TEXT_SUFFIXES, ("text", xyz.looks_like_text(head)))
+    } | dict.fromkeys(TEXT_SUFFIXES, ("text", xyz.looks_like_text(head)))
     kind, is_so = fits.get(suffix, (None, False))
     return kind if is_so and not _looks_like_other(suffix, head) else None
 
 
 def _looks_like_other(suffix: str, head: bytes) -> bool:
     """Say whether what ends as text is a mesh in text."""
-    return suffix in xyz.TEXT_SUFFIXES and _text_mesh(head) is not None
+    return suffix in TEXT_SUFFIXES and _text_mesh(head) is not None
 
 
 def _text_mesh(head: bytes) -> str | None:

@@ -31,13 +31,14 @@ from airzoo_bench.formats.clouds.cloud import (
 from airzoo_bench.formats.clouds.laz import LazBody
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["LasHeader", "open_las"]
+__all__ = ["LasHeader", "open_las", "read_header"]
 
 _SHORTEST = 227
 _RGB_AT = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
 _BASE_SIZE = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
 _VLR_HEADER = 54
 _LASZIP = (b"laszip encoded", 22204)
+_PROJECTION = b"LASF_Projection"
 _COLOUR_PROBE = 50_000
 
 
@@ -59,6 +60,8 @@ class LasHeader:
         World coordinate = integer * scale + offset.
     laszip : bytes or None
         The record that LASzip leaves for its reader.
+    projection : bytes
+        What its records say of a CRS; nothing where they do not.
     """
 
     version: tuple[int, int]
@@ -71,6 +74,7 @@ class LasHeader:
     scale: Floats
     offset: Floats
     laszip: bytes | None
+    projection: bytes
 
     @property
     def record(self) -> np.dtype[Any]:
@@ -124,7 +128,7 @@ def read_header(path: Path) -> LasHeader:
         point_format = form & 0x3F
         _check_header(path, version, point_format, record_bytes, header_bytes, start, size)
         stream.seek(header_bytes)
-        laszip = _laszip_record(path, stream, n_vlrs, start - header_bytes)
+        laszip, projection = _records_of(path, stream, n_vlrs, start - header_bytes)
     numbers = np.frombuffer(raw, "<f8", 6, 131).astype(np.float64)
     if not (np.isfinite(numbers).all() and (numbers[:3] != 0).all()):
         raise refusal(
@@ -142,6 +146,7 @@ def read_header(path: Path) -> LasHeader:
         numbers[:3],
         numbers[3:],
         laszip,
+        projection,
     )
     _check_body(path, header, size)
     return header
@@ -205,8 +210,9 @@ def _check_body(path: Path, header: LasHeader, size: int) -> None:
         raise refusal(path, "its points are compressed, but how is not said", fix=FIX_COPY)
 
 
-def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> bytes | None:
-    found = None
+def _records_of(path: Path, stream: IO[bytes], count: int, room: int) -> tuple[bytes | None, bytes]:
+    """Return the records of LASzip and of the projection."""
+    laszip, projection = None, b""
     for _ in range(count):
         head = stream.read(_VLR_HEADER)
         room -= len(head)
@@ -217,8 +223,10 @@ def _laszip_record(path: Path, stream: IO[bytes], count: int, room: int) -> byte
         room -= length
         user, number = head[2:18].split(b"\0")[0], int.from_bytes(head[18:20], "little")
         if (user, number) == _LASZIP:
-            found = data
-    return found
+            laszip = data
+        elif user == _PROJECTION:
+            projection += head[18:22] + data
+    return laszip, projection
 
 
 def _colour_shift(path: Path, header: LasHeader) -> int:

@@ -155,7 +155,8 @@ class LazBody:
         vlr = lazrs.LazVlr(self.laszip)
         self._check_chunk_count(vlr)
         self.stream.seek(self.start)
-        chunks: Chunks = lazrs.read_chunk_table(self.stream, vlr)
+        # Writers of chunks of any size, as of COPC, may end with one of nothing.
+        chunks: Chunks = [some for some in lazrs.read_chunk_table(self.stream, vlr) if any(some)]
         self._check_chunks(chunks)
         return chunks
 

@@ -22,9 +22,8 @@ from airzoo_bench.formats.clouds.columns import Columns, columns_by_name, column
 from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["TEXT_SUFFIXES", "looks_like_text", "open_text"]
+__all__ = ["looks_like_text", "open_text"]
 
-TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 """Endings of clouds as text."""
 
 _SAMPLE = 1000
