@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
+from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import DATA_VARIABLE, data_root
 from airzoo_bench.core.validation import read_toml, validated
@@ -133,6 +134,7 @@ class Benchmark:
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
         benchmark = cls(folder, file)
+        fetch_truth(folder, file)
         with benchmark.fixes():
             verify(folder, file)
         if not sealed:
@@ -168,14 +170,14 @@ class Benchmark:
         return self.folder / "scenes" / scene_id
 
     def resolve(self, path: str) -> Path:
-        """Return the place of a file that benchmark.toml names."""
-        return self.folder / path
+        """Return the place of a file that benchmark.toml names; of a mirror, it is fetched."""
+        return resolved(self.folder, self.file, path)
 
     @property
     def image_folders(self) -> tuple[Path, ...]:
-        """The folder itself, and those of its photos and of galleries of images."""
+        """The folder itself, and those in it of photos and of galleries of images."""
         named = [one for scene in self.file.scenes for one in (scene.images, scene.gallery) if one]
-        places = [self.folder, *map(self.resolve, named)]
+        places = [self.folder, *(self.folder / one for one in named)]
         return tuple(place for place in dict.fromkeys(places) if place.is_dir())
 
     def check_fits(self, protocol: TruthWanted) -> None:
@@ -252,7 +254,7 @@ def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
         raise BenchmarkError(
             f"holds benchmark {benchmark.name}, not {name}",
             where=folder,
-            fix="name the right folder with --data, or the right protocol with --protocol",
+            fix="name the right folder with --data, or name the right protocol with --protocol",
         )
     return benchmark
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.storage.mirror import fetched
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,7 +32,7 @@ def photo_size(path: Path) -> tuple[int, int]:
         It is not a readable photo, or its EXIF orientation says that it is shown turned: a camera
         matrix could then belong to either way of looking at it.
     """
-    with opened_photo(path) as image:
+    with opened_photo(fetched(path)) as image:
         orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
         size = image.size
     if orientation in _TURNED:
@@ -69,7 +70,7 @@ def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
 def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
     from PIL.Image import Resampling
 
-    with opened_photo(path, _FIX) as image:
+    with opened_photo(fetched(path), _FIX) as image:
         scale = min(1.0, long_side / max(image.size))
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
         # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and

@@ -112,9 +112,8 @@ def read_queries(
     everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
     for name in complete:
-        values, ids = everything[name].tolist(), everything["id"].tolist()
-        missing = (kept & everything[name].isna()).tolist()
-        refuse_cells(path, name, values, missing, "a number", ids)
+        missing = (kept & everything[name].isna()).to_numpy()
+        refuse_cells(path, name, everything[name], missing, "a number", everything["id"].tolist())
     return everything[kept].reset_index(drop=True)
 
 

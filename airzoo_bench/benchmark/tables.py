@@ -1,13 +1,16 @@
 """Tables of a benchmark folder, read with the type that each column has.
 
 What a column holds follows from its name, in whatever table it stands; columns with other names are
-conditions (weather, time of day) and keep the type that they look like.
+conditions (weather, time of day) and keep the type that they look like, but for names of digits,
+such as 007.
 """
 
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +43,7 @@ _LARGEST_WHOLE = 1 << 31
 _LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0
 _NAMED = 3
 _SHOWN = 40
+_CODE = "^([+-]?0[0-9]|[0-9]+[eE][0-9]+$)"
 _PLAIN = r"^-?[0-9]{1,20}(\.[0-9]{1,30})?(e[+-]?[0-9]{1,2})?$"
 _FIX = "correct it, or prepare the benchmark again"
 
@@ -95,8 +99,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         )
     typed = table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
     for name in complete:
-        values = typed[name]
-        refuse_cells(path, name, table[name].to_numpy(object), values.isna().tolist(), "a number")
+        refuse_cells(path, name, table[name], typed[name].isna().to_numpy(), "a number")
     return typed
 
 
@@ -119,40 +122,62 @@ def _undecoded_line(path: Path) -> str:
 def _csv(path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    as_text = dict.fromkeys((*_TEXTS, *_WHOLE, *_NUMBERS), str)
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = next(csv.reader(stream), [])
+    twice = [name for name, times in Counter(names).items() if times > 1]
+    if twice:
+        raise ValueError(f"the column {twice[0]!r} stands twice")
+    as_text = dict.fromkeys((*_TEXTS, *_WHOLE, *_NUMBERS, *_codes(path, names)), str)
     missing = {name: ["nan", ""] for name in names if name not in _TEXTS}
     return pd.read_csv(
         path, dtype=as_text, keep_default_na=False, na_values=missing, low_memory=False
     )
 
 
+def _codes(path: Path, names: Sequence[str]) -> list[str]:
+    """Return the conditions that hold names such as ``007`` or ``12e5``, which are no numbers."""
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    conditions = [name for name in names if name not in _TEXTS | _WHOLE | _NUMBERS]
+    if not conditions:
+        return []
+    table = pd.read_csv(path, dtype=str, keep_default_na=False, usecols=conditions)
+    texts = {name: pa.array(table[name], pa.large_string()) for name in conditions}
+    return [
+        name
+        for name, column in texts.items()
+        if pc.any(pc.match_substring_regex(column, _CODE), min_count=0).as_py()
+    ]
+
+
 def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
     """Return a column as what its name promises, or refuse the first values that are none."""
     import pandas as pd
 
-    name, values = str(column.name), column.to_numpy(object)
+    name, refuse = str(column.name), partial(refuse_cells, path, str(column.name), column)
     if name in _TEXTS:
-        if not _all_print(values):
-            refuse_cells(path, name, values, [not _prints(v) for v in values], "text that prints")
+        if not _all_print(column):
+            refuse(np.array([not _prints(v) for v in column]), "text that prints")
         if name == "id":
-            refuse_cells(path, name, values, column.duplicated().tolist(), "each id once")
+            refuse(column.duplicated().to_numpy(), "each id once")
         return column.astype(str)
     numbers, missing = _numbers(column)
     limit = _limit(name)
     wrong = ~(np.abs(numbers) <= limit) & ~missing
-    refuse_cells(path, name, values, wrong.tolist(), f"a number, at most {limit:.12g} in size")
+    refuse(wrong, f"a number, at most {limit:.12g} in size")
     if name in _NUMBERS and column.dtype.kind in "iu":
         return column
     if name in _NUMBERS:
         return pd.Series(numbers, column.index, name=name)
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))
-    refuse_cells(path, name, values, wrong.tolist(), "a whole number")
+    refuse(wrong, "a whole number")
     return pd.Series(numbers.astype(np.int64), column.index, name=name)
 
 
-def _all_print(values: NDArray[np.object_]) -> bool:
+def _all_print(column: pd.Series[Any]) -> bool:
+    values = column.to_numpy(object)
     try:
         joined = "".join(values)
     except TypeError:  # not all are texts
@@ -217,8 +242,8 @@ def _is_missing(value: object) -> bool:
 def refuse_cells(
     path: Path,
     name: str,
-    values: Sequence[Any] | NDArray[Any],
-    wrong: list[bool],
+    values: Sequence[Any] | NDArray[Any] | pd.Series[Any],
+    wrong: Bools,
     expected: str,
     ids: Sequence[str] = (),
 ) -> None:
@@ -229,7 +254,8 @@ def refuse_cells(
     path : Path
     name : str
         Of the column.
-    values, wrong : sequence of N
+    values : sequence of N
+    wrong : (N,) bool
     expected : str
     ids : sequence of N str, optional
         To be named beside the rows.
@@ -239,8 +265,9 @@ def refuse_cells(
     BenchmarkError
         It names the first few rows and values.
     """
-    rows = [row for row, is_wrong in enumerate(wrong) if is_wrong]
+    rows = np.flatnonzero(wrong).tolist()
     if rows:
+        values = np.asarray(values, object)
         whose = [f" ({ids[row]})" if ids else "" for row in rows[:_NAMED]]
         pairs = zip(rows[:_NAMED], whose, strict=True)
         named = [f"row {row + 1}{who}: {_shown(values[row])}" for row, who in pairs]

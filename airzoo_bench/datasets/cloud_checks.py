@@ -19,6 +19,7 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import project
@@ -42,6 +43,7 @@ _UNIT_KEYS = {3076: "coordinates", 4099: "heights"}
 def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     """Read a true cloud completely, and compare its place with that of cameras and surface model.
 
+    It is a file, or a folder of shards.
     A damaged cloud, or one of another frame or unit, is then found now and not when scoring.
 
     Returns
@@ -55,10 +57,16 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     UserError
         It is not there, damaged, elsewhere, or says that it is in another CRS or not in metres.
     """
-    if not cloud.is_file():
-        raise UsageError("no such cloud", where=f"--cloud {cloud}")
-    watched = _Watched(open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None))
-    check_cloud_crs(cloud, needed(inputs.crs, "CRS", inputs.scene))
+    if not cloud.exists():
+        raise UsageError("no such cloud", where=cloud)
+    paths = shards_in(cloud) if cloud.is_dir() else [cloud]
+    watched = _Watched(
+        open_shards(cloud, paths, _CLOUD_BYTES)
+        if cloud.is_dir()
+        else open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None)
+    )
+    for path in paths:
+        check_cloud_crs(path, needed(inputs.crs, "CRS", inputs.scene))
     _check_place(cloud, box_of(watched), inputs)
     points = np.concatenate(watched.kept)
     if inputs.dsm is None:
@@ -87,8 +95,7 @@ def check_cloud_crs(cloud: Path, crs: str) -> None:
     """
     if cloud.suffix.lower() not in (".las", ".laz"):
         return
-    where = f"--cloud {cloud}"
-    stated, units = _stated(cloud, where)
+    stated, units = _stated(cloud)
     vertical = None if stated is None else vertical_m(stated)
     if vertical is not None:
         units["heights"] = vertical
@@ -98,13 +105,13 @@ def check_cloud_crs(cloud: Path, crs: str) -> None:
     if odd:
         raise BenchmarkError(
             f"has {' and '.join(odd)}",
-            where=where,
+            where=cloud,
             expected="a cloud in metres",
             fix="convert it, e.g. with pdal translate or las2las",
         )
 
 
-def _stated(cloud: Path, where: str) -> tuple[CRS | None, dict[str, float]]:
+def _stated(cloud: Path) -> tuple[CRS | None, dict[str, float]]:
     """Return the CRS that a LAS header states, and the units of its GeoTIFF keys, in metres."""
     import laspy
     from laspy.errors import LaspyException
@@ -121,7 +128,7 @@ def _stated(cloud: Path, where: str) -> tuple[CRS | None, dict[str, float]]:
     except (LaspyException, CRSError, ValueError, struct.error) as error:
         raise BenchmarkError(
             f"its CRS cannot be read: {(str(error) or type(error).__name__).splitlines()[0]}",
-            where=where,
+            where=cloud,
             fix="write its CRS again, e.g. with pdal translate",
         ) from error
 
@@ -142,7 +149,7 @@ def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
         raise BenchmarkError(
             f"lies about ({box.low[0]:.0f}, {box.low[1]:.0f}), the photos about "
             f"({centres[:, 0].mean():.0f}, {centres[:, 1].mean():.0f})",
-            where=f"--cloud {cloud}",
+            where=cloud,
             expected=f"a cloud in the CRS of the poses, {inputs.crs}",
             fix="transform the cloud, or add the offset that it was reduced by",
         )
@@ -163,7 +170,7 @@ def _check_seen(cloud: Path, points: Floats, inputs: SceneInputs) -> None:
     if looking < min(len(photos), _LEAST_LOOKING):
         raise BenchmarkError(
             f"{looking} of {counted(len(photos), 'photo')} looked at it",
-            where=f"--cloud {cloud}",
+            where=cloud,
             expected="a cloud of what the photos show, in the frame of the poses",
             fix="look whether it is the cloud of this scene, and whether poses or cloud must be "
             "transformed",

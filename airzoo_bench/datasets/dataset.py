@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.engines.engine import HERE, Engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.about import About
@@ -39,8 +41,8 @@ class PrepareSettings:
         Whether a folder that stands there is replaced.
     add_to : Path or None
         A benchmark folder that the scenes are added to; then `folder` is the same.
-    jobs : int
-        The benchmark does not depend on it.
+    engine : Engine
+        Where work is done that is shared out; the benchmark does not depend on it.
     progress : Progress
     note : callable
         Takes a sentence for the user while the folder is made.
@@ -53,9 +55,16 @@ class PrepareSettings:
     copy: bool = False
     replace: bool = False
     add_to: Path | None = None
-    jobs: int = 1
+    engine: Engine = HERE
     progress: Progress = silent
     note: Callable[[str], None] = lambda _: None
+
+    def __reduce__(self) -> tuple[Callable[[], PrepareSettings], tuple[()]]:
+        """Leave out what other processes cannot do and show; they may work in another folder."""
+        own = ("engine", "progress", "note")
+        values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in own}
+        places = {name: one.absolute() for name, one in values.items() if isinstance(one, Path)}
+        return partial(PrepareSettings, **{**values, **places}), ()
 
 
 @dataclass(frozen=True)
@@ -129,7 +138,7 @@ class Dataset(ABC, Generic[OptionsT]):
         A frozen dataclass whose fields are annotated with `core.options.Option`; they become
         options of the command, next to those of `PrepareSettings`, which every dataset has.
     jobs : int or None
-        Default of ``--jobs``; None where there is nothing to share out.
+        Default of ``--jobs``; None where there is nothing to share out, and no such option.
     without_truth : mapping of str to str
         Why a track may have no truth in this dataset, by the track's name.
     about : About or None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,13 +16,14 @@ from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benc
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.progress import Progress, shown
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.map_copies import copy_map
 from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, raster_sha256
+from airzoo_bench.geometry.raster_files import raster_sha256
+from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
 from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.maps import own_map
 from airzoo_bench.matching.truth import MatchingTruth
@@ -60,9 +62,11 @@ def write_benchmark(
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         titles = protocols.titles
         entries = [
-            write_scene(staged, scene, titles[scene.inputs.scene], settings) for scene in scenes
+            write_scene(staged, scene, titles[scene.inputs.scene], settings)
+            for scene in settings.progress(scenes, "writing the folder", len(scenes))
         ]
-        write_folder_files(staged, served, entries)
+        write = partial(write_folder_files, staged, served, entries)
+        shown(write, "checksums", settings.progress)
     return Prepared(
         settings.folder,
         {protocol.name: protocol.track for protocol in served},
@@ -176,7 +180,10 @@ def _copy_own_maps(scene: SceneContent, folder: Path) -> None:
 
 def _copy(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+    if source.is_dir():
+        shutil.copytree(source, target)
+    else:
+        shutil.copyfile(source, target)
 
 
 def write_folder_files(

@@ -163,37 +163,51 @@ def surface_centres(
         return in_metres, ()
     lonlat = to_lonlat(crs, in_metres[:, :2])
     heights, by = heights_of_surface(in_metres[:, 2], lonlat, stated, surface, where)
-    notes = (f"heights of the poses are converted to the surface model's, by {by}",) if by else ()
-    return np.column_stack((in_metres[:, :2], heights)), notes
+    return np.column_stack((in_metres[:, :2], heights)), _converted("heights of the poses", by)
 
 
 def surface_altitudes(
-    metadata: dict[str, PhotoPrior], options: HeightOptions, dsm: Path | None
+    metadata: dict[str, PhotoPrior],
+    named: str | None,
+    option: str,
+    options: HeightOptions,
+    dsm: Path | None,
+    what: str = "altitudes of the photos",
 ) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
     """Return priors with altitudes as the surface model has heights, and what was done.
 
     Parameters
     ----------
     metadata : dict of str to PhotoPrior
+        Altitudes are in metres, whatever the unit of the CRS.
+    named : str or None
+        Their vertical CRS; None leaves them as they are.
+    option : str
+        What names it, such as ``--priors-vertical``.
     options : HeightOptions
     dsm : Path or None
+    what : str
+        What the altitudes are, for the sentence.
 
     Raises
     ------
     UserError
         See `heights_of_surface`.
     """
-    own = options.priors_vertical_crs
-    if own is None:
+    if named is None:
         return metadata, ()
     rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
     values = np.array(rows, dtype=np.float64).reshape(-1, 3)
     surface = surface_heights_crs(dsm, options.dsm_vertical_crs)
-    place = f"--priors-vertical {own}"
-    source = named_heights_crs(own, place)
+    place = f"{option} {named}"
+    source = named_heights_crs(named, place)
     heights, by = heights_of_surface(values[:, 2], values[:, :2], source, surface, place)
     found = {
         name: prior if prior.altitude_m is None else replace(prior, altitude_m=float(height))
         for (name, prior), height in zip(metadata.items(), heights, strict=True)
     }
-    return found, (f"altitudes of the photos are converted likewise, by {by}",) if by else ()
+    return found, _converted(what, by)
+
+
+def _converted(what: str, by: str) -> tuple[str, ...]:
+    return (f"{what} are converted to the surface model's, by {by}",) if by else ()

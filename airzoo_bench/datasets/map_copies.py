@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from airzoo_bench.geometry.rasters import opened
+from airzoo_bench.geometry.virtual_rasters import source_elements
 
 __all__ = ["copy_map"]
 
@@ -44,7 +45,7 @@ def _copy_sources(source: Path, target: Path) -> None:
     home = target.with_name(f"{target.stem}_tiles")
     home.mkdir()
     copies: dict[Path, str] = {}
-    for element in tree.iter("SourceFilename"):
+    for element in source_elements(tree):
         path = source.parent / (element.text or "")
         if path not in copies:
             copies[path] = f"{len(copies):04d}{path.suffix.lower()}"

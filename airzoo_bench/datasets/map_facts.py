@@ -18,6 +18,7 @@ from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.blocks import small_cache
 from airzoo_bench.geometry.frames import change_of_plane
+from airzoo_bench.geometry.map_pixels import to_map_pixels
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world, world_to_pixel
 
 __all__ = ["MapFacts", "MapShift", "check_overlap", "map_facts", "map_shift"]
@@ -87,7 +88,7 @@ def _share_over(above: RasterInfo, below: RasterInfo) -> float:
     steps = np.linspace(0.0, 1.0, _POINTS)
     grid = np.stack(np.meshgrid(steps * above.width, steps * above.height), axis=-1)
     world = pixel_to_world(above.transform, grid.reshape(-1, 2))
-    pixels = world_to_pixel(below.transform, change_of_plane(above.crs, below.crs)(world))
+    pixels = to_map_pixels(above.crs, below)(world)
     return float(((pixels >= 0) & (pixels <= (below.width, below.height))).all(axis=1).mean())
 
 

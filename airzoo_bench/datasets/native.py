@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 from airzoo_bench.core.options import Option
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 from airzoo_bench.datasets.native_scene import NativeScene
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from airzoo_bench.datasets.scene_parts import SceneSource
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["NativeDataset", "NativeOptions", "paths_among"]
+__all__ = ["NativeDataset", "NativeOptions", "files_among", "paths_among"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ class NativeDataset(Dataset[OptionsT]):
     """
 
     about: ClassVar[About]
+    jobs = 1
 
     @abstractmethod
     def protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
@@ -75,7 +76,7 @@ class NativeDataset(Dataset[OptionsT]):
 
     @abstractmethod
     def read(self, options: OptionsT, scene: str, progress: Progress) -> NativeScene:
-        """Read a scene's native files.
+        """Read a scene's native files, of several scenes at once where processes share them.
 
         Parameters
         ----------
@@ -107,7 +108,7 @@ class NativeDataset(Dataset[OptionsT]):
 
     def folder_name(self, options: OptionsT, root: Path) -> str:
         """Name the folder, which is another where only some of the scenes are there or wanted."""
-        source, protocols = self._source(options, silent), self.protocols(options, root)
+        source, protocols = self._source(options), self.protocols(options, root)
         return protocols.of_scenes(source.scenes).every[0].benchmark
 
     def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
@@ -115,7 +116,7 @@ class NativeDataset(Dataset[OptionsT]):
         from airzoo_bench.datasets.native_prepare import is_prepared
 
         protocols = self.protocols(options, settings.root)
-        return is_prepared(self._source(options, silent), protocols, settings)
+        return is_prepared(self._source(options), protocols, settings)
 
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder of all scenes."""
@@ -124,15 +125,15 @@ class NativeDataset(Dataset[OptionsT]):
 
         check_target(paths_among(options), settings.folder)
         protocols = self.protocols(options, settings.root)
-        return prepare_scenes(self._source(options, settings.progress), protocols, settings)
+        return prepare_scenes(self._source(options), protocols, settings)
 
-    def _source(self, options: OptionsT, progress: Progress) -> SceneSource:
+    def _source(self, options: OptionsT) -> SceneSource:
         from airzoo_bench.datasets.native_prepare import chosen_scenes
         from airzoo_bench.datasets.scene_parts import SceneSource
 
         return SceneSource(
             chosen_scenes(self.scenes(options), options.scene, options.source),
-            partial(self.read, options, progress=progress),
+            self.read,
             partial(self.files, options),
             options,
             options.keep_going,
@@ -143,3 +144,9 @@ def paths_among(options: Any) -> list[Path]:
     """Return the values of a dataclass that are paths."""
     values = [getattr(options, one.name) for one in fields(options)]
     return [value for value in values if isinstance(value, Path)]
+
+
+def files_among(options: Any, scene: str) -> list[Path]:
+    """Return the same paths for any scene: all that are among the options."""
+    del scene
+    return paths_among(options)

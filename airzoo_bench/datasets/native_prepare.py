@@ -6,20 +6,19 @@ was, and scenes whose files did not change are not made again.
 
 from __future__ import annotations
 
-import errno
-import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.places import cannot_write
+from airzoo_bench.core.only_run import only_run
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.temporaries import PART, only_writer
+from airzoo_bench.core.progress import shown
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import served_protocols, write_folder_files
@@ -35,13 +34,13 @@ from airzoo_bench.datasets.scene_parts import (
     write_records,
 )
 from airzoo_bench.datasets.scene_run import SceneRun
+from airzoo_bench.datasets.scene_tasks import faults_of_writing
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
+from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["chosen_scenes", "is_prepared", "prepare_scenes"]
 
-
-_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 _PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".tar.gz", ".part", ".crdownload", ".aria2")
 
 
@@ -133,14 +132,8 @@ def prepare_scenes(
     UserError
         A scene's files are missing or wrong, or no photo of it can be answered.
     """
-    try:
-        with _alone(settings.folder):
-            return _prepared(source, protocols, settings)
-    except OSError as error:
-        if error.errno not in _OF_WRITING:  # it is a file that is read
-            raise
-        named = Path(os.fsdecode(error.filename)) if error.filename else settings.folder
-        raise cannot_write(settings.folder if named.name.endswith(PART) else named, error) from None
+    with faults_of_writing(settings.folder), _alone(settings.folder):
+        return _prepared(source, protocols, settings)
 
 
 def _prepared(
@@ -160,32 +153,14 @@ def _prepared(
             run.clear()
 
 
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Keep other runs from a folder that both would fill or clear.
-
-    Raises
-    ------
-    UsageError
-        Another run is at it.
-    """
-    made = [one for one in (folder.parent, *folder.parent.parents) if not one.exists()]
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with ExitStack() as stack:
-            try:
-                stack.enter_context(only_writer(folder))
-            except BlockingIOError as error:
-                raise UsageError(
-                    "another run is making this benchmark here",
-                    where=folder.parent,
-                    fix="wait until it has ended, or name a folder elsewhere with --out",
-                ) from error
-            yield
-    finally:
-        for one in made:
-            with suppress(OSError):  # where something was made, it stays
-                one.rmdir()
+def _alone(folder: Path) -> AbstractContextManager[None]:
+    """Keep other runs from a folder that both would fill or clear; see `only_run`."""
+    return only_run(
+        folder,
+        "another run is making this benchmark here",
+        folder.parent,
+        "name a folder elsewhere with --out",
+    )
 
 
 def _assembled(run: SceneRun, before: Mapping[str, ScenePart]) -> Prepared:
@@ -207,11 +182,8 @@ def _assembled(run: SceneRun, before: Mapping[str, ScenePart]) -> Prepared:
             expected="scenes that every track of the folder has truth for",
             fix="give what the tracks need (--priors, --cloud), or make another folder",
         )
-    with atomic_folder(folder, replace=settings.replace or bool(before)) as staged:
-        for part in parts.values():
-            part.add_to(staged, link_or_copy)
-        write_records(staged, parts.values())
-        write_folder_files(staged, served, [part.entry for part in parts.values()])
+    write = partial(_write, folder, served, parts, replaced=settings.replace or bool(before))
+    shown(write, "writing the folder", settings.progress)
     run.made = True
     accuracy = {scene: part.entry.truth_accuracy_m for scene, part in parts.items()}
     for protocol in served:
@@ -224,6 +196,16 @@ def _assembled(run: SceneRun, before: Mapping[str, ScenePart]) -> Prepared:
         run.facts,
         run.failed,
     )
+
+
+def _write(
+    folder: Path, served: Sequence[Protocol], parts: Mapping[str, ScenePart], *, replaced: bool
+) -> None:
+    with atomic_folder(folder, replace=replaced) as staged:
+        for part in parts.values():
+            part.add_to(staged, link_or_copy)
+        write_records(staged, parts.values())
+        write_folder_files(staged, served, [part.entry for part in parts.values()])
 
 
 def _named(folder: Path, whole: BenchmarkProtocols, made: BenchmarkProtocols) -> Path:

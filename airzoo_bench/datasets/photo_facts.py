@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from datetime import date, datetime
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.frames import from_lonlat, geodesic_distance_m, to_lonlat
 from airzoo_bench.geometry.missing_heights import nearest_heights
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "OUTLIER_M",
@@ -224,10 +220,10 @@ def _copies(paths: Mapping[str, Path]) -> tuple[tuple[str, ...], ...]:
 
 
 def _grouped(keys: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
+    found: dict[str, list[str]] = {}
     for name in sorted(keys):
-        found[keys[name]] = (*found.get(keys[name], ()), name)
-    return found
+        found.setdefault(keys[name], []).append(name)
+    return {key: tuple(names) for key, names in found.items()}
 
 
 def _camera_and_day(path: Path) -> tuple[str, date | None]:

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes, surface_centres
-from airzoo_bench.datasets.native import paths_among
+from airzoo_bench.datasets.native import files_among, paths_among
 from airzoo_bench.datasets.native_prepare import prepare_scenes
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
@@ -81,16 +81,13 @@ def prepare_photos(
         A source is missing or wrong, or no photo can be answered.
     """
     check_target(paths_among(sources), settings.folder)
-    return prepare_scenes(photo_source(sources, protocols, settings.progress), protocols, settings)
+    return prepare_scenes(photo_source(sources, protocols), protocols, settings)
 
 
-def photo_source(
-    sources: PhotoOptions, protocols: BenchmarkProtocols, progress: Progress
-) -> SceneSource:
+def photo_source(sources: PhotoOptions, protocols: BenchmarkProtocols) -> SceneSource:
     """Return the one scene of own photos as something to prepare."""
     scenes = tuple(scene.id for scene in protocols.every[0].scenes)
-    read = partial(read_photos, sources, progress=progress)
-    return SceneSource(scenes, read, lambda _: paths_among(sources), sources)
+    return SceneSource(scenes, read_photos, partial(files_among, sources), sources)
 
 
 def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
@@ -147,7 +144,9 @@ def posed_scene(
     check_accuracy(options)
     centres, notes = surface_centres(photos.poses.centres, stated, crs, options, found.dsm, place)
     metadata = photo_metadata(photos.names, found.images, options.priors, found.sizes, progress)
-    metadata, more = surface_altitudes(metadata, options, found.dsm)
+    metadata, more = surface_altitudes(
+        metadata, options.priors_vertical_crs, "--priors-vertical", options, found.dsm
+    )
     return NativeScene(
         scene,
         found.images,

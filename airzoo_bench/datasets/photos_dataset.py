@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from airzoo_bench.datasets.photo_options import PhotoOptions, ProtocolOptions, R
 if TYPE_CHECKING:
     from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["PHOTOS", "Photos", "photo_protocols"]
+__all__ = ["PHOTOS", "Photos", "photo_protocols", "say_tile_sizes"]
 
 _LONGEST_NAME = 48  # of which more names are made
 
@@ -33,6 +34,7 @@ class Photos(Dataset[PhotoOptions]):
         "--tile-size 256 --tile-size 128"
     )
     options = PhotoOptions
+    jobs = 1
     without_truth = MappingProxyType(
         {
             "matching": "no photo has GPS position and gimbal angles (--priors)",
@@ -59,25 +61,20 @@ class Photos(Dataset[PhotoOptions]):
         from airzoo_bench.datasets.photos import photo_source
 
         protocols = photo_protocols(options, options.name, settings.root, options.dom)
-        source = photo_source(options, protocols, settings.progress)
+        source = photo_source(options, protocols)
         return is_prepared(source, protocols, settings)
 
     def prepare(self, options: PhotoOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `photos.prepare_photos`."""
         from airzoo_bench.datasets.photos import prepare_photos
 
-        protocols = photo_protocols(
-            options, options.name, settings.root, options.dom, settings.note
-        )
+        say_tile_sizes(options, options.dom, settings.note)
+        protocols = photo_protocols(options, options.name, settings.root, options.dom)
         return prepare_photos(options, protocols, settings)
 
 
 def photo_protocols(
-    options: ProtocolOptions,
-    name: str,
-    root: Path,
-    dom: Path | None = None,
-    note: Callable[[str], None] = lambda _: None,
+    options: ProtocolOptions, name: str, root: Path, dom: Path | None
 ) -> BenchmarkProtocols:
     """Return the protocols of a benchmark with one scene, started from those that options name.
 
@@ -88,10 +85,8 @@ def photo_protocols(
         Of the benchmark and its scene.
     root : Path
         The data root.
-    dom : Path, optional
-        The map, in whose pixels sizes in metres are turned.
-    note : callable
-        Takes a sentence about that.
+    dom : Path or None
+        The map, by whose pixels sizes in metres are converted.
 
     Raises
     ------
@@ -111,7 +106,7 @@ def photo_protocols(
     reconstruction = protocol_of_track(
         options.reconstruction_protocol, root, ReconstructionProtocol
     )
-    truth, sizes = base.map_rules()[1], _tile_sizes_px(options, dom, note)
+    truth, sizes = base.map_rules()[1], _tile_sizes_px(options, dom)
     changes: dict[str, dict[str, Any]] = {
         "gallery": {"tile_sizes_px": sizes} if sizes else {},
         "ground_truth": {
@@ -126,32 +121,37 @@ def photo_protocols(
     )
 
 
-def _tile_sizes_px(
-    options: ProtocolOptions, dom: Path | None, note: Callable[[str], None]
-) -> tuple[int, ...]:
+def _tile_sizes_px(options: ProtocolOptions, dom: Path | None) -> tuple[int, ...]:
     """Return the sides of tiles that were asked for, in pixels of the map; none for the default."""
     in_metres = options.tile_size_m
     if not in_metres:
         return tuple(options.tile_size or ())
     if options.tile_size:
         raise UsageError("--tile-size and --tile-size-m are both given", fix="give one of them")
-    if dom is None:
-        raise UsageError("--tile-size-m needs a map", fix="give --dom, or --tile-size in pixels")
-    from math import sqrt
-
-    from airzoo_bench.geometry.rasters import gsd_m, open_info
-
-    across, down = gsd_m(open_info(dom))
-    pixel = sqrt(across * down)
+    pixel = _pixel_m(dom)
     sizes = tuple(round(side / pixel) if side > 0 else 0 for side in in_metres)
     if min(sizes) < 1:
         raise UsageError(
             f"--tile-size-m {min(in_metres):g} is less than a pixel of the map",
             expected=f"more than {pixel:.3g} m",
         )
-    for side, size in zip(in_metres, sizes, strict=True):
-        note(f"tiles of {side:g} m are {size} px of the map, at {pixel:.4g} m per pixel")
     return sizes
+
+
+def _pixel_m(dom: Path | None) -> float:
+    from airzoo_bench.geometry.rasters import gsd_m, open_info
+
+    if dom is None:
+        raise UsageError("--tile-size-m needs a map", fix="give --dom, or --tile-size in pixels")
+    return math.sqrt(math.prod(gsd_m(open_info(dom))))
+
+
+def say_tile_sizes(options: ProtocolOptions, dom: Path | None, note: Callable[[str], None]) -> None:
+    """Say which sides in pixels those in metres have become, see `photo_protocols`."""
+    if options.tile_size_m:
+        gsd = f"at {_pixel_m(dom):.4g} m per pixel"
+        for side, size in zip(options.tile_size_m, _tile_sizes_px(options, dom), strict=True):
+            note(f"tiles of {side:g} m are {size} px of the map, {gsd}")
 
 
 def _threshold(base: float | None, rule: Rule | None, given: float | None) -> float | None:

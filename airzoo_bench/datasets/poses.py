@@ -22,7 +22,7 @@ from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import validation_message
+from airzoo_bench.core.validation import unambiguous_json, validation_message
 from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
@@ -33,7 +33,7 @@ __all__ = ["read_poses"]
 _JSON_LIMIT_BYTES = 1 << 28
 _NEAR_MISS = 0.8
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Row = tuple[Number, Number, Number]
 Matrix = tuple[Row, Row, Row]
 Distortion = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
@@ -121,6 +121,10 @@ def _from_json(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}",
             fix="see docs/benchmark-folder.md",
         ) from error
+    try:
+        unambiguous_json(text)
+    except ValueError as error:
+        raise CameraError(str(error), where=path, expected="each photo once") from error
     names = _shared(path, list(file.images), sizes)
     images = [file.images[name] for name in names]
     cameras = _cameras(
@@ -165,7 +169,10 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
             expected="a folder with cameras, images and points3D as .bin or .txt",
             fix="name the folder with these files (such as sparse/0), or export the model again",
         ) from error
-    images = {image.name: image for image in model.images.values() if image.has_pose}
+    posed = [image for image in model.images.values() if image.has_pose]
+    images = {image.name: image for image in posed}
+    if len(images) < len(posed):
+        raise CameraError("names an image twice", where=path, expected="each image once")
     names = _shared(path, list(images), sizes)
     cameras = [model.cameras[images[name].camera_id] for name in names]
     lenses = [_brown(camera, path) for camera in cameras]

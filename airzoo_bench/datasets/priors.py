@@ -65,15 +65,18 @@ def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, fl
     """
     text = read_text(path, BenchmarkError, "table of priors", _LIMIT_BYTES)
     try:
-        rows = list(csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True))
+        table = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
+        rows, names = list(table), list(table.fieldnames or ())
     except csv.Error as error:
         raise BenchmarkError(f"not a CSV: {error}", where=path) from error
     columns = set(rows[0]) if rows else set()
-    if "image" not in columns or not columns <= {"image", *PRIOR_VALUES}:
+    known = "image" in columns and columns <= {"image", *PRIOR_VALUES}
+    if not known or len(set(names)) < len(names):
+        shown = names if known else map(str, sorted(columns, key=str))
         raise BenchmarkError(
-            f"has the columns {', '.join(map(str, sorted(columns, key=str)))}",
+            f"has the columns {', '.join(shown)}",
             where=path,
-            expected=f"image, and some of {', '.join(PRIOR_VALUES)}",
+            expected=f"image, and some of {', '.join(PRIOR_VALUES)}, each once",
         )
     names = [row["image"] for row in rows]
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
@@ -90,7 +93,7 @@ def _values(row: dict[str, str], line: int, path: Path) -> dict[str, float]:
         if not text:
             continue
         try:
-            value = float(text)
+            value = math.nan if "_" in text else float(text)
         except ValueError:
             value = math.nan
         if not abs(value) <= _LIMITS.get(name, 1e6):
@@ -169,18 +172,21 @@ def prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
 
 
 def without_prior(photos: pd.DataFrame, metadata: Mapping[str, PhotoPrior] | None) -> WithoutPrior:
-    """Find the photos that have no prior, and what each lacks; without metadata, of the table."""
-    lacking: dict[str, tuple[str, ...]] = {}
+    """Find the photos that have no prior, and what each lacks; without metadata, of the table.
+
+    Photos that lack nothing are left out: their metadata are the truth, and so no prior.
+    """
+    lacking: dict[str, list[str]] = {}
     if metadata is None:
         ids = tuple(photos["id"][~_with_prior(photos)])
         return WithoutPrior(len(photos), {"whole row in --priors": ids} if ids else {}, False)
     said = [metadata.get(name, PhotoPrior()) for name in photos["image"]]
     for one, prior, there in zip(photos["id"], said, _with_prior(photos), strict=True):
-        if not there:
-            what = _first_lacking(prior)
-            lacking[what] = (*lacking.get(what, ()), one)
+        if not there and not prior.is_complete:
+            lacking.setdefault(_first_lacking(prior), []).append(one)
     some_word = any((prior.lon, prior.yaw_deg) != (None, None) for prior in said)
-    return WithoutPrior(len(photos), lacking, some_word)
+    found = {what: tuple(ids) for what, ids in lacking.items()}
+    return WithoutPrior(len(photos), found, some_word)
 
 
 def _with_prior(photos: pd.DataFrame) -> Bools:

@@ -12,8 +12,8 @@ from airzoo_bench.datasets.photo_facts import Cameras3D
 from airzoo_bench.datasets.scene_facts import footprints_of
 from airzoo_bench.geometry.blocks import HeightSurvey, survey_heights
 from airzoo_bench.geometry.crs import describe_crs
-from airzoo_bench.geometry.heightfield import CORNERS
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, pixel_to_world
+from airzoo_bench.geometry.heightfield import CORNERS, metres_of
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, opened, pixel_to_world
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.settings import Gallery
 
@@ -85,10 +85,17 @@ def surveyed(path: Path) -> HeightSurvey:
             expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
             fix="look at their unit: they must be in metres or feet"
             if found.beyond == found.valid
-            else f"where {odd:.10g} means that there is no height, tag it: "
-            f"gdal_edit.py -a_nodata {odd:.10g}",
+            else f"where {odd:.10g} m mean that there is no height, tag the number: "
+            f"gdal_edit.py -a_nodata {_stored(path, odd):.10g}",
         )
     return found
+
+
+def _stored(path: Path, height_m: float) -> float:
+    """Return the number by which a file states a height."""
+    with opened(path) as dataset:
+        scale, offset = metres_of(dataset)
+    return (height_m - offset) / scale
 
 
 def check_tile_count(info: RasterInfo, gallery: Gallery) -> None:

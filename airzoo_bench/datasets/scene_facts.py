@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,21 +31,17 @@ from airzoo_bench.datasets.priors import (
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
-from airzoo_bench.geometry.frames import change_of_plane, to_lonlat
+from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.map_pixels import to_map_pixels
 from airzoo_bench.geometry.poses import rays_to_world
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     gsd_m,
     open_info,
-    pixel_to_world,
-    world_to_pixel,
 )
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["MeasuredScene", "SceneFacts", "footprints_of", "scene_facts"]
 
@@ -268,11 +264,7 @@ def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo | Non
     """Share of the photos' corners that lie within a raster; NaN where either is not known."""
     if raster is None or np.isnan(corners).all():
         return math.nan
-    places = change_of_plane(inputs.crs, raster.crs)(corners)
-    if raster.crs.is_geographic:
-        middle = pixel_to_world(raster.transform, np.array((raster.width, raster.height)) / 2)[0]
-        places[..., 0] = (places[..., 0] - middle + 180.0) % 360.0 - 180.0 + middle
-    pixels = world_to_pixel(raster.transform, places)
+    pixels = to_map_pixels(inputs.crs, raster)(corners)
     return float(((pixels >= 0.0) & (pixels <= (raster.width, raster.height))).all(axis=-1).mean())
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -18,18 +19,21 @@ from airzoo_bench import __version__
 from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint
+from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.geometry.rasters import raster_files
+from airzoo_bench.geometry.raster_files import raster_files
 
 __all__ = [
     "RECORDS",
     "ScenePart",
     "SceneSource",
     "changed_options",
+    "is_kept",
     "link_or_copy",
+    "needed_files",
     "options_of",
     "read_parts",
     "scene_keys",
@@ -41,32 +45,57 @@ RECORDS = "prepared.json"
 _PARTS = ("scenes", "data")
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
 _MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
+_NUMBER = re.compile(r"[-+.\deE]*")
 # Options that do not change a scene.
 _OF_THE_RUN = ("scene", "keep_going")
 
 
 @dataclass(frozen=True)
 class SceneSource:
-    """Scenes that are to be prepared.
+    """Scenes that are to be prepared, wherever that is done: it can be pickled.
 
     Attributes
     ----------
     scenes : tuple of str
     read : callable
-        Takes a scene's id, returns its `NativeScene`.
+        Takes options, a scene's id and a `Progress`, returns what the scene's files state.
     files : callable
         Takes a scene's id, returns the files and folders that it is read from.
     options : object
         The dataset's options, a dataclass.
     keep_going : bool
         Leave out scenes that cannot be read.
+    home : Path
+        The folder that relative paths are seen from.
     """
 
     scenes: tuple[str, ...]
-    read: Callable[[str], Any]
+    read: Callable[[Any, str, Progress], Any]
     files: Callable[[str], Iterable[Path]]
     options: Any
     keep_going: bool = False
+    home: Path = field(default_factory=Path.cwd)
+
+    def native(self, scene: str, progress: Progress) -> Any:
+        """Read a scene; this process may be another's than the source's, and work elsewhere."""
+        if Path.cwd() == self.home:
+            return self.read(self.options, scene, progress)
+        values = {one.name: getattr(self.options, one.name) for one in fields(self.options)}
+        seen = {name: self._seen(value) for name, value in values.items()}
+        return self.read(replace(self.options, **seen), scene, progress)
+
+    def _seen(self, value: Any) -> Any:
+        """Return paths as absolute ones, also those in lists of NAME=FILE."""
+        if isinstance(value, Path):
+            return self.home / value
+        if isinstance(value, list):
+            return [self._seen_file(one) for one in value]
+        return value
+
+    def _seen_file(self, given: Any) -> Any:
+        name, _, file = given.partition("=") if isinstance(given, str) else ("", "", "")
+        is_there = not _NUMBER.fullmatch(file) and (self.home / file).exists()
+        return f"{name}={self.home / file}" if is_there else given
 
 
 @dataclass(frozen=True)
@@ -94,8 +123,8 @@ class ScenePart:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all that the scene refers to is still there, such as a map made of its tiles."""
-        named = (getattr(self.entry, name) for name in _FILES)
+        """Whether the scene and all that it refers to is there, such as a map made of its tiles."""
+        named = [f"scenes/{self.entry.id}", *(getattr(self.entry, name) for name in _FILES)]
         return all((self.home / path).exists() for path in named if path is not None)
 
     def add_to(self, folder: Path, copy: Callable[[str, str], object]) -> None:
@@ -107,15 +136,14 @@ class ScenePart:
                 shutil.copytree(source, target, copy_function=copy, dirs_exist_ok=True)
 
     def keep(self, staging: Path, copy: Callable[[str, str], object]) -> ScenePart:
-        """Put the scene into the folder of finished scenes."""
-        staging.mkdir(parents=True, exist_ok=True)
+        """Put the scene into the folder of finished scenes, unless it was finished there before."""
         home = staging / self.entry.id
         with temporary_folder(staging, self.entry.id) as temporary:
             self.add_to(temporary, copy)
             write_records(temporary, [self])
-            if home.exists():
-                shutil.rmtree(home)
-            temporary.replace(home)
+            if not is_kept(home, self.key):  # a task may be done twice
+                shutil.rmtree(home, ignore_errors=True)
+                temporary.replace(home)
         return replace(self, home=home)
 
 
@@ -151,6 +179,11 @@ def read_parts(folder: Path) -> dict[str, ScenePart]:
         return {}  # of another version, or damaged: the scenes are made again
 
 
+def is_kept(home: Path, key: str) -> bool:
+    """Whether a folder holds the finished scene of a key."""
+    return any(part.key == key for part in read_parts(home).values())
+
+
 def _part(folder: Path, record: Mapping[str, Any]) -> ScenePart:
     values = dict(record["summary"])
     tracks = {name: TrackSummary(**one) for name, one in values["tracks"].items()}
@@ -182,7 +215,7 @@ def scene_keys(
     ]
     keys = {}
     for scene in source.scenes:
-        paths = sorted({path.resolve() for path in source.files(scene)})
+        paths = needed_files(source, scene)
         for path in paths:
             if path not in stamps:
                 stamps[path] = sorted(_stamps(path, settings.folder))
@@ -191,6 +224,11 @@ def scene_keys(
         files = [[str(path), stamps[path]] for path in paths]
         keys[scene] = fingerprint([*common, scene, rules, files])
     return keys
+
+
+def needed_files(source: SceneSource, scene: str) -> list[Path]:
+    """Return the absolute paths of the files and folders that a scene is read from."""
+    return sorted({path.resolve() for path in source.files(scene)})
 
 
 def options_of(source: SceneSource) -> dict[str, str]:

@@ -1,16 +1,18 @@
-"""Scenes that are finished one after the other, and kept until all are."""
+"""Scenes that are finished, each a task, and kept until all are."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.progress import shown
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.folder import write_scene
@@ -18,11 +20,13 @@ from airzoo_bench.datasets.scene_content import scene_content
 from airzoo_bench.datasets.scene_parts import (
     ScenePart,
     SceneSource,
+    is_kept,
     link_or_copy,
     options_of,
     read_parts,
     scene_keys,
 )
+from airzoo_bench.datasets.scene_tasks import made_scenes, unseen
 from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 
@@ -34,10 +38,12 @@ __all__ = ["SceneRun"]
 
 @dataclass
 class SceneRun:
-    """Scenes that are being finished, one after the other.
+    """Scenes that are being finished.
 
     Attributes
     ----------
+    keys : dict
+        By scene, what it is made from, see `scene_keys`.
     parts, facts, failed : dict
         By scene: what is finished, what was measured, why it cannot be made.
     made : bool
@@ -47,6 +53,7 @@ class SceneRun:
     source: SceneSource
     protocols: BenchmarkProtocols
     settings: PrepareSettings
+    keys: dict[str, str] = field(default_factory=dict)
     parts: dict[str, ScenePart] = field(default_factory=dict)
     facts: dict[str, SceneFacts] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
@@ -58,9 +65,14 @@ class SceneRun:
         name = self.protocols.every[0].benchmark
         return self.settings.folder.parent / f".{name}.prepare"
 
+    @property
+    def kept(self) -> list[str]:
+        """The scenes that the next run can take as they are."""
+        return [scene for scene, key in self.keys.items() if is_kept(self.staging / scene, key)]
+
     def clear(self) -> None:
         """Remove the finished scenes, unless another run can go on from them."""
-        if self.made or len(self.source.scenes) == 1 or not self.parts:
+        if self.made or len(self.source.scenes) == 1 or not self.kept:
             shutil.rmtree(self.staging, ignore_errors=True)
 
     def finish(self) -> None:
@@ -71,25 +83,23 @@ class SceneRun:
         UserError
             A scene cannot be made and is not to be left out, or none can.
         """
-        keys = scene_keys(self.source, self.protocols, self.settings)
-        found = self._found()
-        for scene in self.source.scenes:
-            try:
-                self.parts[scene] = self._part(scene, keys[scene], found)
-            except UserError as error:
-                if not self.source.keep_going:
-                    self._say_kept()
-                    self._add_way_out(error)
-                    raise
-                self.failed[scene] = str(error)
-            except KeyboardInterrupt:
-                self._say_kept()
-                raise
+        keys = partial(scene_keys, self.source, self.protocols, self.settings)
+        self.keys = shown(keys, "looking through the source", self.settings.progress)
+        self.staging.mkdir(parents=True, exist_ok=True)
+        try:
+            shown(self._take, "looking through earlier runs", self.settings.progress)
+            self._make([scene for scene in self.source.scenes if scene not in self.parts])
+        except (UserError, KeyboardInterrupt):
+            self._say_kept()
+            raise
         if not self.parts:
             raise BenchmarkError(
                 "no scene could be made:\n" + "\n".join(self.failed.values()),
                 where=self.settings.folder,
             )
+        # As they come in the protocols, whichever were there before.
+        ordered = (scene for scene in self.source.scenes if scene in self.parts)
+        self.parts = {scene: self.parts[scene] for scene in ordered}
 
     def _found(self) -> dict[str, ScenePart]:
         """Return the scenes that earlier runs have finished, by their keys."""
@@ -103,38 +113,54 @@ class SceneRun:
                 found |= {part.key: part for part in read_parts(place).values()}
         return found
 
-    def _part(self, scene: str, key: str, found: Mapping[str, ScenePart]) -> ScenePart:
-        if key in found:
-            self.settings.note(f"scene {scene}: nothing changed since it was made, taken as it is")
-            part = found[key]
-            in_staging = part.home == self.staging / scene
-            return part if in_staging else part.keep(self.staging, shutil.copyfile)
-        native = self.source.read(scene)
-        content = scene_content(native, self.protocols)
-        summary = summary_of(content, self.protocols, native.notes)
-        self.staging.mkdir(parents=True, exist_ok=True)
-        with temporary_folder(self.staging, scene) as temporary:
-            title = self.protocols.titles[scene]
-            entry = write_scene(temporary, content, title, self.settings)
-            part = ScenePart(temporary, key, entry, summary, options_of(self.source))
-            part = part.keep(self.staging, link_or_copy)
-        if content.facts is not None:
-            self.facts[scene] = content.facts
-        return part
+    def _take(self) -> None:
+        """Take the scenes that nothing has changed for since they were finished."""
+        found = self._found()
+        for scene, key in self.keys.items():
+            if key in found:
+                self.settings.note(
+                    f"scene {scene}: nothing changed since it was made, taken as it is"
+                )
+                part, home = found[key], self.staging / scene
+                kept = part if part.home == home else part.keep(self.staging, shutil.copyfile)
+                self.parts[scene] = kept
 
-    def _add_way_out(self, error: UserError) -> None:
-        """Add to the error of one scene of several how the others are made without it."""
-        if len(self.source.scenes) > 1 and hasattr(self.source.options, "keep_going"):
-            others = "leave the scene out with --keep-going, or name those to make with --scene"
-            error.fix = f"{error.fix}; or {others}" if error.fix else others
+    def _make(self, scenes: Sequence[str]) -> None:
+        """Make scenes, each a task."""
+        staging = (self.staging.absolute(),)
+        make = partial(_made, self)
+        made = made_scenes(make, self.source, scenes, self.settings, needed=staging)
+        for scene, found in made:
+            if isinstance(found, UserError):
+                self.failed[scene] = str(found)
+                continue
+            part, facts = found
+            if not part.is_whole:
+                raise unseen("this machine does not see what a worker made", f"scene {scene}")
+            self.parts[scene] = part
+            if facts is not None:
+                self.facts[scene] = facts
 
     def _say_kept(self) -> None:
-        if self.parts and len(self.source.scenes) > 1:
+        kept = len(self.kept)
+        if kept and len(self.source.scenes) > 1:
             self.settings.note(
-                f"{counted(len(self.parts), 'finished scene')} of {len(self.source.scenes)} "
-                f"{agreeing(len(self.parts), 'is', 'are')} kept in {self.staging}; the same "
+                f"{counted(kept, 'finished scene')} of {len(self.source.scenes)} "
+                f"{agreeing(kept, 'is', 'are')} kept in {self.staging}; the same "
                 "command goes on from there"
             )
+
+
+def _made(run: SceneRun, scene: str) -> tuple[ScenePart, SceneFacts | None]:
+    """Make a scene and keep it among the finished ones: a task, whose files outlive its worker."""
+    source, protocols = run.source, run.protocols
+    native = source.native(scene, run.settings.progress)
+    content = scene_content(native, protocols)
+    summary = summary_of(content, protocols, native.notes)
+    with temporary_folder(run.staging, scene) as temporary:
+        entry = write_scene(temporary, content, protocols.titles[scene], run.settings)
+        part = ScenePart(temporary, run.keys[scene], entry, summary, options_of(source))
+        return part.keep(run.staging, link_or_copy), content.facts
 
 
 def _is_as_written(place: Path) -> bool:

@@ -21,8 +21,9 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
-from airzoo_bench.geometry.frames import change_of_plane, to_lonlat
-from airzoo_bench.geometry.rasters import open_info, world_to_pixel
+from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.map_pixels import to_map_pixels
+from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.units import check_true_metres, vertical_m
 
 __all__ = [
@@ -142,7 +143,7 @@ def check_metres(crs: CRS, xy: Floats, where: str, poses: Path, dsm: Path | None
 def _lie_on(xy: Floats, crs: CRS, dsm: Path) -> bool:
     """Whether most places lie within the rectangle of the surface model."""
     info = open_info(dsm)
-    pixels = world_to_pixel(info.transform, change_of_plane(crs, info.crs)(xy))
+    pixels = to_map_pixels(crs, info)(xy)
     within = ((pixels >= 0.0) & (pixels <= (info.width, info.height))).all(axis=1)
     return bool(within.mean() > 0.5)
 

@@ -7,6 +7,7 @@ geodetic coordinates are above the WGS84 ellipsoid.
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import Any
 
@@ -124,13 +125,15 @@ def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
     return _transformed(_transformer(CRS.from_epsg(4978), CRS.from_epsg(4979)), xyz)
 
 
-def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike) -> Floats:
+def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike, *, jobs: int = 1) -> Floats:
     """Length of the geodesic on the WGS84 ellipsoid, by PROJ (Karney 2013).
 
     Parameters
     ----------
     lonlat_a, lonlat_b : (..., 2) array
         Longitude, latitude in degrees; they broadcast.
+    jobs : int
+        Threads.
 
     Returns
     -------
@@ -140,11 +143,16 @@ def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike) -> Floats:
     a, b = np.broadcast_arrays(
         np.asarray(lonlat_a, dtype=np.float64), np.asarray(lonlat_b, dtype=np.float64)
     )
-    flat: list[Any] = [
-        np.ascontiguousarray(end[..., axis]).ravel() for end in (a, b) for axis in (0, 1)
-    ]
-    _, _, metres = _geod().inv(*flat)
-    return np.asarray(metres, dtype=np.float64).reshape(a.shape[:-1])
+    columns = [np.ascontiguousarray(end[..., axis]).ravel() for end in (a, b) for axis in (0, 1)]
+    parts = zip(*(np.array_split(column, jobs) for column in columns), strict=True)
+    with ThreadPoolExecutor(jobs) as pool:
+        found = pool.map(_geodesics, parts)
+        return np.concatenate(list(found)).reshape(a.shape[:-1])
+
+
+def _geodesics(columns: tuple[Any, ...]) -> Floats:
+    _, _, metres = _geod().inv(*columns)
+    return np.asarray(metres, dtype=np.float64)
 
 
 def enu_axes(lonlat: ArrayLike) -> Floats:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,10 @@ from pyproj import CRS
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 
 from airzoo_bench.core.errors import RasterError, UserError
-from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
+from airzoo_bench.storage.rasters import Pointer, pointed, pointer_at
 
 __all__ = [
     "RasterInfo",
@@ -34,14 +34,9 @@ __all__ = [
     "open_info",
     "opened",
     "pixel_to_world",
-    "raster_files",
-    "raster_sha256",
     "world_to_pixel",
     "world_to_pixel_steps",
 ]
-
-# What GDAL lists next to a raster, and whose content its grid and CRS show.
-_SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")
 
 
 @dataclass(frozen=True)
@@ -95,68 +90,56 @@ def open_info(path: str | Path) -> RasterInfo:
 
 
 @contextmanager
-def opened(path: str | Path) -> Iterator[Any]:
+def opened(path: str | Path, **settings: str) -> Iterator[Any]:
     """Open a raster for reading; yields rasterio's dataset.
+
+    Parameters
+    ----------
+    path : str or Path
+    **settings
+        Of GDAL, while it is open.
 
     Raises
     ------
     RasterError
         The file is missing, not a raster, or cannot be read (truncated); also inside the block.
     """
-    if not Path(path).is_file():
+    if not pointed(Path(path)).is_file():
         raise RasterError("no such file", where=path)
+    pointer = pointer_at(Path(path))
+    settings = ({} if pointer is None else pointer.settings()) | settings
+    if pointer is not None:
+        _forget_other_versions(pointer)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            dataset = rasterio.open(path)
-        with dataset:
-            yield dataset
+        with rasterio.Env(**settings) if settings else nullcontext():
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NotGeoreferencedWarning)
+                dataset = rasterio.open(path if pointer is None else pointer.virtual)
+            with dataset:
+                yield dataset
     except (RasterioError, CRSError) as error:
+        said = str(error) if pointer is None else pointer.without_secrets(str(error))
         raise RasterError(
-            f"cannot be read as a raster: {error}",
+            f"cannot be read as a raster: {said}",
             where=path,
             expected="a complete file that GDAL reads, such as GeoTIFF",
         ) from error
 
 
-def raster_files(path: Path) -> list[Path]:
-    """Return the files of a raster that its content rests on, its own first.
-
-    These are world files and other side files, and what a virtual raster is made of.
-
-    Raises
-    ------
-    RasterError
-        It cannot be read.
-    """
-    found, waiting = [path], [path]
-    while waiting:
-        with opened(waiting.pop()) as dataset:
-            parts = [Path(name).absolute() for name in dataset.files]
-        more = [part for part in parts if part not in found and part.is_file()]
-        waiting += [part for part in more if part.suffix.lower() == ".vrt"]
-        found += more
-    return [path, *sorted(set(found) - {path, path.absolute()})]
+_versions: dict[str, str] = {}
+"""Of the rasters at URLs that this process has opened: what GDAL may keep parts of."""
 
 
-def raster_sha256(path: Path) -> str:
-    """Return the SHA-256 of a raster's file, the same wherever the file stands.
-
-    Of a virtual raster (VRT), whose own bytes are the places of other files, it is over the bytes
-    of these, its grid and its nodata value.
-
-    Raises
-    ------
-    RasterError
-        It cannot be read.
-    """
-    if path.suffix.lower() != ".vrt":
-        return sha256_of(path)
-    with opened(path) as dataset:
-        grid = [dataset.width, dataset.height, *dataset.transform[:6], str(dataset.nodata)]
-        parts = [Path(name) for name in dataset.files]
-    sources = [one for one in parts if one.suffix.lower() not in (".vrt", *_SIDE_FILES)]
-    return fingerprint([grid, sorted(sha256_of(one) for one in sources)])
+def _forget_other_versions(pointer: Pointer) -> None:
+    """Have GDAL drop what it keeps of another version: it does not ask whether that still holds."""
+    before = _versions.setdefault(pointer.virtual, pointer.version)
+    if before == pointer.version != "":
+        return
+    _versions[pointer.virtual] = pointer.version
+    settings = pointer.settings() | {"CPL_VSIL_CURL_NON_CACHED": pointer.virtual}
+    with suppress(RasterioError), warnings.catch_warnings(), rasterio.Env(**settings):
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        rasterio.open(pointer.virtual).close()
 
 
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:

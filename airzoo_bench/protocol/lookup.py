@@ -10,13 +10,13 @@ from typing import Any, TypeVar, get_args
 from pydantic import ValidationError
 
 from airzoo_bench.core.errors import PredictionError, ProtocolError
+from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
-from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.formats.arrays import fields_file, open_arrays, protocol_name
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [
-    "IN_A_FIELD",
     "choose_protocol",
     "find_protocol",
     "load_protocol",
@@ -30,7 +30,7 @@ __all__ = [
 
 P = TypeVar("P", bound=Protocol)
 
-IN_A_FIELD = (
+_IN_A_FIELD = (
     "a field 'protocol' with the name of one",
     "name it with --protocol, or add the field; `airzoo-bench protocols` lists them",
 )
@@ -95,8 +95,8 @@ def find_protocol(name: str, data_root: Path) -> Protocol:
     raise ProtocolError(
         f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
         expected="a .toml file or one of: " + ", ".join(known),
-        fix=f"protocols of prepared benchmarks were sought in {data_root}: is that the right "
-        "folder (--data, AIRZOO_BENCH_DATA)? `airzoo-bench protocols` lists what is known",
+        fix="`airzoo-bench protocols` lists what is known; those of prepared benchmarks were "
+        f"sought in {data_root}: set {DATA_VARIABLE} to their folder, or name it with --data",
     )
 
 
@@ -135,11 +135,12 @@ def choose_protocol(
     named: str | None,
     data: Path,
     model: type[P],
-    says: tuple[str, str] = IN_A_FIELD,
+    says: tuple[str, str] | None = None,
 ) -> P:
     """Return the protocol that was named, else the one that the file names.
 
-    `says` is the expectation and the fix of the error where neither names one.
+    `says` is the expectation and the fix of the error where neither names one; by default those
+    of a file that has a field for it.
 
     Raises
     ------
@@ -156,11 +157,9 @@ def choose_protocol(
         except ProtocolError as error:
             raise error.inside(f"{path}, field 'protocol'") from error
     else:
+        expected, fix = says or _IN_A_FIELD
         raise ProtocolError(
-            "does not say which protocol it is for",
-            where=path,
-            expected=says[0],
-            fix=says[1],
+            "does not say which protocol it is for", where=path, expected=expected, fix=fix
         )
     if not isinstance(chosen, model):
         raise PredictionError(
@@ -184,6 +183,7 @@ def refuse_other_track(
     PredictionError
         The message names the right command, not the fields that the file lacks for this one.
     """
+    path = fields_file(path)
     if path.suffix != ".npz" or not path.is_file():
         return
     in_file = protocol_name(open_arrays(path, memory_bytes))

@@ -22,7 +22,7 @@ from airzoo_bench.benchmark.queries import (
     read_queries,
 )
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.places import MARK, data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.cloud_checks import check_cloud
 from airzoo_bench.datasets.map_facts import check_overlap
@@ -32,16 +32,15 @@ from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_f
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, raster_sha256
+from airzoo_bench.geometry.raster_files import raster_sha256
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.matching.maps import check_dsm
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from airzoo_bench.benchmark.manifest import SceneFile
-    from airzoo_bench.datasets.scene_facts import SceneFacts
 
 __all__ = [
     "PosedScene",
@@ -106,13 +105,18 @@ class PosedScene:
 def open_benchmark(place: Path) -> Benchmark:
     """Open a benchmark folder, named by its path or by its name in the data root.
 
+    A folder of that path which holds no benchmark, such as one of the photos, is passed over for
+    the data root's.
+
     Raises
     ------
     BenchmarkError
         See `Benchmark.open`.
     """
     named = data_root() / place
-    return Benchmark.open(named if not place.exists() and named.is_dir() else place)
+    passed_over = not (place / MARK).is_file() and (named / MARK).is_file()
+    missing = not place.exists() and named.is_dir()
+    return Benchmark.open(named if passed_over or missing else place)
 
 
 def scenes_of_benchmark(benchmark: Benchmark, only: str | None = None) -> list[PosedScene]:
@@ -226,13 +230,8 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
             expected="poses and surface model in one CRS",
             fix=_FIX,
         )
-    if scene.dsm_sha256 is not None and raster_sha256(dsm) != scene.dsm_sha256:
-        raise BenchmarkError(
-            "the surface model is not the one that the benchmark was prepared with",
-            where=dsm,
-            expected=f"SHA-256 {scene.dsm_sha256[:12]}…",
-            fix=_FIX,
-        )
+    if scene.dsm_sha256 is not None:
+        check_dsm(dsm, raster_sha256(dsm), scene.dsm_sha256)
 
 
 def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:

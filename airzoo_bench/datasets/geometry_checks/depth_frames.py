@@ -92,6 +92,10 @@ class FrameStore:
     def __len__(self) -> int:
         return len(self.depths)
 
+    def __reduce__(self) -> tuple[type[FrameStore], tuple[object, ...]]:
+        # Without what is cached: another process reads what it needs.
+        return FrameStore, (self.cameras, self.poses, self.depths, self.sampling)
+
     def frame(self, index: int) -> Frame:
         """Return a frame, reading it unless it is cached.
 

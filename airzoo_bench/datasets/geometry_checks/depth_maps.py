@@ -68,7 +68,11 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
         There is no such folder.
     """
     if not folder.is_dir():
-        raise UsageError("no such folder of depth maps", where=folder, fix="name it with --depth")
+        raise UsageError(
+            "no such folder of depth maps",
+            where=folder,
+            fix="put the depth maps there, or name their folder with --depth",
+        )
     there: dict[str, list[Path]] = {}
     for path in sorted(folder.rglob("*")):
         if path.suffix.lower() in SUFFIXES and path.is_file():

@@ -15,13 +15,10 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_consistency import (
     OCCLUSION,
-    Comparison,
-    compare_depths,
 )
 from airzoo_bench.datasets.geometry_checks.depth_faults import (
     COLUMNS,
     Explanation,
-    design_rows,
     explain,
 )
 from airzoo_bench.datasets.geometry_checks.depth_frames import (
@@ -31,6 +28,8 @@ from airzoo_bench.datasets.geometry_checks.depth_frames import (
     choose_pairs,
 )
 from airzoo_bench.datasets.geometry_checks.depth_maps import find_depths
+from airzoo_bench.datasets.geometry_checks.depth_pairs import compared_pairs
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 if TYPE_CHECKING:
@@ -143,6 +142,7 @@ def check_depth_consistency(
     sampling: Sampling,
     rule: PairRule = PairRule.ALL,
     median_below: float = MEDIAN_BELOW,
+    engine: Engine = HERE,
     progress: Progress = silent,
 ) -> DepthConsistency:
     """Compare the depth maps of a scene with each other.
@@ -156,6 +156,8 @@ def check_depth_consistency(
         With very many pairs fewer pixels are sampled, so that all errors fit memory.
     rule : PairRule
     median_below : float
+    engine : Engine
+        Where pairs of frames are compared.
     progress : Progress
 
     Raises
@@ -175,7 +177,7 @@ def check_depth_consistency(
         store = FrameStore(cameras, poses, store.depths, replace(sampling, pixels=bounded))
     ids = [scene.ids[row] for row in rows]
     without = tuple(name for name, path in zip(scene.ids, paths, strict=True) if path is None)
-    return _Collected.of(store, chosen, progress).report(ids, without, median_below)
+    return _Collected.of(store, chosen, engine, progress).report(ids, without, median_below)
 
 
 def _seen_points(store: FrameStore, rule: PairRule, progress: Progress) -> Floats:
@@ -201,19 +203,17 @@ class _Collected:
     typical_focal_px: float
 
     @classmethod
-    def of(cls, store: FrameStore, chosen: Ints, progress: Progress) -> _Collected:
+    def of(cls, store: FrameStore, chosen: Ints, engine: Engine, progress: Progress) -> _Collected:
         count = max(1, min(_ROWS_OF_A_PAIR, _MOST_ROWS // max(2 * len(chosen), 1)))
         ordered = np.stack((chosen, chosen[:, ::-1]), axis=1).reshape(-1, 2)
         focal = float(np.median(store.cameras.focal))
         collected = cls(ordered, [], [], [], 0.0, focal)
         depths = [np.nan]
-        for source, target in progress(ordered.tolist(), "pairs of frames", len(ordered)):
-            a, b = store.frame(source), store.frame(target)
-            compared = compare_depths(a, b)
-            collected.errors.append(compared.error.astype(np.float32))
-            collected.designs.append(design_rows(compared, b.rotation @ a.rotation.T, count))
-            collected.counts.append(_counts(compared))
-            depths.extend(compared.projected[:1, 2])
+        for pair in compared_pairs(store, ordered, count, engine, progress):
+            collected.errors.append(pair.error)
+            collected.designs.append(pair.design)
+            collected.counts.append(pair.counts)
+            depths.extend(pair.near_m)
         typical = float(np.nanmedian(depths)) if len(depths) > 1 else 1.0
         return replace(collected, typical_depth_m=typical)
 
@@ -285,10 +285,6 @@ class _Collected:
         pair = np.repeat(np.array(numbers, np.int64), [len(self.designs[n][0]) for n in numbers])
         design = np.concatenate(designs)
         return explain(error, design, pair, self.typical_depth_m, self.typical_focal_px)
-
-
-def _counts(compared: Comparison) -> tuple[int, int, int, int]:
-    return compared.sampled, compared.outside, compared.no_surface, compared.hidden
 
 
 def _median(values: NDArray[Any]) -> float:

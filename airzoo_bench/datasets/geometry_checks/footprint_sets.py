@@ -23,11 +23,9 @@ from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import intersect_plane
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 
-__all__ = ["CORNER_COLUMNS", "NamedFootprints", "cast_corners", "read_footprints"]
-
-CORNER_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
-"""Of a CSV of footprints, next to ``id``, as in a benchmark folder's ``footprints.csv``."""
+__all__ = ["NamedFootprints", "cast_corners", "read_footprints"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
     Parameters
     ----------
     place : Path
-        A CSV with the columns ``id`` and `CORNER_COLUMNS`; or a benchmark folder, or its name in
+        A CSV with the columns ``id`` and `ANCHOR_COLUMNS`; or a benchmark folder, or its name in
         the data root, all photos of which are cast onto their scene's plane.
     max_range_m : float
         See `cast_corners`.
@@ -117,8 +115,8 @@ def _read_csv(path: Path) -> NamedFootprints:
 
     from airzoo_bench.benchmark.tables import read_table
 
-    table = read_table(path, ("id", *CORNER_COLUMNS))
-    columns = [pd.to_numeric(table[name], errors="coerce") for name in CORNER_COLUMNS]
+    table = read_table(path, ("id", *ANCHOR_COLUMNS))
+    columns = [pd.to_numeric(table[name], errors="coerce") for name in ANCHOR_COLUMNS]
     lonlat = np.stack(columns, axis=1).astype(np.float64).reshape(-1, 4, 2)
     ids = tuple(table["id"].astype(str))
     beyond = (np.abs(lonlat) > (360.0, 90.0)).any(axis=(1, 2))

@@ -17,6 +17,7 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import run_baseline
 from airzoo_bench.evaluation.given import AnyTrack
@@ -31,7 +32,7 @@ def demo_benchmark(
     root: Path,
     *,
     seed: int,
-    jobs: int,
+    engine: Engine = HERE,
     progress: Progress = silent,
     note: Callable[[str], None] = lambda _: None,
 ) -> Path:
@@ -41,7 +42,7 @@ def demo_benchmark(
     ----------
     root : Path
         The data root.
-    seed, jobs, progress, note
+    seed, engine, progress, note
         See `dataset.PrepareSettings`.
 
     Raises
@@ -60,7 +61,9 @@ def demo_benchmark(
             note(f"{fault.what}; {folder} is made again")
         else:
             return folder
-    settings = PrepareSettings(folder, root, replace=True, jobs=jobs, progress=progress, note=note)
+    settings = PrepareSettings(
+        folder, root, replace=True, engine=engine, progress=progress, note=note
+    )
     prepare_airzoo_mini(seed, settings)
     return folder
 

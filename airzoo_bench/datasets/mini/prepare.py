@@ -19,8 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.core.parallel import parallel_map
-from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.progress import Progress, shown, silent
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
@@ -38,6 +37,7 @@ from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
 from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.blocks import median_height
@@ -207,7 +207,7 @@ def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
         regions,
         settings.root,
         derived(seed, "worlds"),
-        jobs=settings.jobs,
+        engine=settings.engine,
         progress=settings.progress,
         note=settings.note,
     )
@@ -223,13 +223,14 @@ def make_worlds(
     root: Path,
     seed: int,
     *,
-    jobs: int,
+    engine: Engine = HERE,
     progress: Progress = silent,
     note: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
     """Make worlds of regions below the data root where they are not yet; return their folders."""
-    work = partial(_world, root=root, seed=seed)
-    found = parallel_map(work, list(regions), min(jobs, len(regions)))
+    found = engine.map(
+        _world, regions, shared=(root, seed), stage="worlds", name=lambda region: region.name
+    )
     folders = []
     for folder, said in progress(found, "worlds", len(regions)):
         folders.append(folder)
@@ -238,7 +239,8 @@ def make_worlds(
     return folders
 
 
-def _world(region: Region, root: Path, seed: int) -> tuple[Path, list[str]]:
+def _world(shared: tuple[Path, int], region: Region) -> tuple[Path, list[str]]:
+    root, seed = shared
     said: list[str] = []
     return ensure_world(region, seed, root, build_world, said.append), said
 
@@ -253,9 +255,9 @@ def _scene(
     """Take the photos of a region, and make the truth of all tracks."""
     photos = mini_photos(region, load_world(world).dsm, seed)
     rendered = world.with_name(f"{world.name}-{_RENDERED}")
-    jobs, progress = settings.jobs, settings.progress
+    engine, progress = settings.engine, settings.progress
     load = partial(load_world, world)
-    render_frames(photos.frames, load, rendered, jobs=jobs, progress=progress)
+    render_frames(photos.frames, load, rendered, engine=engine, progress=progress)
     cloud = rendered / "cloud.ply"
     voxels = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     write_ply(cloud, seen_surface(photos, rendered, voxels, progress))
@@ -263,7 +265,8 @@ def _scene(
     files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
     inputs = _inputs(region, photos, files, seed)
     surveyed = inputs.photos["sequence"] == SURVEY
-    return SceneContent(inputs, build_truths(inputs, protocols, cloud, surveyed), files)
+    build = partial(build_truths, inputs, protocols, cloud, surveyed)
+    return SceneContent(inputs, shown(build, f"{region.name}: truth", progress), files)
 
 
 def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -> SceneInputs:

@@ -19,10 +19,10 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photo_metadata import priors_to_poses
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata
-from airzoo_bench.datasets.published.dji_rtk import stated_cameras, true_positions
+from airzoo_bench.datasets.published.dji_rtk import true_positions
 from airzoo_bench.datasets.published.places import folder_content, sub_folder
 from airzoo_bench.datasets.published.reference_maps import find_maps, only_one, with_georeference
-from airzoo_bench.datasets.surveys.dji_tags import read_tags
+from airzoo_bench.datasets.surveys.dji_tags import photo_cameras, read_tags
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import gsd_m, open_info
 from airzoo_bench.geometry.rotations import rotation_angle_deg
@@ -195,7 +195,8 @@ def read_region(
         )
     of_kept = {name: metadata[name] for name in kept}
     sizes = {name: sizes[name] for name in kept}
-    cameras, of_cameras = stated_cameras(files.home, sizes, tags, options.camera, scene)
+    fix = f"--camera {scene}=FILE, JSON with fx (px), or focal_mm and sensor_mm, or fov_deg"
+    cameras, of_cameras = photo_cameras(files.home, sizes, tags, options.camera, fix)
     offset = options.height_offset_m
     poses = _raised(priors_to_poses({name: truth.positions[name] for name in kept}, CRS), offset)
     priors = metadata_priors(of_kept, CRS)

@@ -42,7 +42,8 @@ class AirZooTest(NativeDataset[AirZooTestOptions]):
             "The true cloud is the surface that the depth of these frames shows, up to the "
             "protocol's fusion.max_depth_m, a point in each voxel of the protocol's "
             "preparation.voxel_m.",
-            "The sixteen trajectories are numbered in the order of their folders' names.",
+            "The sixteen trajectories are numbered by their folders' names, in which numbers "
+            "count as such (2 before 10).",
             "Depth is in metres along the optical axis (--depth-kind, --depth-scale).",
         ),
         unverified=(

@@ -14,12 +14,13 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, fi
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
+from airzoo_bench.datasets.mini.export.frame_list import ECEF_COLUMNS, PLACE_COLUMNS
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
 from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.datasets.published.depth_clouds import DepthFrames
 from airzoo_bench.datasets.published.options import AIRZOO_TEST_NAME
-from airzoo_bench.datasets.published.places import folder_content
+from airzoo_bench.datasets.published.places import folder_content, name_order
 from airzoo_bench.datasets.published.reconstructions import (
     chosen_photos,
     photos_by_stem,
@@ -48,18 +49,16 @@ __all__ = ["find_trajectories", "read_trajectory", "trajectory_protocol"]
 
 _TABLE = "frames.csv"
 _LAYOUT = "a folder for each trajectory, with frames.csv, images/ and depth/"
-_PLACE = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
-_ECEF = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
 _LENS = ("width", "height", "fx", "fy", "cx", "cy")
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 _CONDITIONS = ("weather", "time_of_day")
-_OPTIONAL = (*_PLACE, *_ECEF, *_DISTORTION, *_CONDITIONS)
+_OPTIONAL = (*PLACE_COLUMNS, *ECEF_COLUMNS, *_DISTORTION, *_CONDITIONS)
 # Two statements of one pose that are farther apart are of other frames or axes.
 _APART_M, _APART_DEG = 1.0, 1.0
 
 
 def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
-    """Return the folders of trajectories by scene id, in the order of their names.
+    """Return the folders of trajectories by scene id, in the order of their names: 2 before 10.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
     """
     patterns = (_TABLE, f"*/{_TABLE}", f"*/*/{_TABLE}")
     tables = [path for pattern in patterns for path in sorted(source.glob(pattern))]
-    folders = sorted((path.resolve().parent for path in tables), key=lambda path: path.name)
+    folders = sorted((path.resolve().parent for path in tables), key=name_order)
     if not folders:
         raise BenchmarkError(
             f"holds no trajectory: {folder_content(source)}",
@@ -218,12 +217,12 @@ def _ecef_poses(table: NativeTable) -> tuple[Floats, Floats]:
 
     Where it states them in WGS84 as well, the two must agree.
     """
-    stated = [all(name in table.columns for name in part) for part in (_ECEF, _PLACE)]
+    stated = [all(name in table.columns for name in part) for part in (ECEF_COLUMNS, PLACE_COLUMNS)]
     if not any(stated):
         raise BenchmarkError(
             f"has the columns {', '.join(table.columns)}",
             where=table.path,
-            expected=f"{', '.join(_ECEF)}; or {', '.join(_PLACE)}",
+            expected=f"{', '.join(ECEF_COLUMNS)}; or {', '.join(PLACE_COLUMNS)}",
         )
     found = [
         how(table) for how, there in zip((_from_ecef, _from_wgs84), stated, strict=True) if there
@@ -234,7 +233,7 @@ def _ecef_poses(table: NativeTable) -> tuple[Floats, Floats]:
 
 
 def _from_ecef(table: NativeTable) -> tuple[Floats, Floats]:
-    x, y, z, *quaternion = (table.numbers(name) for name in _ECEF)
+    x, y, z, *quaternion = (table.numbers(name) for name in ECEF_COLUMNS)
     names = table.texts("name")
     try:
         return np.stack([x, y, z], axis=1), quaternion_to_matrix(np.stack(quaternion, 1), names)
@@ -244,7 +243,7 @@ def _from_ecef(table: NativeTable) -> tuple[Floats, Floats]:
 
 def _from_wgs84(table: NativeTable) -> tuple[Floats, Floats]:
     limits = {"longitude": 180.0, "latitude": 90.0}
-    values = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in _PLACE]
+    values = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in PLACE_COLUMNS]
     place, (roll, pitch, yaw) = np.stack(values[:3], axis=1), values[3:]
     local = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
     ecef_to_enu = np.swapaxes(enu_axes(place[:, :2]), -1, -2)

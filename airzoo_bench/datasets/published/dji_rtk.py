@@ -1,4 +1,4 @@
-"""True positions and cameras of photos of a DJI drone with RTK, by the best that is there."""
+"""True positions of photos of a DJI drone with RTK, by the best that is there."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import CameraError, first_of
+from airzoo_bench.core.errors import first_of
 from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.surveys.dji_stamps import TimeStamp, read_time_stamps
 from airzoo_bench.datasets.surveys.dji_tags import FIXED, DjiTags
-from airzoo_bench.datasets.surveys.lenses import lens_of, read_camera_file
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import geodesic_distance_m
 
-__all__ = ["TruePositions", "stated_cameras", "true_positions"]
+__all__ = ["TruePositions", "true_positions"]
 
 _PHOTO_NUMBER = re.compile(r"_(\d{4})(?:_[A-Z])?$")
 _SAME_PLACE_M = 100.0  # of a table's position and the photo's own
@@ -120,48 +118,3 @@ def _near(stamp: TimeStamp, prior: PhotoPrior) -> bool:
         return True
     places = np.array(((stamp.lon, stamp.lat), (prior.lon, prior.lat)))
     return float(geodesic_distance_m(places[:1], places[1:])[0]) < _SAME_PLACE_M
-
-
-def stated_cameras(
-    home: Path,
-    sizes: Mapping[str, tuple[int, int]],
-    tags: Mapping[str, DjiTags],
-    given: Path | None,
-    scene: str,
-) -> tuple[Cameras, tuple[str, ...]]:
-    """Return cameras: of a file, else as the photos state them; and what states them.
-
-    Parameters
-    ----------
-    home : Path
-    sizes : mapping of str to (width, height)
-        By the photo's name.
-    tags : mapping of str to DjiTags
-    given : Path or None
-        JSON, see `surveys.lenses.read_camera_file`.
-    scene : str
-        For messages.
-
-    Raises
-    ------
-    UserError
-        A photo states no camera.
-    """
-    lacking = [name for name in sizes if given is None and not tags[name].lens]
-    if lacking:
-        raise CameraError(
-            f"photos state no camera: {first_of(lacking, len(sizes))}",
-            where=home,
-            expected="DJI's DewarpData, or EXIF FocalLengthIn35mmFilm",
-            fix=f"--camera {scene}=FILE, JSON with fx (px), or focal_mm and sensor_mm, or fov_deg",
-        )
-    of_all = None if given is None else read_camera_file(given)
-    lenses = [
-        lens_of(tags[name].lens if of_all is None else of_all, size, given or home / name)
-        for name, size in sizes.items()
-    ]
-    matrices, distortion = (np.array([lens[part] for lens in lenses]) for part in (0, 1))
-    width, height = np.array(list(sizes.values())).T
-    cameras = Cameras.from_matrices(matrices, width, height, distortion, names=list(sizes))
-    stating = {given.name} if given is not None else {tags[name].lens_from for name in sizes}
-    return cameras, tuple(f"cameras are from {what}" for what in sorted(stating))

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 from airzoo_bench.datasets.native import NativeOptions
 from airzoo_bench.datasets.published.image_scene import ImageLayout
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["DIRECTIONS", "ImageBenchmark"]
 
@@ -28,6 +25,7 @@ class ImageBenchmark(ImageLayout, Dataset[NativeOptions]):
 
     options = NativeOptions
     about: ClassVar[About]
+    jobs = 1
 
     def benchmark(self, options: NativeOptions) -> str:
         """See `Dataset.benchmark`."""

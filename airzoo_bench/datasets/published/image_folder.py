@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,14 @@ from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.progress import Progress, shown, silent
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings, SceneSummary
 from airzoo_bench.datasets.folder import write_folder_files
-from airzoo_bench.datasets.native import NativeOptions
+from airzoo_bench.datasets.native import NativeOptions, files_among
 from airzoo_bench.datasets.native_prepare import chosen_scenes
 from airzoo_bench.datasets.published.image_scene import ImageLayout, ImageScene
+from airzoo_bench.datasets.scene_parts import SceneSource
+from airzoo_bench.datasets.scene_tasks import made_scenes
 from airzoo_bench.datasets.sources import check_target
 from airzoo_bench.datasets.summary import retrieval_summary
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
@@ -62,7 +66,7 @@ def prepare_images(
     if served[0].benchmark != dataset.name and settings.folder.name == dataset.name:
         folder = settings.folder.with_name(served[0].benchmark)
         settings = replace(settings, folder=folder)
-    _write(served, scenes, settings)
+    shown(partial(_write, served, scenes, settings), "writing the folder", settings.progress)
     return Prepared(
         settings.folder,
         {protocol.name: protocol.track for protocol in served},
@@ -122,18 +126,31 @@ def _read_scenes(
     settings: PrepareSettings,
 ) -> tuple[dict[str, tuple[ImageScene, PreparedScene]], dict[str, str]]:
     """Read the scenes and make their truth; also say why some could not be made."""
+    read, files = partial(_read_scene, dataset, wanted), partial(files_among, options)
+    source = SceneSource(tuple(wanted), read, files, options, options.keep_going)
+    make = partial(source.native, progress=silent)
+    made = made_scenes(make, source, source.scenes, settings)
     found, failed = {}, {}
-    for scene, protocol in settings.progress(wanted.items(), "scenes", len(wanted)):
-        try:
-            native = dataset.read(root, scene)
-            found[scene] = (native, _truth(scene, native, protocol))
-        except UserError as error:
-            if not options.keep_going:
-                raise
-            failed[scene] = str(error)
+    for scene, one in made:
+        if isinstance(one, UserError):
+            failed[scene] = str(one)
+        else:
+            found[scene] = one
     if not found:
         raise BenchmarkError("no scene could be made:\n" + "\n".join(failed.values()), where=root)
     return found, failed
+
+
+def _read_scene(
+    dataset: ImageLayout,
+    wanted: Mapping[str, RetrievalProtocol],
+    options: NativeOptions,
+    scene: str,
+    progress: Progress,
+) -> tuple[ImageScene, PreparedScene]:
+    del progress
+    native = dataset.read(dataset.root(options.source), scene)
+    return native, _truth(scene, native, wanted[scene])
 
 
 def _protocol(name: str) -> RetrievalProtocol:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from PIL import Image
 from rasterio.io import MemoryFile
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
-from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
@@ -84,7 +85,8 @@ def read_set(source: Path, scene: str, progress: Progress) -> NativeScene:
         There is no sample, or one is damaged or not as OrthoLoC's loader has it.
     """
     folder = find_sets(source)[scene]
-    paths, made = _samples(folder), data_root() / "made" / "ortholoc" / scene
+    paths = _samples(folder)
+    made = data_root() / "made" / "ortholoc" / f"{scene}-{_key(paths)}"
     read = {p.stem: _read(p, made) for p in progress(paths, "samples", len(paths))}
     samples = {name: sample for name, sample in read.items() if sample is not None}
     if not samples:
@@ -127,6 +129,12 @@ def _samples(folder: Path) -> dict[Path, tuple[str, str]]:
     return {path: (match[1], match[2]) for path, match in matches.items() if match is not None}
 
 
+def _key(paths: Iterable[Path]) -> str:
+    """Name the files that are written of samples, so that others are not taken for them."""
+    stamps = [(str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns) for p in paths]
+    return fingerprint(stamps)[:16]
+
+
 def _read(path: Path, made: Path) -> _Sample | None:
     """Read a sample and write what is missing of its files; None where its photo is black."""
     arrays = _arrays(path)
@@ -139,8 +147,7 @@ def _read(path: Path, made: Path) -> _Sample | None:
         made / "maps" / f"{path.stem}_dsm.tif",
     )
     transform = _transform(arrays["dsm"], arrays["scale"], path)
-    age = path.stat().st_mtime_ns
-    if not all(file.is_file() and file.stat().st_mtime_ns >= age for file in files):
+    if not all(file.is_file() for file in files):
         for file in files:
             file.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(files[0]) as stream:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
 
-__all__ = ["files_by_key", "find_home", "folder_content", "stem_key", "sub_folder"]
+__all__ = [
+    "files_by_key",
+    "find_home",
+    "folder_content",
+    "name_order",
+    "stem_key",
+    "sub_folder",
+]
 
 _PARTIAL = (".part", ".partial", ".crdownload", ".aria2", ".incomplete", ".tmp", ".download")
 _ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz")
@@ -89,6 +97,16 @@ def find_home(source: Path, parts: Sequence[str], layout: str) -> Path:
 
 def _holds(folder: Path, parts: Iterable[str]) -> bool:
     return any(sub_folder(folder, part) is not None for part in parts)
+
+
+def name_order(path: Path) -> list[tuple[str, int]]:
+    """Return what sorts names with the numbers in them as numbers: 2 before 10.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    return [(text, int(n or 0)) for text, n in re.findall(r"([^0-9]*)([0-9]*)", path.name)]
 
 
 def stem_key(name: str) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import rasterio
 import rasterio.shutil
 from pyproj import CRS
@@ -17,8 +18,10 @@ from pyproj.exceptions import CRSError
 
 from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
 from airzoo_bench.core.files import fingerprint
+from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.published.places import folder_content
-from airzoo_bench.geometry.blocks import survey_heights
+from airzoo_bench.geometry.blocks import small_cache
+from airzoo_bench.geometry.heightfield import height_type, read_heights
 from airzoo_bench.geometry.rasters import opened
 
 __all__ = ["MapFiles", "find_maps", "only_one", "with_georeference"]
@@ -27,7 +30,6 @@ _SUFFIXES = (".tif", ".tiff")
 _COLOURS = (3, 4)
 _COLOUR_TYPES = ("uint8", "uint16")
 _HEIGHT_TYPES = ("float32", "float64", "int16", "int32")
-_ANY_HEIGHT_M = 1e9
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
         wkt = _stated_next_to(path)
         notes.append(f"{path.name}: its CRS is that of the .prj next to it")
     if heights and nodata is None and rasterio.enums.MaskFlags.all_valid in masked:
-        low = survey_heights(path, -_ANY_HEIGHT_M, _ANY_HEIGHT_M).low
+        low = _lowest_number(path)
         if low <= 0.0:
             empty = low
             notes.append(f"{path.name}: {low:g}, its lowest number, is taken for no height")
@@ -147,12 +149,24 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
     home.mkdir(parents=True, exist_ok=True)
     # Files of one name may stand in several folders.
     target = home / f"{path.stem}-{fingerprint(str(path.resolve()))[:8]}.vrt"
-    rasterio.shutil.copy(path.resolve(), target, driver="VRT")
-    with rasterio.open(target, "r+") as dataset:
-        dataset.crs = rasterio.CRS.from_wkt(wkt) if wkt is not None else crs
-        if empty is not None:
-            dataset.nodata = empty
+    # Scenes that are made at once may share a map: what they read of it is there whole.
+    with temporary_folder(home, target.name) as temporary:
+        made = temporary / target.name
+        rasterio.shutil.copy(path.resolve(), made, driver="VRT")
+        with rasterio.open(made, "r+") as dataset:
+            dataset.crs = rasterio.CRS.from_wkt(wkt) if wkt is not None else crs
+            if empty is not None:
+                dataset.nodata = empty
+        made.replace(target)
     return target, notes
+
+
+def _lowest_number(path: Path) -> float:
+    """Return the lowest number of a file as it stands there, in whatever unit; NaN of none."""
+    with small_cache(), opened(path) as dataset:
+        kind, windows = height_type(dataset.dtypes[0]), dataset.block_windows(1)
+        blocks = (read_heights(dataset, window, kind) for _, window in windows)
+        return float(np.fmin.reduce([np.fmin.reduce(block, axis=None) for block in blocks]))
 
 
 def _stated_next_to(path: Path) -> str:

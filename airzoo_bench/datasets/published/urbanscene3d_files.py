@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
-from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.posed_photos import PosedPhotos
@@ -26,15 +25,15 @@ from airzoo_bench.datasets.published.reconstructions import (
     files_by_scene,
     published_scenes,
 )
+from airzoo_bench.datasets.similarity_file import read_matrix, similarity_of
 from airzoo_bench.datasets.sources import photo_sizes
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.poses import Poses
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.published.options import UrbanScene3DOptions
 
-__all__ = ["files_of_scene", "find_scenes", "read_scene", "read_similarity"]
+__all__ = ["files_of_scene", "find_scenes", "read_scene"]
 
 _LAYOUT = (
     "a folder a scene, such as residence-pixsfm, with coordinates.pt, train and val of Mega-NeRF, "
@@ -43,8 +42,6 @@ _LAYOUT = (
 _OTHER_NAMES = {"sciart": "artsci", "artisci": "artsci"}
 _MODELS = ("sparse/0", "sparse")
 _MODEL_FILES = ("cameras.bin", "cameras.txt")
-_LIMIT_BYTES = 1 << 16
-_TOLERANCE = 1e-4
 
 
 def find_scenes(source: Path) -> dict[str, Path]:
@@ -155,7 +152,7 @@ def read_scene(options: UrbanScene3DOptions, scene: str, progress: Progress) -> 
     images, photos, unposed, notes = _photos(folder, options.every, progress)
     poses = photos.poses
     if transform is not None:
-        poses = _moved(poses, read_similarity(transform), photos.names)
+        poses = _moved(poses, transform, photos.names)
     return NativeScene(
         scene,
         images,
@@ -216,51 +213,17 @@ def _scan(options: UrbanScene3DOptions, scene: str, scenes: list[str]) -> Path:
     return given[scene]
 
 
-def read_similarity(path: Path) -> Floats:
-    """Read a matrix (4, 4) that turns, scales and shifts.
-
-    Parameters
-    ----------
-    path : Path
-        Four lines of four numbers, separated by blanks or commas; lines that begin with # are
-        passed over.
-
-    Raises
-    ------
-    BenchmarkError
-        It is anything else, such as one that shears or mirrors.
-    """
-    text = read_text(path, BenchmarkError, "transform", _LIMIT_BYTES)
-    lines = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
-    try:
-        matrix = np.array([[float(word) for word in line] for line in lines if line])
-    except ValueError:
-        matrix = np.empty(0)
-    expected = "four lines of four numbers; the last is 0 0 0 1"
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise BenchmarkError("holds no 4 x 4 numbers", where=path, expected=expected)
-    if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
-        raise BenchmarkError(f"its last line is {matrix[3]}", where=path, expected=expected)
-    turn = matrix[:3, :3]
-    squared = np.trace(turn @ turn.T) / 3.0
-    sheared = np.abs(turn @ turn.T - squared * np.eye(3)).max() > _TOLERANCE * squared
-    if sheared or not np.linalg.det(turn) > 0.0:
+def _moved(poses: Poses, path: Path, names: tuple[str, ...]) -> Poses:
+    """Take poses to the frame of the scan."""
+    matrix = read_matrix(path)
+    if matrix is None:
         raise BenchmarkError(
-            "shears or mirrors" if sheared else "mirrors or flattens",
+            "holds no 4 x 4 numbers",
             where=path,
-            expected="a turn, one scale and a shift",
-            fix="register with a similarity, without shear",
+            expected="four lines of four numbers; the last is 0 0 0 1",
         )
-    return matrix
-
-
-def _moved(poses: Poses, matrix: Floats, names: tuple[str, ...]) -> Poses:
-    """Take poses to another frame: X becomes s Q X + t."""
-    turn = matrix[:3, :3]
-    scale = np.cbrt(np.linalg.det(turn))
-    centres: Floats = poses.centres @ turn.T + matrix[:3, 3]
-    rotations: Floats = poses.rotation @ (turn / scale).T
+    moved = similarity_of(matrix, path).apply_poses(poses)
     try:
-        return Poses.from_centres(rotations, centres, names)
+        return Poses.from_centres(moved.rotation, moved.centres, names)
     except UserError as error:
         raise error.inside("--transform") from error

@@ -35,8 +35,9 @@ class DjiFolders(Survey[DjiOptions]):
             "The camera is DewarpData's; with DewarpFlag 1 without its distortion; without "
             "DewarpData it follows from the focal length of 35 mm film, whose diagonal is "
             "43.27 mm, without distortion.",
-            "Heights are those of the surface model; without one the ground is a plane at the "
-            "place of take-off: absolute less relative altitude.",
+            "Heights of photos and time stamps are the surface model's, or --vertical-crs says "
+            "what they are above; without a surface model the ground is a plane at the place of "
+            "take-off: absolute less relative altitude.",
             "Without a map or surface model in a projected CRS, and without --crs, poses are in "
             "the UTM zone of the photos.",
         ),

@@ -11,7 +11,7 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.height_systems import check_accuracy
+from airzoo_bench.datasets.height_systems import check_accuracy, surface_altitudes
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.datasets.photos import metadata_priors
@@ -22,19 +22,12 @@ from airzoo_bench.datasets.surveys.dji_stamps import TimeStamp, photo_time_stamp
 from airzoo_bench.datasets.surveys.dji_tags import (
     FIXED,
     DjiTags,
-    check_focal_lengths,
+    photo_cameras,
     read_tags,
     stated_accuracy,
     turned_note,
 )
-from airzoo_bench.datasets.surveys.lenses import (
-    cameras_of_lenses,
-    focal_of_unknown_size,
-    lens_of,
-    read_camera_file,
-)
 from airzoo_bench.datasets.surveys.options import DjiOptions
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import horizontal_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
@@ -42,6 +35,7 @@ from airzoo_bench.geometry.rasters import open_info
 __all__ = ["read_folder"]
 
 _SAME_PRIOR_M = 0.01
+_SAME_DATUM_M = 5.0  # two receivers are nearer, geoid and ellipsoid as a rule farther apart
 
 
 def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) -> NativeScene:
@@ -62,6 +56,10 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     placed = {name: _placed(metadata[name], stamps.get(name)) for name in metadata}
     kept = _kept(options, placed, tags, stamps, notes)
     names = tuple(kept)
+    _check_one_datum(kept, metadata, stamps, options.source)
+    kept, converted = _of_surface(options, kept)
+    metadata, _ = _of_surface(options, {name: metadata[name] for name in names})
+    notes += converted
     notes += turned_note(kept, tags)
     crs = _crs(options, dom, kept, notes)
     poses = priors_to_poses(kept, crs)
@@ -71,12 +69,16 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
     plane = options.plane_height
     if plane is None and options.dsm is None:
         plane = _plane(kept, images, notes)
-    priors = _priors(options, images, names, sizes, poses, crs)
+    priors = _priors(options, names, sizes, poses, crs, notes)
+    of_kept = {name: sizes[name] for name in names}
+    fix = "give the camera with --camera"
+    cameras, said_of_cameras = photo_cameras(images, of_kept, tags, options.camera, fix)
+    notes += said_of_cameras
     return NativeScene(
         scene,
         images,
         names,
-        _cameras(options, names, sizes, tags, notes),
+        cameras,
         poses,
         crs,
         dom=dom,
@@ -84,7 +86,7 @@ def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) 
         cloud=options.cloud,
         plane_height_m=plane,
         priors=priors,
-        metadata={name: metadata[name] for name in names},
+        metadata=metadata,
         is_metadata=True,
         unposed=tuple(name for name in sorted(sizes) if name not in kept),
         notes=tuple(notes),
@@ -140,6 +142,35 @@ def _kept(
     return kept
 
 
+def _check_one_datum(
+    kept: dict[str, PhotoPrior],
+    metadata: dict[str, PhotoPrior],
+    stamps: dict[str, TimeStamp],
+    where: Path,
+) -> None:
+    """Refuse time stamps of another datum than the photos that have none."""
+    without = [name for name in kept if name not in stamps]
+    known = [(one.height_m, metadata[name].altitude_m) for name, one in stamps.items()]
+    apart = [stamped - own for stamped, own in known if own is not None]
+    off = float(np.median(apart)) if apart else 0.0
+    if without and abs(off) > _SAME_DATUM_M:
+        raise BenchmarkError(
+            f"time stamps are {off:+.1f} m from the photos' own heights (median), which are all "
+            f"that there is of {first_of(without, len(kept))}",
+            where=where,
+            expected="heights of one datum",
+            fix="take photos without a time stamp out of the folder, or the tables of time stamps",
+        )
+
+
+def _of_surface(
+    options: DjiOptions, photos: dict[str, PhotoPrior]
+) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
+    """Take the heights that are the truth to the surface model's, and say so."""
+    given, what = options.vertical_crs, "heights of the poses"
+    return surface_altitudes(photos, given, "--vertical-crs", options, options.dsm, what)
+
+
 def _crs(options: DjiOptions, dom: Path, kept: dict[str, PhotoPrior], notes: list[str]) -> str:
     stated = stated_crs(options)
     if stated is not None:
@@ -183,17 +214,26 @@ def _plane(kept: dict[str, PhotoPrior], images: Path, notes: list[str]) -> float
 
 def _priors(
     options: DjiOptions,
-    images: Path,
     names: tuple[str, ...],
     sizes: dict[str, tuple[int, int]],
     poses: Poses,
     crs: str,
+    notes: list[str],
 ) -> Poses | None:
     """Return priors of another source than the truth; None where there are none."""
     if options.priors is None:
         return None
     given = read_prior_file(options.priors, sizes)
     every = {name: PhotoPrior(**given.get(name, {})) for name in names}
+    every, converted = surface_altitudes(
+        every,
+        options.priors_vertical_crs,
+        "--priors-vertical",
+        options,
+        options.dsm,
+        "altitudes of --priors",
+    )
+    notes += converted
     priors = metadata_priors(every, crs)
     if priors is None:
         raise BenchmarkError(
@@ -210,32 +250,3 @@ def _priors(
             fix="leave --priors out: retrieval needs none",
         )
     return priors
-
-
-def _cameras(
-    options: DjiOptions,
-    names: tuple[str, ...],
-    sizes: dict[str, tuple[int, int]],
-    tags: dict[str, DjiTags],
-    notes: list[str],
-) -> Cameras:
-    if options.camera is not None:
-        lens = read_camera_file(options.camera)
-        lenses = [lens_of(lens, sizes[name], options.camera) for name in names]
-        focal_px = focal_of_unknown_size([lens] * len(names), names)
-        if focal_px:
-            images = options.images or options.source
-            notes.append(check_focal_lengths(images, focal_px, sizes, options.camera))
-    else:
-        lacking = [name for name in names if not tags[name].lens]
-        if lacking:
-            raise BenchmarkError(
-                f"photos state no camera: {first_of(lacking, len(names))}",
-                where=options.source,
-                expected="DJI's DewarpData, or EXIF FocalLengthIn35mmFilm",
-                fix="give the camera with --camera",
-            )
-        for what in sorted({tags[name].lens_from for name in names}):
-            notes.append(f"cameras are from {what}")
-        lenses = [lens_of(tags[n].lens, sizes[n], options.source / n) for n in names]
-    return cameras_of_lenses(lenses, names, sizes)

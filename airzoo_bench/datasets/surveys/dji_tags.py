@@ -11,13 +11,21 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.datasets.photo_metadata import PhotoPrior, read_dji_texts
+from airzoo_bench.datasets.surveys.lenses import (
+    cameras_of_lenses,
+    focal_of_unknown_size,
+    lens_of,
+    read_camera_file,
+)
 from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
 
 __all__ = [
     "FIXED",
     "DjiTags",
     "check_focal_lengths",
+    "photo_cameras",
     "read_tags",
     "stated_accuracy",
     "turned_note",
@@ -146,6 +154,53 @@ def _dewarp(texts: dict[str, str], size: tuple[int, int]) -> tuple[dict[str, flo
     if texts.get("DewarpFlag") == "1":
         return lens | dict.fromkeys(keys[4:], 0.0), "DewarpData, of photos without distortion"
     return lens, "DewarpData"
+
+
+def photo_cameras(
+    home: Path,
+    sizes: Mapping[str, tuple[int, int]],
+    tags: Mapping[str, DjiTags],
+    given: Path | None,
+    fix: str,
+) -> tuple[Cameras, list[str]]:
+    """Return cameras: of a file, else as the photos state them; and sentences on what states them.
+
+    Parameters
+    ----------
+    home : Path
+        Folder of the photos.
+    sizes : mapping of str to (width, height)
+        By the photo's name.
+    tags : mapping of str to DjiTags
+    given : Path or None
+        JSON, see `lenses.read_camera_file`.
+    fix : str
+        How the file is given, for the message.
+
+    Raises
+    ------
+    UserError
+        A photo states no camera, or the file's is of photos of another size.
+    """
+    names = list(sizes)
+    if given is not None:
+        of_all = read_camera_file(given)
+        lenses = [lens_of(of_all, sizes[name], given) for name in names]
+        focal_px, said = focal_of_unknown_size([of_all] * len(names), names), [given.name]
+        checked = [check_focal_lengths(home, focal_px, sizes, given)] if focal_px else []
+    else:
+        lacking = [name for name in names if not tags[name].lens]
+        if lacking:
+            raise CameraError(
+                f"photos state no camera: {first_of(lacking, len(names))}",
+                where=home,
+                expected="DJI's DewarpData, or EXIF FocalLengthIn35mmFilm",
+                fix=fix,
+            )
+        lenses = [lens_of(tags[name].lens, sizes[name], home / name) for name in names]
+        said, checked = sorted({tags[name].lens_from for name in names}), []
+    cameras = cameras_of_lenses(lenses, names, sizes)
+    return cameras, [*(f"cameras are from {what}" for what in said), *checked]
 
 
 def check_focal_lengths(

@@ -13,13 +13,12 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.datasets.photo_metadata import read_prior
 from airzoo_bench.datasets.posed_photos import PosedPhotos
+from airzoo_bench.datasets.similarity_file import read_matrix, similarity_of
 from airzoo_bench.datasets.surveys.crs import map_crs, stated_crs
 from airzoo_bench.datasets.surveys.names import match_names
 from airzoo_bench.datasets.surveys.options import ColmapOptions
 from airzoo_bench.datasets.surveys.survey import given
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.rotations import check_rotations
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, Residuals, align
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
@@ -70,9 +69,9 @@ def georeferenced(options: ColmapOptions, photos: PosedPhotos) -> PlacedPhotos:
     if options.georeference is None:
         transform, notes, left = _fitted(options, photos, _exif_positions(options, photos, crs))
     else:
-        matrix = _matrix(options.georeference)
+        matrix = read_matrix(options.georeference)
         if matrix is not None:
-            transform, notes, left = _similarity(matrix, options.georeference), (), None
+            transform, notes, left = similarity_of(matrix, options.georeference), (), None
         else:
             positions = _named_positions(options.georeference, photos.names)
             transform, notes, left = _fitted(options, photos, positions)
@@ -93,49 +92,23 @@ def _exif_positions(
     return dict(zip(whole, map(tuple, places.tolist()), strict=True))
 
 
-def _matrix(path: Path) -> Floats | None:
-    """Read a 4 x 4 matrix; None where the file is none."""
-    rows = [line.replace(",", " ").split() for line in _lines(path)]
-    if [len(row) for row in rows] != [4, 4, 4, 4]:
-        return None
-    try:
-        matrix = np.array(rows, dtype=np.float64)
-    except ValueError:
-        return None
-    return matrix if np.array_equal(matrix[3], (0, 0, 0, 1)) else None
-
-
-def _similarity(matrix: Floats, path: Path) -> Similarity:
-    linear = matrix[:3, :3]
-    scale = float(np.cbrt(max(np.linalg.det(linear), 0.0)))
-    if not (np.isfinite(matrix).all() and scale > 0.0):
-        raise BenchmarkError(
-            "the matrix turns space inside out", where=path, expected="a similarity"
-        )
-    rotation = check_rotations([linear / scale], ["the matrix"], where=path)[0]
-    return Similarity(scale, rotation, matrix[:3, 3])
-
-
-def _lines(path: Path) -> list[str]:
-    lines = (line.strip() for line in read_native_text(path).splitlines())
-    return [line for line in lines if line and not line.startswith("#")]
-
-
 def _named_positions(path: Path, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
     """Read lines of name, x, y, z, as COLMAP's model_aligner takes them."""
-    rows = {}
-    for line in _lines(path):
-        parts = line.replace(",", " ").rsplit(None, 3)
+    rows: dict[str, tuple[float, ...]] = {}
+    lines = (line.strip() for line in read_native_text(path).splitlines())
+    for line in (line for line in lines if line and not line.startswith("#")):
+        name, *numbers = line.replace(",", " ").rsplit(None, 3)
         try:
-            rows[parts[0]] = tuple(float(part) for part in parts[1:])
+            place = tuple(float(number) for number in numbers)
         except ValueError:
-            parts = []
-        if len(parts) != 4 or not np.isfinite(rows[parts[0]]).all():
+            place = ()
+        if len(place) != 3 or not np.isfinite(place).all() or name in rows:
             raise BenchmarkError(
-                f"holds the line {line[:60]!r}",
+                f"holds the line {line[:60]!r}" + " of a name that it had before" * (name in rows),
                 where=path,
-                expected="a 4 x 4 matrix, or lines of name, x, y, z",
+                expected="a 4 x 4 matrix, or lines of name, x, y, z, each name once",
             )
+        rows[name] = place
     meant = match_names(rows, names, path)
     return {photo: rows[name] for name, photo in meant.items()}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.core.validation import nearest, unambiguous_json
 from airzoo_bench.geometry.cameras import Cameras
 
 __all__ = [
@@ -52,7 +51,7 @@ def read_camera_file(path: Path) -> dict[str, float]:
     """
     text = read_text(path, BenchmarkError, "camera file")
     try:
-        values: Any = json.loads(text)
+        values: Any = unambiguous_json(text)
     except ValueError as error:
         raise BenchmarkError(f"not JSON: {error}", where=path, expected=_EXPECTED) from error
     known = [*LENS_KEYS, *_SIZE]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.native_scene import NativeScene
@@ -40,6 +42,12 @@ class OdmProjects(Survey[OdmOptions]):
     example = "odm --source project --name park --tile-size 256"
     options = OdmOptions
     without_truth = WITHOUT_TRUTH
+
+    def map_of(self, options: OdmOptions) -> Path | None:
+        """Return the map that was given, or the project's."""
+        from airzoo_bench.datasets.surveys.odm_project import map_of_project
+
+        return map_of_project(options)
 
     def read(self, options: OdmOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the project."""

@@ -37,7 +37,7 @@ from airzoo_bench.datasets.surveys.surface import grid_surface
 from airzoo_bench.geometry.crs import describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["read_project"]
+__all__ = ["map_of_project", "read_project"]
 
 _Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -64,7 +64,7 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundPhotos:
     without = [folder.name for folder in submodels_of(project) if folder not in folders]
     if without and folders != [project]:
         notes.append(f"submodels without shots: {first_of(without)}")
-    dom = options.dom or _orthophoto(project)
+    dom = map_of_project(options)
     dsm = options.dsm
     if dsm is None and (project / SURFACE).is_file():
         dsm = project / SURFACE
@@ -88,7 +88,17 @@ def _crs(folders: list[Path]) -> CRS:
     return first
 
 
-def _orthophoto(project: Path) -> Path:
+def map_of_project(options: OdmOptions) -> Path:
+    """Return the map that was given, or the project's.
+
+    Raises
+    ------
+    BenchmarkError
+        There is none.
+    """
+    if options.dom is not None:
+        return options.dom
+    project = find_project(options.source)
     path = project / ORTHOPHOTO
     if not path.is_file():
         raise BenchmarkError(

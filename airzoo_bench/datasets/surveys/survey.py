@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.native import NativeDataset
 from airzoo_bench.datasets.surveys.options import SurveyOptions
 
@@ -72,7 +73,18 @@ class Survey(NativeDataset[OptionsT]):
         """Return the protocols of own photos, as changed by the options."""
         from airzoo_bench.datasets.photos_dataset import photo_protocols
 
-        return photo_protocols(options, self.benchmark(options), root)
+        return photo_protocols(options, self.benchmark(options), root, self.map_of(options))
+
+    def map_of(self, options: OptionsT) -> Path | None:
+        """Return the map that tiles are cut from, as far as it can be found."""
+        return options.dom
+
+    def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
+        """Make the folder, and say which sides tiles have that were asked for in metres."""
+        from airzoo_bench.datasets.photos_dataset import say_tile_sizes
+
+        say_tile_sizes(options, self.map_of(options), settings.note)
+        return super().prepare(options, settings)
 
 
 def given(path: Path | None, field: str) -> Path:

@@ -23,11 +23,18 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import matrix_to_quaternion, rotations_to_angles
 from airzoo_bench.geometry.units import grid_convergence_deg
 
-__all__ = ["IMAGE_SUFFIX", "FrameList", "colmap_texts", "frames_csv"]
+__all__ = [
+    "ECEF_COLUMNS",
+    "IMAGE_SUFFIX",
+    "PLACE_COLUMNS",
+    "FrameList",
+    "colmap_texts",
+    "frames_csv",
+]
 
 IMAGE_SUFFIX = ".jpg"
-_PLACE = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
-_ECEF = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
+PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
+ECEF_COLUMNS = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
 _LENS = ("width", "height", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
@@ -87,7 +94,7 @@ def frames_csv(frames: FrameList) -> str:
     quaternion = matrix_to_quaternion(_ecef_rotations(poses, lonlat, convergence))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "weather", "time_of_day", *_PLACE, *_ECEF, *_LENS])
+    writer.writerow(["name", "weather", "time_of_day", *PLACE_COLUMNS, *ECEF_COLUMNS, *_LENS])
     camera = frames.camera
     lens = [*camera.width.tolist(), *camera.height.tolist()]
     for part in (camera.focal, camera.principal_point, camera.distortion):

@@ -13,7 +13,7 @@ import hashlib
 import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write, fingerprint
-from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.mini.export.frame_list import (
@@ -33,6 +32,7 @@ from airzoo_bench.datasets.mini.export.frame_list import (
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import RENDERER_VERSION, Frame, Renderer
 from airzoo_bench.datasets.mini.world.model import World
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 
@@ -57,14 +57,14 @@ def render_frames(
     load: Callable[[], World],
     folder: Path,
     *,
-    jobs: int = 1,
+    engine: Engine = HERE,
     progress: Progress = silent,
 ) -> RenderCounts:
     """Render frames into a folder; those that are there and made from the same are kept.
 
     Files of other frames in the folder are left alone; its tables appear when all frames are there.
-    `load` returns the world. With several jobs each process calls its own: it must be picklable
-    then and should be quick, such as ``partial(load_world, folder)``.
+    `load` returns the world. Other processes call their own: it must be picklable then and should
+    be quick, such as ``partial(load_world, folder)``.
 
     Raises
     ------
@@ -73,17 +73,22 @@ def render_frames(
     """
     check_output_folder(folder, ("frames.csv",))
     world = load()
-    source = _Source(world_key(world), load if jobs > 1 else lambda: world)
+    source = _Source(world_key(world), load if engine.distributed else lambda: world)
     model = colmap_texts(frames, np.array([world.region.west, world.region.south, 0.0]))
     tables = {f"colmap/{name}": text for name, text in model.items()}
     tables["frames.csv"] = frames_csv(frames)
     _remove_stale(folder, tables)
     todo = [job for job in _jobs(frames, source.key) if not job.is_done(folder)]
-    if jobs > 1:
+    if engine.distributed:
         del world  # each process has its own
     try:
-        work = partial(_render_job, source, folder)
-        done = parallel_map(work, todo, min(jobs, len(todo))) if todo else iter(())
+        done = engine.map(
+            _render_job,
+            todo,
+            shared=(source, folder),
+            stage="rendering",
+            name=lambda job: f"frame {job.name}",
+        )
         for _ in progress(done, "rendering", len(todo)):
             pass
     finally:
@@ -150,7 +155,8 @@ def _jobs(frames: FrameList, world: str) -> list[_Job]:
     return jobs
 
 
-def _render_job(source: _Source, folder: Path, job: _Job) -> None:
+def _render_job(shared: tuple[_Source, Path], job: _Job) -> None:
+    source, folder = shared
     frame = _renderer(source).render(job.camera, job.pose, job.weather, job.time_of_day, job.seed)
     _write_frame(folder, job.name, frame, job.made_from)
 
