@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import PredictionError, ProtocolError
-from airzoo_bench.core.files import fingerprint, sha256_of_tree
-from airzoo_bench.core.version import __version__
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UserError
+from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree, stamps
+from airzoo_bench.core.version import versions
+from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
@@ -25,9 +26,19 @@ from airzoo_bench.results.scores import summarise
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "versions"]
+__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes"]
 
-_PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
+
+_CHANGED_PREDICTIONS = PredictionError(
+    "was changed while it was scored",
+    expected="predictions that stay as they are until the run is saved",
+    fix="score them again when nobody writes there",
+)
+_CHANGED_TRUTH = BenchmarkError(
+    "was changed while predictions were scored with it",
+    expected="a benchmark that stays as it is until the run is saved",
+    fix="score them again when nobody writes there",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +78,7 @@ def evaluate(
     method: str | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
+    begun: Callable[[], None] = lambda: None,
 ) -> Evaluation:
     """Score predictions.
 
@@ -85,25 +97,62 @@ def evaluate(
     resources : Resources
     read_by : ReadBy
         How a method's own files are to be read.
+    begun : callable
+        Called when the predictions and the truth are read, before they are scored.
 
     Raises
     ------
     UserError
-        The predictions, the protocol or the benchmark folder are not as they must be.
+        The predictions, the protocol or the benchmark folder are not as they must be, or the
+        predictions change while they are scored.
     """
+    with _unchanged([path], resources.engine, _CHANGED_PREDICTIONS):
+        return _evaluated(path, data, track, protocol, method, resources, read_by, begun)
+
+
+@contextmanager
+def _unchanged(paths: Iterable[Path], engine: Engine, fault: UserError) -> Iterator[None]:
+    """Refuse what is made of files that change meanwhile: nobody could name their checksum."""
+    begun = [(path, stamps(path)) for path in paths]
+    try:
+        yield
+    finally:
+        for path, before in begun:
+            now = stamps(path)
+            changed = sorted(file for file, stamp in before.items() if now.get(file) != stamp)
+            if changed:
+                engine.forget()
+                raise fault.inside(changed[0])
+
+
+def _evaluated(
+    path: Path,
+    data: Path,
+    track: str | None,
+    protocol: str | None,
+    method: str | None,
+    resources: Resources,
+    read_by: ReadBy,
+    begun: Callable[[], None],
+) -> Evaluation:
     given = open_predictions(path, track, protocol, data, resources, read_by)
     of, predictions, chosen = given.track, given.predictions, given.protocol
     for error in of.validation_errors(predictions, chosen, thorough=False):
         raise error
     benchmark, truths = _open_truths(given, data)
-    assigned = of.assign(predictions, chosen, truths, data)
-    scene_predictions = []
-    for predicted in of.match(predictions, assigned, truths, chosen, resources):
-        if isinstance(predicted, PredictionError):
-            raise predicted
-        scene_predictions.append(predicted)
-    pairs = zip(scene_predictions, truths, strict=True)
-    scored = [of.score(predicted, truth, chosen, resources) for predicted, truth in pairs]
+    read_again = [file for truth in truths for file in of.read_while_scoring(truth)]
+    with _unchanged(read_again, resources.engine, _CHANGED_TRUTH):
+        sha256 = sha256_of_tree(predictions.path)
+        resources.engine.begin(_run_of(given, sha256, truths, read_by.names, resources))
+        begun()
+        assigned = of.assign(predictions, chosen, truths, data)
+        scene_predictions = []
+        for predicted in of.match(predictions, assigned, truths, chosen, resources):
+            if isinstance(predicted, PredictionError):
+                raise predicted
+            scene_predictions.append(predicted)
+        pairs = zip(scene_predictions, truths, strict=True)
+        scored = [of.score(predicted, truth, chosen, resources) for predicted, truth in pairs]
     records = of.records(scored, chosen)
     notes = [
         *given.notes,
@@ -111,7 +160,7 @@ def evaluate(
         *of.notes(predictions, chosen, truths, scene_predictions, scored),
     ]
     result = _result(
-        given, benchmark, truths, scored, records, method, len(assigned.strange), notes
+        given, sha256, benchmark, truths, scored, records, method, len(assigned.strange), notes
     )
     by_scene = {truth.scene: scene for truth, scene in zip(truths, scored, strict=True)}
     return Evaluation(result, records, given, benchmark, truths, scene_predictions, by_scene)
@@ -124,8 +173,29 @@ def _open_truths(given: Given, data: Path) -> tuple[Benchmark, list[Any]]:
     return read_truths(given.track, given.protocol, data)
 
 
+def _run_of(
+    given: Given, sha256: str, truths: Sequence[Truth], names: Path | None, resources: Resources
+) -> str:
+    """Return a fingerprint of all that results of tasks depend on."""
+    return fingerprint(
+        {
+            "track": given.track.name,
+            "predictions": sha256,
+            "reader": None if given.reader is None else given.reader.model_dump(mode="json"),
+            "names": None if names is None else sha256_of(names),
+            "protocol": given.protocol.fingerprint,
+            "truth": {truth.scene: truth.fingerprint for truth in truths},
+            "versions": versions(),
+            "keep": resources.keep,
+            "memory": resources.memory_bytes,  # how queries and clouds are cut
+            "stamps": sorted(stamps(given.predictions.path).values()),
+        }
+    )
+
+
 def _result(
     given: Given,
+    sha256: str,
     benchmark: Benchmark,
     truths: Sequence[Truth],
     scored: Sequence[ScoredScene],
@@ -144,17 +214,17 @@ def _result(
         truth=TruthUsed(
             benchmark=benchmark.name,
             version=benchmark.file.version,
-            fingerprint=fingerprint({truth.scene: truth.fingerprint for truth in truths}),
+            fingerprint=truth_fingerprint(truths),
             scene_titles={scene.id: scene.title for scene in protocol.scenes},
         ),
         predictions=PredictionsUsed(
             file=path.name,
-            sha256=sha256_of_tree(path),
+            sha256=sha256,
             kind=track.kind(given.predictions, scored),
             method=method or track.method(path),
             reader=given.reader,
         ),
-        versions=versions(),
+        versions=dict(versions()),
         columns=score_columns(scores),
         counts=counts,
         extra_queries=strange,
@@ -171,10 +241,9 @@ def _result(
     ).with_checksum()
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of this package and of those that numbers depend on."""
-    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"airzoo-bench": __version__} | found
+def truth_fingerprint(truths: Sequence[Truth]) -> str:
+    """Return the SHA-256 over all that scores of some scenes depend on."""
+    return fingerprint({truth.scene: truth.fingerprint for truth in truths})
 
 
 def _protocol_used(protocol: Protocol) -> ProtocolUsed:

@@ -9,7 +9,7 @@ from typing import Any
 
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.given import AnyTrack, read_truths
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.protocol.lookup import find_protocol, protocol_of_track
@@ -57,9 +57,8 @@ def run_baseline(
     benchmark = find_benchmark(chosen.benchmark, data, sealed=True)
     benchmark.check_fits(chosen)
     with benchmark.fixes():
-        of.baseline.predict(
-            chosen, benchmark, settings or of.baseline.settings, out, resources, note
-        )
+        predict = resolve(of.baseline.predict)
+        predict(chosen, benchmark, settings or of.baseline.settings, out, resources, note)
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark, benchmark_place, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, UnreadableError, UsageError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.evaluation.checked_truth import read_checked_truth
+from airzoo_bench.evaluation.near_places import place_meant, refuse_part, refuse_special
 from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
-from airzoo_bench.evaluation.reader import Reading, find_reader, reader_named
+from airzoo_bench.evaluation.reader import Reading, find_reader, read_native, reader_named
 from airzoo_bench.evaluation.track import Track
-from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.formats.arrays import fields_file, open_arrays, protocol_name
 from airzoo_bench.protocol.lookup import (
     choose_protocol,
     find_protocol,
@@ -96,7 +99,7 @@ def open_predictions(
     UserError
         The file cannot be read, or no protocol of the track is known for it.
     """
-    _refuse_special(path)
+    refuse_special(path)
     reader = read_by.reader or _reader_of(path, track, protocol, data)
     if reader is not None:
         return _open_native(path, reader, track, protocol, data, resources, read_by.names)
@@ -106,17 +109,36 @@ def open_predictions(
             where=path,
             fix="leave it out, or say which reader: --reader NAME",
         )
-    if track is None:
-        found = track_of(path, protocol, data, resources)
-    else:
-        found = TRACKS.get(track)
-        _refuse_other_kind(path, found)
-    refuse_other_track(path, protocol, data, found.protocol, resources.memory_bytes)
-    predictions = found.read(path, resources.memory_bytes)
+    found: AnyTrack = TRACKS.get(track or track_of(path, protocol, data, resources).name)
+    _refuse_missing(path, found)
+    try:
+        predictions = _read_own(path, found, track, protocol, data, resources)
+    except UnreadableError as error:
+        meant = place_meant(path, found.name) if path.is_dir() else None
+        if meant is None:
+            raise
+        raise UnreadableError(
+            error.what, where=error.where, expected=error.expected, fix=meant
+        ) from error
     chosen = choose_protocol(
         path, predictions.protocol, protocol, data, found.protocol, found.says_protocol
     )
     return Given(found, predictions, chosen, data)
+
+
+def _read_own(
+    path: Path,
+    found: AnyTrack,
+    asked: str | None,
+    protocol: str | None,
+    data: Path,
+    resources: Resources,
+) -> Predictions:
+    if asked is not None:
+        _refuse_other_kind(path, found)
+    refuse_other_track(path, protocol, data, found.protocol, resources.memory_bytes)
+    read: Predictions = found.read(path, resources.memory_bytes)
+    return read
 
 
 def _open_native(
@@ -152,9 +174,15 @@ def _open_native(
         if benchmark_place(chosen.benchmark, data).is_dir():
             raise  # it is there, and damaged or of other settings
         known = None  # readers say what they cannot tell without; scoring says that it is missing
-    truths, folders = (known[1], known[0].image_folders) if known else ([], ())
-    read = reader.read(path, Reading(chosen, truths, names, resources.memory_bytes, folders))
-    used = ReaderUsed(name=name, conventions=read.conventions)
+    reading = Reading(chosen, [], names, resources.memory_bytes)
+    if known is not None:
+        benchmark, truths = known
+        scenes = tuple(scene.id for scene in benchmark.file.scenes)
+        reading = replace(reading, truths=truths, folders=benchmark.image_folders, scenes=scenes)
+    read = read_native(reader, path, reading)
+    beside = [*read.beside, *([names] if names else [])]
+    also = (f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in beside)
+    used = ReaderUsed(name=name, conventions=(*read.conventions, *also))
     return Given(found, read.predictions, chosen, data, used, read.notes, known)
 
 
@@ -165,37 +193,23 @@ def _reader_of(path: Path, track: str | None, protocol: str | None, data: Path) 
         track = find_protocol(protocol, data).track
     found = find_reader(path, track)
     if found is None and path.is_file() and track is not None:
-        _refuse_part(path, track)
+        refuse_part(path, track)
     return found
 
 
-def _refuse_part(path: Path, track: str) -> None:
-    """Refuse a file that only the folder it lies in makes a prediction."""
-    if path.suffix in TRACKS.get(track).suffixes or path.resolve().parent == Path.cwd():
-        return
-    whole = find_reader(path.parent, track)
-    if whole is not None:
+def _refuse_missing(path: Path, asked: AnyTrack) -> None:
+    if not path.exists():
         raise UnreadableError(
-            f"is a part of {reader_named(whole).title}",
+            "no such predictions" if asked.folders else "no such prediction file",
             where=path,
-            expected=reader_named(whole).layout,
-            fix=f"name the folder: {path.parent}",
+            expected=asked.kinds,
+            fix="`airzoo-bench template` writes an example",
         )
-
-
-def _refuse_special(path: Path) -> None:
-    """Refuse what would be waited for or read without end, before anything is opened."""
-    if path.is_symlink() and not path.exists():
-        what, fix = "a link to nothing", "copy there what it should lead to"
-    elif path.exists() and not (path.is_file() or path.is_dir()):
-        what, fix = "a pipe, a socket or a device, and no file", "copy what it gives into a file"
-    else:
-        return
-    raise UnreadableError(what, where=path, expected="a file, or a folder", fix=fix)
 
 
 def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
     """Refuse what only predictions of other tracks come as, and name the command for those."""
+    path = fields_file(path)
     tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
     ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
     if path.is_dir():
@@ -223,7 +237,7 @@ def read_truths(
     protocol : Protocol
     data : Path
     sealed : bool
-        Whether the truth may be sealed: then there are queries, tiles and crops, and no answers.
+        Whether it may be sealed: then there are queries, tiles and crops, and no answers.
 
     Raises
     ------
@@ -233,7 +247,8 @@ def read_truths(
     benchmark = find_benchmark(protocol.benchmark, data, sealed=sealed)
     benchmark.check_fits(protocol)
     with benchmark.fixes():
-        return benchmark, [track.read_truth(benchmark, scene.id) for scene in protocol.scenes]
+        scenes = [scene.id for scene in protocol.scenes]
+        return benchmark, [read_checked_truth(track, benchmark, protocol, one) for one in scenes]
 
 
 def track_of(path: Path, protocol: str | None, data: Path, resources: Resources) -> AnyTrack:
@@ -246,6 +261,7 @@ def track_of(path: Path, protocol: str | None, data: Path, resources: Resources)
     ProtocolError
         The protocol is unknown.
     """
+    path = fields_file(path)
     tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
     ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
     fitting = [track for track in tracks if ending in track.suffixes]

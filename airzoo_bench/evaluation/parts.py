@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sized
+from collections.abc import Sized
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 from typing import Protocol as Structural
 
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.engines.processes import Processes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,7 +90,9 @@ class Resources:
     memory_bytes : int
         The most memory that a prediction file may take.
     jobs : int
-        Threads or processes.
+        Threads or processes; on a cluster, threads of each of its workers.
+    engine : Engine
+        Where tasks are done.
     keep : bool
         Keep what figures need besides the scores, such as clouds.
     """
@@ -98,6 +101,13 @@ class Resources:
     jobs: int = 1
     progress: Progress = silent
     keep: bool = False
+    engine: Engine = HERE
+
+    @property
+    def processes(self) -> Engine:
+        """Where tasks are done that keep the interpreter's lock: not in threads of this process."""
+        as_well = self.engine.distributed or self.jobs == 1
+        return self.engine if as_well else Processes(self.jobs)
 
 
 @dataclass(frozen=True)
@@ -145,9 +155,9 @@ class Baseline(Generic[S]):
         Default name of the predictions.
     out_help, example : str
         For the help; the example names a protocol and where to write.
-    predict : callable
-        Takes protocol, benchmark, settings, the path to write to, `Resources`, and a callable
-        for notes on each scene.
+    predict : str
+        ``module:function`` to call: it takes protocol, benchmark, settings, the path to write to,
+        `Resources`, and a callable for notes on each scene.
     """
 
     method: str
@@ -157,4 +167,4 @@ class Baseline(Generic[S]):
     out: str
     out_help: str
     example: str
-    predict: Callable[[Any, Benchmark, S, Path, Resources, Callable[[str], None]], None]
+    predict: str

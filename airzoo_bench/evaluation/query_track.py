@@ -8,23 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from typing import Protocol as Structural
 
-import numpy as np
-from numpy.typing import NDArray
-
 from airzoo_bench.core.errors import PredictionError, ProtocolError, UsageError, first_of
-from airzoo_bench.core.ids import Assignment, assign_queries, scene_of, with_endings
+from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
-from airzoo_bench.evaluation.prediction_files import (
-    QueryPredictions,
-    check_npz,
-    write_predictions,
-)
 from airzoo_bench.evaluation.track import Track
-from airzoo_bench.protocol.lookup import load_protocol, protocol_files
-from airzoo_bench.protocol.model import Protocol
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
+    from numpy.typing import NDArray
+
+    from airzoo_bench.core.ids import Assignment
+    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["HasQueries", "QueryTrack"]
 
@@ -37,14 +33,14 @@ class HasQueries(Truth, Structural):
         """A row a query, with its ``id``."""
 
 
-P = TypeVar("P", bound=Protocol)
-Q = TypeVar("Q", bound=QueryPredictions[Any])
+P = TypeVar("P", bound="Protocol")
+Q = TypeVar("Q", bound="QueryPredictions[Any]")
 H = TypeVar("H", bound=HasQueries)
 C = TypeVar("C")
 S = TypeVar("S", bound=ScoredScene)
 
 
-class QueryTrack(Track[P, Q, H, Assignment, C, S]):
+class QueryTrack(Track[P, Q, H, "Assignment", C, S]):
     """A track whose predictions have a row a query."""
 
     @abstractmethod
@@ -75,6 +71,10 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
 
     def assign(self, predictions: Q, protocol: P, truths: Sequence[H], data: Path) -> Assignment:
         """See `Track.assign`."""
+        import numpy as np
+
+        from airzoo_bench.core.ids import assign_queries, scene_of
+
         ids = predictions.query_ids
         assigned = assign_queries(ids, [truth.queries["id"] for truth in truths])
         if truths:
@@ -108,6 +108,8 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
 
     def check_template_path(self, out: Path, *, force: bool) -> None:
         """See `Track.check_template_path`."""
+        from airzoo_bench.evaluation.prediction_files import check_npz
+
         check_npz(out)
         if out.exists() and not out.is_dir() and not force:
             raise UsageError(
@@ -126,6 +128,8 @@ class QueryTrack(Track[P, Q, H, Assignment, C, S]):
         self, out: Path, protocol: P, truths: Sequence[H], kind: str, seed: int
     ) -> None:
         """See `Track.write_template`."""
+        from airzoo_bench.evaluation.prediction_files import write_predictions
+
         write_predictions(out, protocol.name, self.template(protocol, truths, kind, seed))
 
 
@@ -137,6 +141,10 @@ def _other_benchmark(
     example: str | None = None,
 ) -> PredictionError:
     """Return the error for predictions none of whose ids belongs to the benchmark."""
+    import numpy as np
+
+    from airzoo_bench.core.ids import scene_of, with_endings
+
     scenes = {str(scene) for scene in np.unique(scene_of(ids))}
     ending = scenes <= {scene.id for scene in protocol.scenes} and with_endings(ids)
     alike = [] if ending else _alike(scenes, protocol, data)
@@ -150,8 +158,16 @@ def _other_benchmark(
         fix="leave out the file's ending: ids are names without it"
         if ending
         else _scenes_as_titles(scenes, protocol)
-        or "name the right protocol with --protocol; `airzoo-bench template` writes the ids",
+        or "name the right protocol with --protocol; `airzoo-bench template` writes the ids"
+        + _read_by_names(path, protocol.track),
     )
+
+
+def _read_by_names(path: Path, track: str) -> str:
+    """Name the readers that may take a file too, and know images by paths."""
+    known = {name: READERS.get(name) for name in READERS.names()}
+    fitting = [name for name, one in known.items() if one.track == track and one.recognise(path)]
+    return "".join(f"; or, if these are paths of photos, --reader {name}" for name in fitting)
 
 
 def _scenes_as_titles(scenes: set[str], protocol: Protocol) -> str:
@@ -164,6 +180,8 @@ def _scenes_as_titles(scenes: set[str], protocol: Protocol) -> str:
 
 def _alike(scenes: set[str], protocol: Protocol, data: Path) -> list[str]:
     """Name the protocols of the same track and another benchmark that have one of the scenes."""
+    from airzoo_bench.protocol.lookup import protocol_files
+
     return [
         name
         for name, path in protocol_files(data).items()
@@ -173,6 +191,8 @@ def _alike(scenes: set[str], protocol: Protocol, data: Path) -> list[str]:
 
 def _scenes_of_other(path: Path, protocol: Protocol) -> set[str]:
     """Return the scenes of a protocol file, unless it is of another track or this benchmark."""
+    from airzoo_bench.protocol.lookup import load_protocol
+
     try:
         other = load_protocol(path)
     except ProtocolError:  # another benchmark's error is not this file's

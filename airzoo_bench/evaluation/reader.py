@@ -21,6 +21,7 @@ __all__ = [
     "Reader",
     "Reading",
     "find_reader",
+    "read_native",
     "reader_named",
 ]
 
@@ -50,6 +51,9 @@ class Reading:
     folders : tuple of Path
         The benchmark's own and those of its images. Predictions may name any folder of the
         computer; only what lies in these, or below the predictions, may be listed for them.
+    scenes : tuple of str
+        Ids of all scenes of the benchmark, also of those that the protocol leaves out: a path that
+        names one of them is of no other.
     """
 
     protocol: Protocol
@@ -57,6 +61,7 @@ class Reading:
     names: Path | None
     memory_bytes: int
     folders: tuple[Path, ...] = ()
+    scenes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +77,15 @@ class ReadPredictions:
         names by order. They stand in the result.
     notes : tuple of str
         What a reader of the numbers must know.
+    beside : tuple of Path
+        Files that were read besides the path, such as lists next to it: the result states their
+        checksums.
     """
 
     predictions: Predictions
     conventions: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    beside: tuple[Path, ...] = ()
 
 
 class Reader(ABC):
@@ -186,3 +195,28 @@ def find_reader(path: Path, track: str | None = None) -> str | None:
             fix=f"say which: {' or '.join(f'--reader {name}' for name in found)}",
         )
     return found[0]
+
+
+def read_native(reader: Reader, path: Path, reading: Reading) -> ReadPredictions:
+    """Read what a method wrote.
+
+    Parameters
+    ----------
+    reader : Reader
+    path : Path
+    reading : Reading
+
+    Raises
+    ------
+    UserError
+        See `Reader.read`; or there is a folder where the reader wants a file, or the reverse.
+    """
+    try:
+        return reader.read(path, reading)
+    except (IsADirectoryError, NotADirectoryError) as error:
+        raise UnreadableError(
+            f"{(error.strerror or '').lower()}, and so not {reader.title}",
+            where=error.filename,
+            expected=reader.title,
+            fix="name the right file or folder; `airzoo-bench readers` lists what is read",
+        ) from error

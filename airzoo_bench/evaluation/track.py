@@ -2,7 +2,8 @@
 
 A track is an object that `registry.TRACKS` names. It reads predictions, matches them to the truth
 of each scene, scores them, and names its scores. What else it may offer (a template, a baseline,
-options of ``eval``) defaults to nothing.
+options of ``eval``) defaults to nothing. Its module is imported for the help, so NumPy and the like
+are imported within its methods.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
 
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UsageError
 from airzoo_bench.evaluation.parts import (
     Assigned,
@@ -23,17 +23,18 @@ from airzoo_bench.evaluation.parts import (
     ScoredScene,
     Truth,
 )
-from airzoo_bench.protocol.lookup import IN_A_FIELD
-from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score, concatenate
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.protocol.model import Protocol
+    from airzoo_bench.results.result import Reference
+    from airzoo_bench.results.scores import Score
+
 __all__ = ["Track"]
 
-P = TypeVar("P", bound=Protocol)
+P = TypeVar("P", bound="Protocol")
 R = TypeVar("R", bound=Predictions)
 T = TypeVar("T", bound=Truth)
 A = TypeVar("A", bound=Assigned)
@@ -50,7 +51,6 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         As in protocol files, commands and results.
     summary : str
         What is scored, in one sentence, for the help.
-    protocol : type of Protocol
     kinds : str
         What predictions come in, for messages.
     suffixes : tuple of str
@@ -59,8 +59,9 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         Fields of an ``.npz`` that no other track has.
     folders : bool
         Whether predictions can be a folder.
-    says_protocol : tuple of str
-        Where predictions say which protocol they are for, and how to fix that they do not.
+    says_protocol : tuple of str or None
+        Where predictions say which protocol they are for, and how to fix that they do not; None
+        where it is in a field of the file.
     unit : {"query", "scene"}
         What a record is of; of scenes, intervals and tests resample these.
     argument : str
@@ -70,9 +71,6 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     jobs : int
         Threads that ``eval`` takes by default.
     options : tuple of EvalOption
-    recorded : frozenset of str
-        Columns of the records that are neither scores nor conditions of the queries; a ``*`` stands
-        for any letters.
     files : mapping of str to callable
         What a run writes next to ``result.json`` and ``records.csv``, by its name.
     baseline : Baseline or None
@@ -113,24 +111,27 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    protocol: type[P]
     kinds: ClassVar[str] = ".npz"
     suffixes: ClassVar[tuple[str, ...]] = (".npz",)
     fields: ClassVar[tuple[str, ...]] = ()
     folders: ClassVar[bool] = False
     unit: ClassVar[Literal["query", "scene"]] = "query"
-    says_protocol: ClassVar[tuple[str, str]] = IN_A_FIELD
+    says_protocol: ClassVar[tuple[str, str] | None] = None
     argument: ClassVar[str] = "A prediction file."
     example: ClassVar[str] = "preds.npz --out results/mymethod"
     jobs: ClassVar[int] = 2
     options: ClassVar[tuple[EvalOption, ...]] = ()
-    recorded: ClassVar[frozenset[str]] = frozenset(("scene", "query", "answered"))
     files: ClassVar[Mapping[str, Callable[[Any, Path], None]]] = {}
     baseline: ClassVar[Baseline[Any] | None] = None
     template_kinds: ClassVar[tuple[str, ...]] = ()
     template_out: ClassVar[str] = "template.npz"
 
     # --- what every track must have ---
+
+    @property
+    @abstractmethod
+    def protocol(self) -> type[P]:
+        """The class of its protocols."""
 
     @abstractmethod
     def read(self, path: Path, memory_bytes: int) -> R:
@@ -168,13 +169,27 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
 
     # --- what a track may add ---
 
+    @property
+    def recorded(self) -> frozenset[str]:
+        """Columns of the records that are neither scores nor conditions of the queries.
+
+        A ``*`` stands for any letters.
+        """
+        return frozenset(("scene", "query", "answered"))
+
     def records(self, scored: Sequence[S], protocol: P) -> pd.DataFrame:
         """Concatenate the records of all scenes."""
+        from airzoo_bench.results.scores import concatenate
+
         return concatenate([scene.records for scene in scored])
 
     def expected_counts(self, truth: T) -> dict[str, int]:
         """Return those of a scene's counts that are known without predictions."""
         return {}
+
+    def read_while_scoring(self, truth: T) -> Sequence[Path]:
+        """Return the files of a scene's truth that are read, or read again, when it is scored."""
+        return ()
 
     def validation_errors(
         self, predictions: R, protocol: P, *, thorough: bool

@@ -9,24 +9,27 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark, needed
-from airzoo_bench.evaluation.parts import Baseline, Resources
+from airzoo_bench.core.progress import Headed
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
+from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, world_to_pixel
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
+from airzoo_bench.matching.baseline_settings import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.sift import SiftSettings, Task, match_photos
+from airzoo_bench.matching.sift import Task, match_photos
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 
-__all__ = ["SIFT", "plan"]
+__all__ = ["plan", "predict"]
 
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
 _LEAST_SINE = 0.1
 
 
-def _predict(
+def predict(
     protocol: MatchingProtocol,
     benchmark: Benchmark,
     settings: SiftSettings,
@@ -42,7 +45,8 @@ def _predict(
         truth = read_truth(benchmark, scene.id)
         ids += truth.queries["id"].tolist()
         tasks = _tasks(benchmark, truth)
-        matches += match_photos(tasks, settings, jobs=resources.jobs, progress=resources.progress)
+        progress = Headed(scene.id, resources.progress)
+        matches += match_photos(tasks, settings, engine=resources.processes, progress=progress)
     offsets = np.concatenate([[0], np.cumsum([len(query_xy) for query_xy, _ in matches])])
     arrays = {
         "query_ids": np.array(ids, dtype=str),
@@ -101,7 +105,7 @@ def _lie(
     right, forward = prior.rotation[0, 0], prior.rotation[0, 2]
     centre = prior.centres[0]
     ends = np.stack((centre[:2], centre[:2] + right[:2]))
-    start, end = world_to_pixel(dom.transform, from_lonlat(dom.crs, to_lonlat(crs, ends)))
+    start, end = to_map_pixels(LONLAT_CRS, dom)(to_lonlat(crs, ends))
     turn = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
     away = (centre[2] - ground_height_m) / max(-forward[2], _LEAST_SINE)
     ratio = away / np.sqrt(camera.focal[0].prod()) / np.sqrt(np.prod(gsd_m(dom)))
@@ -128,15 +132,3 @@ def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
             zip(truth.queries["image"], truth.crops, strict=True)
         )
     ]
-
-
-SIFT = Baseline(
-    method="SIFT",
-    summary="Match photos to their crops by SIFT, mutual neighbours and ratio test.",
-    settings=SiftSettings(),
-    demo=SiftSettings(doubled=False),
-    out="sift-matches.npz",
-    out_help="The .npz to write.",
-    example="brighton-matching --out matches.npz",
-    predict=_predict,
-)

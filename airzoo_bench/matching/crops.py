@@ -22,6 +22,7 @@ from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.map_pixels import to_map_pixels
 from airzoo_bench.geometry.missing_heights import HeightAt, meet_missing, nearest_heights
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import (
@@ -120,7 +121,7 @@ def crop_windows(
         The surface model is not in metres, or cannot be read.
     """
     corners = _cast_corners(cameras, priors, dsm, crop, plane_height_m)
-    pixels = world_to_pixel(dom.transform, change_of_plane(corners.crs, dom.crs)(corners.xy))
+    pixels = to_map_pixels(corners.crs, dom)(corners.xy)
     low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
     grown = crop.margin * (high - low)
     blind = np.isnan(grown).any(axis=1)

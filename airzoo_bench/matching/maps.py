@@ -12,7 +12,9 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.geometry.crs import check_same_crs
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, raster_sha256
+from airzoo_bench.geometry.raster_files import raster_sha256
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.storage.rasters import pointed
 
 __all__ = [
     "ReferenceMap",
@@ -64,7 +66,7 @@ def dsm_checksum(dsm: Path) -> str:
     BenchmarkError
         It is not there.
     """
-    if not dsm.is_file():
+    if not pointed(dsm).is_file():
         raise BenchmarkError(
             "the surface model is not there",
             where=dsm,
@@ -176,5 +178,6 @@ def check_dsm(dsm: Path, found: str, prepared: str | None) -> None:
             "the surface model is not the one that the benchmark was prepared with",
             where=dsm,
             expected=f"SHA-256 {(prepared or 'none')[:12]}…",
-            fix="put it back, or prepare the benchmark again",
+            fix="put it back, and what lies beside it and changes its heights (.aux.xml, .msk, "
+            "world files); or prepare the benchmark again",
         )

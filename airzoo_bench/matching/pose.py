@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from threading import current_thread, main_thread
 from time import perf_counter
 from typing import NamedTuple, TypedDict, Unpack
 
@@ -226,8 +227,12 @@ def _threaded(
     """Map in order, with a bounded number of problems taken and not yet answered.
 
     One worker is a thread too: the solvers release the interpreter's lock, so that Ctrl-C reaches
-    the main thread at once, which does not wait for the problems under way.
+    the main thread at once, which does not wait for the problems under way. A task of an engine is
+    in another thread already, whose processor time is its own.
     """
+    if jobs == 1 and current_thread() is not main_thread():
+        yield from map(solve, problems)
+        return
     pending: deque[Future[PoseEstimate]] = deque()
     pool = ThreadPoolExecutor(jobs)
     try:

@@ -51,7 +51,7 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
     size = path.stat().st_size if path.is_file() else 0
     Budget(limit_bytes).hold(path, "its text", size * _BYTES_A_BYTE)
     lines = read_text(path, UnreadableError, "pose file", _LIMIT_BYTES).splitlines()
-    rows = [line.split() for line in lines if line.strip() and line.lstrip()[0] != "#"]
+    rows = [_columns(line) for line in lines if line.strip() and line.lstrip()[0] != "#"]
     _check_rows(rows, path)
     names = np.array([_without_ending(row[0]) for row in rows], dtype=str)
     values = np.array([_floats(row, path) for row in rows], dtype=np.float64)
@@ -84,6 +84,23 @@ def refused_in(where: object, fix: str) -> Iterator[None]:
         raise PredictionError(
             error.what, where=where, expected=error.expected, fix=error.fix or fix
         ) from error
+
+
+def _columns(line: str) -> list[str]:
+    """Split a line, but not a name whose parts are no numbers: ``DJI 0001.JPG``."""
+    row = line.split()
+    more = row[1 : 1 - _COLUMNS]
+    if more and not any(map(_is_number, more)):
+        return line.strip().rsplit(None, _COLUMNS - 1)
+    return row
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _check_rows(rows: list[list[str]], path: Path) -> None:

@@ -56,14 +56,14 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
     """
     trusted = settings.orientation_is_trusted
     pose = [
-        _share(pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True)
+        Score.share(pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True)
         for m, deg in (settings.pose_below_m_deg if trusted else ())
     ]
     median = Score(
         "error_m", "Median", "m", higher_is_better=False, average="median", headline=True
     )
     within = [
-        _share(translation_column(m), f"@{m:g}m", headline=True)
+        Score.share(translation_column(m), f"@{m:g}m", headline=True)
         for m in settings.translation_below_m
     ]
     beyond = [
@@ -74,7 +74,7 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
         beyond.append(
             Score("rotation_deg", "Rotation", "deg", higher_is_better=False, average="median")
         )
-    beyond += [_share(auc_column(m), f"AUC@{m:g}m") for m in settings.auc_up_to_m]
+    beyond += [Score.share(auc_column(m), f"AUC@{m:g}m") for m in settings.auc_up_to_m]
     return [median, *within, *pose, *beyond]
 
 
@@ -102,7 +102,3 @@ def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floa
         for m, deg in settings.pose_below_m_deg:
             columns[pose_column(m, deg)] = within(metres, degrees, m, deg)
     return columns | {auc_column(m): area_share(metres, m) for m in settings.auc_up_to_m}
-
-
-def _share(column: str, title: str, *, headline: bool = False) -> Score:
-    return Score(column, title, "share", higher_is_better=True, average="mean", headline=headline)

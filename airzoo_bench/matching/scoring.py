@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import pose_errors
-from airzoo_bench.matching.pose import PoseProblem, solve_poses
+from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
 from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
 from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
-from airzoo_bench.matching.solvers import PoseEstimate
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:
@@ -175,27 +175,29 @@ def _solved(
     points, status = lifted_points(truth, predicted, protocol.lift, resources.jobs)
     given = np.diff(predicted.offsets)
     lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
-    cameras = truth.cameras
-    problems = [
-        PoseProblem(
-            cameras.take(row), predicted.query_xy[part][lifted[part]], points[part][lifted[part]]
-        )
-        for row, part in enumerate(predicted.parts())
-    ]
-    settings = solver.model_dump(exclude={"name", "least_matches"})
-    found = solve_poses(
-        problems, jobs=resources.jobs, progress=resources.progress, solver=solver.name, **settings
+    queries = PoseQueries(
+        f"scene {truth.scene}",
+        truth.cameras,
+        np.concatenate([[0], np.cumsum(lifted)])[predicted.offsets],
+        predicted.query_xy[lifted],
+        points[lifted],
     )
+    settings: Any = solver.model_dump(exclude={"name", "least_matches"}) | {"solver": solver.name}
+    progress = Headed(truth.scene, resources.progress)
+    found = solve_queries(queries, settings, replace(resources, progress=progress))
+    of_all = np.zeros(len(lifted), np.bool_)
+    of_all[lifted] = found.inliers
+    inliers = [of_all[part] for part in predicted.parts()]
+    counts = _counts(predicted, status)
+    counts["beyond_limit"] = found.left_out
+    counts["inliers"] = np.array([part.sum() for part in inliers], np.int64)
     return _Posed(
-        np.array([estimate.rotation for estimate in found]).reshape(-1, 3, 3),
-        np.array([estimate.centre for estimate in found]).reshape(-1, 3),
-        [estimate.status.value for estimate in found],
-        [
-            _of_all(estimate, lifted[part])
-            for estimate, part in zip(found, predicted.parts(), strict=True)
-        ],
-        np.array([estimate.seconds for estimate in found]),
-        _counts(predicted, status, found),
+        found.rotations,
+        found.centres,
+        found.status,
+        inliers,
+        found.seconds,
+        counts,
     )
 
 
@@ -219,16 +221,7 @@ def lifted_points(
     return np.concatenate(points), np.concatenate(status)
 
 
-def _of_all(estimate: PoseEstimate, lifted: Bools) -> Bools:
-    """Return which of all matches of a query are inliers."""
-    inliers = np.zeros(len(lifted), np.bool_)
-    inliers[lifted] = estimate.inliers
-    return inliers
-
-
-def _counts(
-    predicted: ScenePredictions, status: NDArray[np.uint8], found: list[PoseEstimate]
-) -> dict[str, Ints]:
+def _counts(predicted: ScenePredictions, status: NDArray[np.uint8]) -> dict[str, Ints]:
     names = {
         "lifted": LiftStatus.LIFTED,
         "outside_map": LiftStatus.OUTSIDE_MAP,
@@ -239,6 +232,4 @@ def _counts(
     counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
     for name, kind in names.items():
         counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)
-    counts["beyond_limit"] = np.array([estimate.left_out for estimate in found], np.int64)
-    counts["inliers"] = np.array([estimate.inliers.sum() for estimate in found], np.int64)
     return counts

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from airzoo_bench.core.progress import silent
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.scores import matching_scores
@@ -61,10 +62,11 @@ def seed_spreads(evaluation: Evaluation, seeds: int, resources: Resources) -> li
     scores = [score for score in matching_scores(protocol.scores) if score.headline]
     averages = [evaluation.result.overall]
     pairs = list(zip(evaluation.scene_predictions, evaluation.truths, strict=True))
-    for step in range(1, seeds):
+    quietly = replace(resources, progress=silent)  # the seeds are shown, not what each consists of
+    for step in resources.progress(range(1, seeds), "further seeds", seeds - 1):
         solver = protocol.solver.model_copy(update={"seed": protocol.solver.seed + step})
         seeded = protocol.model_copy(update={"solver": solver})
-        scored = [track.score(predicted, truth, seeded, resources) for predicted, truth in pairs]
+        scored = [track.score(predicted, truth, seeded, quietly) for predicted, truth in pairs]
         scenes = [truth.scene for _, truth in pairs]
         averages.append(summarise(track.records(scored, seeded), scores, scenes).overall)
     return [_spread(score, [values[score.column] for values in averages]) for score in scores]

@@ -11,55 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.evaluation.parts import DOUBLED
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.sift import Descriptors, Grey, extract, mutual_nearest
+from airzoo_bench.matching.baseline_settings import SiftSettings
 
-__all__ = ["SiftSettings", "Task", "match", "match_photos", "resample"]
+__all__ = ["Task", "match", "match_photos", "resample"]
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 _FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
-
-
-@dataclass(frozen=True)
-class SiftSettings:
-    """How photos are matched with the map.
-
-    Attributes
-    ----------
-    max_features, max_map_features : int
-        The largest SIFT features of the photo, and of the crop, that are kept.
-    peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
-    ratio : float
-        A match is kept where its distance is below this share of the second nearest's.
-    max_side_px : int
-        Photo and crop are made smaller, by the same factor, until both fit.
-    doubled : bool
-        See `sift.extract`.
-    """
-
-    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
-    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
-    peak_threshold: float = 0.02 / 3
-    ratio: Annotated[
-        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
-    ] = 0.8
-    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
-    doubled: Annotated[bool, DOUBLED] = True
 
 
 @dataclass(frozen=True)
@@ -91,7 +60,7 @@ def match_photos(
     tasks: Sequence[Task],
     settings: SiftSettings,
     *,
-    jobs: int,
+    engine: Engine = HERE,
     progress: Progress = silent,
 ) -> Iterator[tuple[Floats, Floats]]:
     """Match photos with the map.
@@ -100,8 +69,8 @@ def match_photos(
     ----------
     tasks : sequence of Task
     settings : SiftSettings
-    jobs : int
-        Processes; the matches do not depend on it.
+    engine : Engine
+        Of processes, since pycolmap keeps the interpreter's lock while it extracts.
     progress : Progress
 
     Yields
@@ -116,8 +85,7 @@ def match_photos(
     RasterError
         The map is not readable, or a window is not inside it.
     """
-    # Processes, since pycolmap keeps the interpreter's lock while it extracts.
-    matched = parallel_map(partial(_match_task, settings), tasks, jobs)
+    matched = engine.map(_match_task, tasks, shared=settings, stage="photos", name=_photo_name)
     yield from progress(matched, "photos", len(tasks))
 
 
@@ -167,6 +135,10 @@ def match(
     _, first = np.unique(pairs, axis=0, return_index=True)
     kept = pairs[np.sort(first)]
     return kept[:, :2], kept[:, 2:]
+
+
+def _photo_name(task: Task) -> str:
+    return str(task.photo)
 
 
 def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:

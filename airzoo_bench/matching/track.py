@@ -5,37 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.files import atomic_write
-from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.query_track import QueryTrack
-from airzoo_bench.matching.baseline import SIFT
-from airzoo_bench.matching.notes import (
-    lifting_notes,
-    plausibility_warnings,
-    scored_notes,
-)
-from airzoo_bench.matching.predictions import (
-    GivenPoses,
-    MatchingPredictions,
-    check_digits,
-    validation_errors,
-)
-from airzoo_bench.matching.reading import read_matching
-from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
-from airzoo_bench.matching.scores import RECORDED, matching_scores
-from airzoo_bench.matching.scoring import ScoredScene, score_priors, score_scene
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.truth import MatchingTruth, read_truth
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score, concatenate, summarise
+from airzoo_bench.matching.baseline_settings import SIFT
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.evaluation.evaluate import Evaluation
+    from airzoo_bench.matching.predictions import MatchingPredictions
+    from airzoo_bench.matching.scene_predictions import ScenePredictions
+    from airzoo_bench.matching.scoring import ScoredScene
+    from airzoo_bench.matching.settings import MatchingProtocol
+    from airzoo_bench.matching.truth import MatchingTruth
+    from airzoo_bench.results.result import Reference
+    from airzoo_bench.results.scores import Score
 
 __all__ = ["PRIOR_ITSELF", "TRACK", "MatchingTrack"]
 
@@ -47,6 +36,11 @@ _MATCHES = 20  # of each query, in a template
 
 def _write_timings(evaluation: Evaluation, path: Path) -> None:
     """Write seconds of the solver for each query, which differ by run."""
+    import numpy as np
+
+    from airzoo_bench.core.files import atomic_write
+    from airzoo_bench.results.scores import concatenate
+
     parts = [
         scene.records[["scene", "query"]].assign(seconds=np.round(scene.seconds, 6))
         for scene in evaluation.scored.values()
@@ -56,16 +50,20 @@ def _write_timings(evaluation: Evaluation, path: Path) -> None:
 
 
 class MatchingTrack(
-    QueryTrack[MatchingProtocol, MatchingPredictions, MatchingTruth, ScenePredictions, ScoredScene]
+    QueryTrack[
+        "MatchingProtocol",
+        "MatchingPredictions",
+        "MatchingTruth",
+        "ScenePredictions",
+        "ScoredScene",
+    ]
 ):
     """Cross-view matching; see `Track`."""
 
     name = "matching"
-    recorded = RECORDED
     summary = (
         "Score cross-view matching: translation and pose recall, median error, for each scene."
     )
-    protocol = MatchingProtocol
     kinds = ".npz or .txt"
     suffixes = (".npz", ".txt")
     argument = "An .npz of matches, 2D-3D pairs or poses, or a .txt of poses."
@@ -88,18 +86,42 @@ class MatchingTrack(
     files = {"timings.csv": _write_timings}  # noqa: RUF012 - never changed
     baseline = SIFT
 
+    @property
+    def protocol(self) -> type[MatchingProtocol]:
+        """See `Track.protocol`."""
+        from airzoo_bench.matching.settings import MatchingProtocol
+
+        return MatchingProtocol
+
+    @property
+    def recorded(self) -> frozenset[str]:
+        """See `Track.recorded`."""
+        from airzoo_bench.matching.scores import RECORDED
+
+        return RECORDED
+
     def read(self, path: Path, memory_bytes: int) -> MatchingPredictions:
         """See `read_matching`."""
+        from airzoo_bench.matching.reading import read_matching
+
         return read_matching(path, memory_bytes)
+
+    def read_while_scoring(self, truth: MatchingTruth) -> tuple[Path, ...]:
+        """Return the surface models."""
+        return tuple(one.dsm for one in truth.maps)
 
     def validation_errors(
         self, predictions: MatchingPredictions, protocol: MatchingProtocol, *, thorough: bool
     ) -> Iterator[PredictionError]:
         """See `predictions.validation_errors`."""
+        from airzoo_bench.matching.predictions import validation_errors
+
         yield from validation_errors(predictions)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> MatchingTruth:
         """See `truth.read_truth`."""
+        from airzoo_bench.matching.truth import read_truth
+
         return read_truth(benchmark, scene)
 
     def match_scene(
@@ -111,6 +133,8 @@ class MatchingTrack(
         resources: Resources,
     ) -> ScenePredictions:
         """See `match_scene`."""
+        from airzoo_bench.matching.scene_predictions import match_scene
+
         return match_scene(predictions, truth, rows)
 
     def score(
@@ -121,10 +145,14 @@ class MatchingTrack(
         resources: Resources,
     ) -> ScoredScene:
         """See `score_scene`."""
+        from airzoo_bench.matching.scoring import score_scene
+
         return score_scene(truth, predicted, protocol, resources)
 
     def scores(self, protocol: MatchingProtocol, scored: Sequence[ScoredScene]) -> list[Score]:
         """See `matching_scores`."""
+        from airzoo_bench.matching.scores import matching_scores
+
         return matching_scores(protocol.scores)
 
     def kind(self, predictions: MatchingPredictions, scored: Sequence[ScoredScene]) -> str:
@@ -140,6 +168,8 @@ class MatchingTrack(
         scored: Sequence[ScoredScene],
     ) -> list[str]:
         """See `scored_notes` and `plausibility_warnings`."""
+        from airzoo_bench.matching.notes import plausibility_warnings, scored_notes
+
         return [
             *scored_notes(predictions, truths, scored),
             *plausibility_warnings(truths, scene_predictions),
@@ -149,6 +179,8 @@ class MatchingTrack(
         self, predictions: MatchingPredictions, protocol: MatchingProtocol, resources: Resources
     ) -> Iterator[PredictionError | str]:
         """See `check_digits`, which `match_scene` calls where the benchmark is there."""
+        from airzoo_bench.matching.predictions import GivenPoses, check_digits
+
         if isinstance(predictions.content, GivenPoses):
             try:
                 check_digits(predictions.content, predictions.query_ids)
@@ -164,6 +196,8 @@ class MatchingTrack(
         resources: Resources,
     ) -> list[str]:
         """See `lifting_notes` and `plausibility_warnings`."""
+        from airzoo_bench.matching.notes import lifting_notes, plausibility_warnings
+
         return [
             *lifting_notes(predictions, truths, scene_predictions, protocol, resources.jobs),
             *plausibility_warnings(truths, scene_predictions),
@@ -173,6 +207,11 @@ class MatchingTrack(
         self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
     ) -> dict[str, Reference]:
         """Score the priors as if they were a method's poses; where none are measured, nothing."""
+        from airzoo_bench.matching.scores import matching_scores
+        from airzoo_bench.matching.scoring import score_priors
+        from airzoo_bench.results.result import Reference
+        from airzoo_bench.results.scores import concatenate, summarise
+
         if not protocol.prior.is_measured:
             return {}
         records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
@@ -191,6 +230,8 @@ class MatchingTrack(
         seed: int,
     ) -> dict[str, NDArray[Any]]:
         """Match random pixels of every query to random pixels of its crop."""
+        import numpy as np
+
         random = np.random.default_rng(seed)
         sizes = [np.stack([t.cameras.width, t.cameras.height], axis=1) for t in truths]
         size = np.repeat(np.concatenate(sizes), _MATCHES, axis=0)

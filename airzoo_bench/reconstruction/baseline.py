@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,17 +18,16 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.parallel import parallel_map
 from airzoo_bench.core.places import check_output_folder
-from airzoo_bench.evaluation.parts import Baseline, Resources
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.reconstruction.baseline_settings import SfmSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.sfm.colmap import Model, lenses_of
 from airzoo_bench.reconstruction.sfm.steps import (
-    SfmSettings,
     build_model,
     extract_features,
     list_photo,
@@ -41,12 +39,12 @@ from airzoo_bench.reconstruction.truth import read_truth
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["STRUCTURE_FROM_MOTION", "photo_pairs", "sparse_reconstruction"]
+__all__ = ["photo_pairs", "predict", "sparse_reconstruction"]
 
 _LEAST_PHOTOS = 3
 
 
-def _predict(
+def predict(
     protocol: ReconstructionProtocol,
     benchmark: Benchmark,
     settings: SfmSettings,
@@ -130,19 +128,31 @@ def sparse_reconstruction(
             f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
             fix="name a folder with photos that overlap",
         )
-    jobs, progress = resources.jobs, resources.progress
+    engine, progress = resources.processes, resources.progress
     lenses = lenses_of(cameras)
     listed = [
         list_photo(path, lens, settings, folder) for path, lens in zip(photos, lenses, strict=True)
     ]
     missing = [photo for photo in listed if not photo.features.is_file()]
-    extracted = parallel_map(partial(extract_features, settings), missing, jobs)
+    extracted = engine.map(
+        extract_features,
+        missing,
+        shared=settings,
+        stage="features",
+        name=lambda photo: str(photo.path),
+    )
     for _ in progress(extracted, "features", len(missing)):
         pass
     pairs = photo_pairs(len(photos), positions, settings.neighbours)
     batches = plan_batches(listed, lenses, pairs, settings, folder)
     unmatched = [batch for batch in batches if not batch.matches.is_file()]
-    matched = parallel_map(partial(match_batch, settings, listed, lenses), unmatched, jobs)
+    matched = engine.map(
+        match_batch,
+        unmatched,
+        shared=(settings, listed, lenses),
+        stage="matches",
+        name=lambda batch: str(listed[batch.first].path),
+    )
     for _ in progress(matched, "matches", len(unmatched)):
         pass
     (model,) = progress(build_model(listed, lenses, batches, settings, folder), "model", 1)
@@ -175,16 +185,3 @@ def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) ->
         wanted[rows[:, None], rows[near.reshape(len(rows), -1)]] = True
     chosen = (wanted | wanted.T)[first, second]
     return np.stack((first[chosen], second[chosen]), axis=1)
-
-
-STRUCTURE_FROM_MOTION = Baseline(
-    method="Structure from motion",
-    summary="Reconstruct scenes by structure from motion (pycolmap): a sparse cloud and cameras.\n"
-    "\nA run that was stopped goes on.",
-    settings=SfmSettings(),
-    demo=SfmSettings(long_side_px=640, max_features=1500, doubled=False, neighbours=8),
-    out="sfm",
-    out_help="The folder to write.",
-    example="airzoo-mini-reconstruction --out sfm",
-    predict=_predict,
-)

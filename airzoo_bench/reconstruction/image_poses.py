@@ -1,26 +1,19 @@
-"""Cameras of a prediction: poses by image, read from npz files and matched to the photos."""
+"""Cameras of a prediction: poses by image, read from npz files."""
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError, first_of
-from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import FARTHEST, Poses
 from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.geometry.rotations import check_rotations
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-from airzoo_bench.reconstruction.pose_metrics import pair_errors
-from airzoo_bench.reconstruction.truth import ReconstructionTruth
-from airzoo_bench.reconstruction.view_plausibility import suspect_camera_to_world
 
 __all__ = [
     "BYTES_A_CAMERA",
@@ -30,7 +23,6 @@ __all__ = [
     "check_count",
     "field_fault",
     "image_poses",
-    "match_cameras",
     "read_image_poses",
 ]
 
@@ -41,8 +33,6 @@ CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
 _EXPECTED = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 _ROW_TOLERANCE = 1e-6
-_ORDER_FITS_DEG = 15.0
-_MOST_CAMERAS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,108 +170,3 @@ def field_fault(
     """Make the error of a file, or of a field in it."""
     where = arrays.path if name is None else f"{arrays.path}, field '{name}'"
     return PredictionError(what, where=where, expected=expected)
-
-
-def match_cameras(
-    images: ImagePoses | None, truth: ReconstructionTruth, place: str
-) -> PosedCameras | None:
-    """Name the cameras of a prediction as the truth names them.
-
-    Parameters
-    ----------
-    images : ImagePoses or None
-        None where the prediction holds no cameras.
-    truth : ReconstructionTruth
-    place : str
-        The file, for messages.
-
-    Returns
-    -------
-    PosedCameras or None
-        NaN where there is no pose.
-
-    Raises
-    ------
-    PredictionError
-        An image name that the truth lacks, or that stands for two images; no names, where it is not
-        clear which view is which photo's.
-    """
-    if images is None:
-        return None
-    names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
-    rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
-    centres = np.where(images.found[:, None], images.poses.centres, np.nan)
-    return PosedCameras(tuple(names), centres, rotation)
-
-
-def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
-    """Take views without names for the photos in the order of their names, where cameras agree.
-
-    Compared is what no choice of the world changes; a wrong order would else be scored as a bad
-    method.
-    """
-    photos = sorted(truth.photos["image"])
-    if len(images.names) != len(photos):
-        raise _nameless(
-            f"has no image_names, and {counted(len(images.names), 'view')} for "
-            f"{counted(len(photos), 'photo')} of the scene",
-            place,
-        )
-    rows = np.flatnonzero(images.found)
-    if len(rows) < 2:
-        raise _nameless("has no image_names, and too few poses to tell which view is which", place)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
-    places = {name: row for row, name in enumerate(truth.photos["image"])}
-    true = truth.poses.take(np.array([places[photos[row]] for row in rows]))
-    given = images.poses.take(rows)
-    off = float(np.median(pair_errors(given, true, least_baseline=0.0).worse_deg))
-    if off > _ORDER_FITS_DEG:
-        turned = suspect_camera_to_world(given, true)
-        raise _nameless(
-            "has no image_names, and its cameras do not fit the photos in the order of their "
-            f"names: between two cameras they are {off:.0f} degrees off"
-            + (f"; {turned}" if turned else ""),
-            place,
-        )
-    return photos
-
-
-def _nameless(what: str, place: str) -> PredictionError:
-    return PredictionError(
-        what,
-        where=place,
-        expected="a field image_names (N,) that says which photo each view is of",
-        fix="list the photos in the order in which the method was given them, a line each, and "
-        "give the list with --reader NAME --names LIST; or np.savez('SCENE.npz', "
-        "**np.load('results.npz'), image_names=names)",
-    )
-
-
-def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
-    """Return the truth's names of images; an ending may be left out."""
-    names = images.names.tolist()
-    photos = truth.photos["image"].tolist()
-    stems = [PurePosixPath(name).with_suffix("").as_posix() for name in photos]
-    times = Counter(stems)
-    known = {stem: name for stem, name in zip(stems, photos, strict=True) if times[stem] == 1}
-    known |= {name: name for name in photos}
-    odd = [name for name in names if name not in known]
-    if odd:
-        # What a mistyped name means is no image that is there already.
-        open_names = sorted(set(photos) - {known[name] for name in names if name in known})
-        shown = [repr(name[:80]) + nearest(name, open_names, 1) for name in odd[:3]]
-        raise PredictionError(
-            f"image names that the benchmark lacks: {first_of([*shown, *odd[3:]], len(names))}",
-            where=f"{place}, field 'image_names'",
-            expected=f"names such as {photos[0]!r}, with or without their ending",
-            fix="name images as the photos of the scene are named, relative to their folder",
-        )
-    found = [known[name] for name in names]
-    twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]
-    if twice:
-        raise PredictionError(
-            f"images that are named with their ending and without: {first_of(twice, len(names))}",
-            where=f"{place}, field 'image_names'",
-            expected="each image once",
-        )
-    return found

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
@@ -22,7 +20,6 @@ from airzoo_bench.reconstruction.cloud_plausibility import (
 from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
 from airzoo_bench.reconstruction.image_poses import ImagePoses
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.reconstruction.settings import (
     Fusion,
@@ -35,28 +32,12 @@ from airzoo_bench.reconstruction.view_plausibility import (
     suspect_image_size,
 )
 
-__all__ = ["listing_notes", "scene_notes"]
+__all__ = ["scene_notes"]
 
 _PIECE = 1 << 14
 _FEW, _LEAST, _SHARE = 1000, 20, 0.5
 _HALF_TURN_DEG = 150.0
 _LOOKED_AT = 1 << 22
-
-
-def listing_notes(predictions: ReconstructionPredictions, known: list[str]) -> list[str]:
-    """Name the scenes and files that are not what they might be meant to be."""
-    missing, unknown = predictions.missing(known), predictions.unknown(known)
-    notes = []
-    if missing:
-        notes.append(f"scenes that the predictions lack, scored at their worst: {_named(missing)}")
-    if unknown:
-        # What a mistyped name means is among the scenes that are missing.
-        offered = [name[:80] + nearest(name[:80], list(missing), 1) for name in unknown]
-        notes.append(f"scenes that the protocol lacks, left aside: {first_of(offered)}")
-    if predictions.unknown_files:
-        files = _named(predictions.unknown_files)
-        notes.append(f"files that belong to no scene, left aside: {files}")
-    return notes
 
 
 def scene_notes(
@@ -179,10 +160,6 @@ def _cloud_notes(scored: ScoredScene, scores: ReconstructionScores) -> list[str]
         cropped = f" ({counted(cloud.outside, 'point')} outside the crop)" if cloud.outside else ""
         notes.append(f"no point is left to compare{cropped}: it scores 0 and infinite distances")
     return notes
-
-
-def _named(names: tuple[str, ...]) -> str:
-    return first_of([name[:80] for name in names])
 
 
 def _odd_views(

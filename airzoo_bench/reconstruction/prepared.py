@@ -1,47 +1,42 @@
 """What is done to both clouds before distances are taken, piece by piece.
 
 Points that are not finite are left out and counted, then those outside the region, and the rest is
-thinned by voxels; each step only where a protocol asks for it. Recall is over the part of the
-truth that the photos saw: inside enough of them, and not hidden.
+thinned by voxels; each step only where a protocol asks for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
-from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource, Shard, shards_of
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.cloud_sources import (
     EvenSample,
     InMemoryCloud,
     concatenated,
-    finite_pieces,
     finite_rows,
 )
 from airzoo_bench.reconstruction.regions import (
     Box,
-    CellSet,
     Columns,
     covered_columns,
-    occupied_cells,
+    occupying,
 )
 from airzoo_bench.reconstruction.settings import Preparation
+from airzoo_bench.reconstruction.sharded import over_shards
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = [
     "PreparedCloud",
     "cropped_region",
     "grid_origin",
-    "observed_cells",
     "prepared",
-    "seen_by",
 ]
 
 Region = Box | Columns
@@ -51,10 +46,6 @@ _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
 _PIECE = 1 << 20
 _ROBUST = (1.0, 99.0)
-_NEAREST = 1e-3
-# A cell of the depth buffer is this many projected cells wide, so that surfaces have no holes.
-_SPLAT = 1.5
-_STEP = np.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +82,11 @@ class PreparedCloud:
 
 
 def cropped_region(
-    truth: CloudSource, box: Box, settings: Preparation, block_points: int
+    truth: CloudSource,
+    box: Box,
+    settings: Preparation,
+    block_points: int,
+    engine: Engine = HERE,
 ) -> Region | None:
     """Return what a protocol crops both clouds to, or None.
 
@@ -103,6 +98,8 @@ def cropped_region(
     settings : Preparation
     block_points : int
         Points that are read at a time.
+    engine : Engine
+        Shards are its tasks.
 
     Raises
     ------
@@ -113,14 +110,19 @@ def cropped_region(
         return None
     if settings.crop == "box":
         return box.grown(settings.crop_margin_m)
-    pieces = finite_pieces(truth, block_points)
-    return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
+    size = settings.crop_cell_m
+    pieces = occupying(truth, (size, size, np.inf), block_points, engine)
+    return covered_columns(pieces, size, box, settings.crop_margin_m)
 
 
 def prepared(
-    source: CloudSource, settings: Preparation, region: Region | None, block_points: int
+    source: CloudSource,
+    settings: Preparation,
+    region: Region | None,
+    block_points: int,
+    engine: Engine = HERE,
 ) -> PreparedCloud:
-    """Prepare a cloud, cropped to a region where one is given.
+    """Prepare a cloud, cropped to a region where one is given; its shards are tasks.
 
     So many `block_points` are read at a time, and about as many voxels may be occupied.
 
@@ -129,26 +131,53 @@ def prepared(
     UsageError
         More voxels are occupied.
     """
-    grid = None
-    if not isinstance(size := settings.voxel_m, str):
-        grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
-    not_finite = outside = inside = 0
-    sample = EvenSample(source.count, _SAMPLE)
-    for piece in source.pieces(block_points):
-        finite, within = _kept(piece, region)
+    grid = _grid(settings, block_points)
+    counts = np.zeros(3, np.int64)
+    some = [np.zeros((0, 3))]
+    shared = _Preparing(settings, region, block_points, source.count)
+    for found in over_shards(_prepared_shard, source, shared, engine):
+        counts += found["kept"]
+        some.append(found["sample"])
+        if grid is not None:
+            grid.add_sums(found)
+    not_finite, outside, inside = counts.tolist()
+    sample = np.concatenate(some)
+    if grid is None:
+        cropped = _CroppedCloud(source, region, inside, _within(sample, region))
+        return PreparedCloud(cropped, not_finite, outside, 0, sample)
+    thin = grid.points()
+    return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), sample)
+
+
+@dataclass(frozen=True, eq=False)
+class _Preparing:
+    settings: Preparation
+    region: Region | None
+    block_points: int
+    count: int
+
+
+def _prepared_shard(shared: _Preparing, shard: Shard) -> dict[str, NDArray[Any]]:
+    """Count points that are not finite, outside and inside; sample them, and sum up voxels."""
+    grid = _grid(shared.settings, shared.block_points)
+    counts = np.zeros(3, np.int64)
+    sample = EvenSample(shared.count, _SAMPLE, shard.first)
+    for piece in shard.source.pieces(shared.block_points):
+        finite, within = _kept(piece, shared.region)
         sample.add(piece.points)
-        not_finite += len(piece) - int(np.count_nonzero(finite))
-        outside += int(np.count_nonzero(finite & ~within))
-        inside += int(np.count_nonzero(within))
+        counts += [np.count_nonzero(which) for which in (~finite, finite & ~within, within)]
         if grid is not None:
             grid.add(piece.points[within])
     some = sample.points()
-    some = some[finite_rows(some)]
-    if grid is None:
-        cropped = _CroppedCloud(source, region, inside)
-        return PreparedCloud(cropped, not_finite, outside, 0, some)
-    thin = grid.points()
-    return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), some)
+    found = {"kept": counts, "sample": some[finite_rows(some)]}
+    return found if grid is None else found | grid.sums()
+
+
+def _grid(settings: Preparation, block_points: int) -> VoxelGrid | None:
+    size = settings.voxel_m
+    if isinstance(size, str):
+        return None
+    return VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
 
 
 def grid_origin(size: float) -> Floats:
@@ -162,16 +191,30 @@ def grid_origin(size: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _CroppedCloud:
-    """The finite points of a cloud that lie in a region, as a `CloudSource`."""
+    """The finite points of a cloud that lie in a region, as a `CloudSource`, and some of them."""
 
     source: CloudSource
     region: Region | None
     count: int
+    sample: Floats
+
+    @property
+    def shards(self) -> tuple[Shard, ...]:
+        """See `Sharded`."""
+        nothing = np.zeros((0, 3))
+        return tuple(
+            shard.through(lambda source: replace(self, source=source, sample=nothing))
+            for shard in shards_of(self.source)
+        )
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         for piece in self.source.pieces(points):
             _, within = _kept(piece, self.region)
             yield Cloud(piece.points[within])
+
+
+def _within(points: Floats, region: Region | None) -> Floats:
+    return points if region is None else points[region.holds(points)]
 
 
 def _kept(piece: Cloud, region: Region | None) -> tuple[Bools, Bools]:
@@ -182,76 +225,3 @@ def _kept(piece: Cloud, region: Region | None) -> tuple[Bools, Bools]:
     within = finite.copy()
     within[finite] = region.holds(piece.points[finite])
     return finite, within
-
-
-def observed_cells(
-    truth: CloudSource,
-    box: Box,
-    cameras: Cameras,
-    poses: Poses,
-    settings: Preparation,
-    block_points: int,
-) -> CellSet:
-    """Cells of the true cloud, which `box` holds, that enough of the photos saw.
-
-    So many `block_points` are read at a time.
-
-    Raises
-    ------
-    BenchmarkError
-        They see none.
-    """
-    cell = settings.observed_cell_m
-    # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.
-    occupied = occupied_cells(finite_pieces(truth, block_points), (cell, cell, cell), box, cell)
-    points, times = occupied.centres(), np.zeros(len(occupied.keys), np.int64)
-    for row in range(len(poses)):
-        camera, pose = cameras.take(row), poses.take(row)
-        times += seen_by(points, camera, pose, cell, settings.hidden_beyond_m)
-    keys = occupied.keys[times >= settings.observed_photos]
-    if not len(keys):
-        raise BenchmarkError(
-            f"no point of the true cloud is seen by {counted(settings.observed_photos, 'photo')}",
-            expected="a cloud of what the photos show, in the same coordinates",
-            fix='check poses and cloud, or choose region = "all" in the protocol',
-        )
-    return CellSet(occupied.size, occupied.low, occupied.shape, keys)
-
-
-def seen_by(
-    points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
-) -> Bools:
-    """Whether a photo sees each of points (N, 3): centres of the cells that a surface occupies.
-
-    A point is hidden where another one in the same direction is nearer along the optical axis by
-    more than `hidden_beyond`. Directions are cells of a depth buffer, 1.5 to 2.1 times as wide as
-    a cell of the surface, of side `cell`, appears there. Camera and pose are one each.
-    """
-    seen = np.zeros(len(points), np.bool_)
-    local = apply_matrix(pose.rotation[0], points - pose.centres[0])
-    rows = np.flatnonzero(local[:, 2] > _NEAREST)
-    pixels = project(camera, local[None, rows])[0]
-    size = np.array((camera.width[0], camera.height[0]))
-    inside = ((pixels >= 0.0) & (pixels < size)).all(axis=1)
-    rows, pixels = rows[inside], pixels[inside]
-    depth = local[rows, 2]
-    wide = _SPLAT * cell * float(camera.focal[0].max()) / depth
-    levels = np.ceil(np.log(np.maximum(wide, 1.0)) / np.log(_STEP)).astype(np.int64)
-    seen[rows] = ~_hidden(pixels, depth, levels, size, hidden_beyond)
-    return seen
-
-
-def _hidden(pixels: Floats, depth: Floats, levels: Ints, size: Ints, beyond: float) -> Bools:
-    """Test points against all nearer ones; those need buffers of wider cells."""
-    hidden = np.zeros(len(depth), np.bool_)
-    for level in np.unique(levels).tolist():
-        side = _STEP**level
-        columns = int(size[0] // side) + 1
-        x, y = np.floor(pixels / side).astype(np.int64).T
-        place = y * columns + x
-        nearest = np.full(columns * (int(size[1] // side) + 1), np.inf)
-        own = levels == level
-        np.minimum.at(nearest, place[own], depth[own])
-        tested = levels <= level
-        hidden[tested] |= nearest[place[tested]] < depth[tested] - beyond
-    return hidden

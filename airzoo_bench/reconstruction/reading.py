@@ -8,6 +8,7 @@
     plaza.npz               depth maps or point maps with cameras, or a cloud
     substation/cloud.laz    or a folder a scene, with one such file
     substation/cameras.npz
+    harbour/shards/*.laz    or a cloud in shards (.las, .laz, .parquet), in the order of their names
 
 A file alone is a prediction of one scene, named as the file is. A folder within an archive that
 holds all the rest is stepped over. Files as methods write them come from readers, as
@@ -18,15 +19,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
-from airzoo_bench.formats.clouds.formats import KINDS, SUFFIXES, open_cloud, stem_of
+from airzoo_bench.formats.clouds.formats import open_cloud, stem_of
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.xyz import TEXT_SUFFIXES
+from airzoo_bench.formats.clouds.shards import SHARD_SUFFIXES, open_shards
+from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction, holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, read_image_poses
 
@@ -36,12 +38,19 @@ _PROTOCOL = "protocol.txt"
 _PROTOCOL_BYTES = 1024
 _LONGEST_PROTOCOL = 64
 _CAMERAS = "cameras.npz"
+_SHARDS = "shards"
 
 
 @dataclass(frozen=True)
 class _Entry:
-    geometry: Member
+    geometry: tuple[Member, ...]
     cameras: Member | None
+
+    @property
+    def shards(self) -> PurePosixPath | None:
+        """The folder of the shards, where the geometry is in some."""
+        home = PurePosixPath(self.geometry[0].name).parent
+        return home if home.name == _SHARDS else None
 
 
 class ReconstructionPredictions(ABC):
@@ -145,7 +154,14 @@ class ListedFiles(ReconstructionPredictions):
             with self._bundle.file(entry.cameras) as path:
                 images = read_image_poses(path, limit_bytes)
             limit_bytes -= len(images.names) * BYTES_A_CAMERA
-        with self._bundle.file(entry.geometry) as path:
+        if entry.shards is not None:
+            with ExitStack() as stack:
+                paths = [stack.enter_context(self._bundle.file(one)) for one in entry.geometry]
+                cloud = open_shards(self.path / entry.shards, paths, limit_bytes)
+                yield ScenePrediction(cloud, images, cloud.notes)
+            return
+        (geometry,) = entry.geometry
+        with self._bundle.file(geometry) as path:
             if path.suffix.lower() != ".npz" or not holds_maps(path, limit_bytes):
                 cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
                 yield ScenePrediction(cloud, images, cloud.notes)
@@ -154,7 +170,7 @@ class ListedFiles(ReconstructionPredictions):
             if views.images is not None and images is not None:
                 raise PredictionError(
                     f"holds extrinsics, and so does {entry.cameras.name if entry.cameras else ''}",
-                    where=f"{self.path}, {entry.geometry.name}",
+                    where=f"{self.path}, {geometry.name}",
                     fix="keep one of the two",
                 )
             yield replace(views, images=views.images or images)
@@ -172,28 +188,36 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     """
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
-        entries = {stem_of(path.name): _Entry(member, None)}
+        entries = {stem_of(path.name): _Entry((member,), None)}
         return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
     bundle = open_bundle(path, unpacked_limit_bytes)
     wrapper = _wrapper(bundle.members)
     geometry: dict[str, Member] = {}
     texts: dict[str, Member] = {}
     cameras: dict[str, Member] = {}
+    shards: dict[str, list[Member]] = {}
     protocol, unknown_files = None, []
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
         scene, is_camera = _scene(name)
         if name == _PROTOCOL:
             protocol = _protocol(bundle, member)
+        elif (whole := _scene_of_shard(name)) is not None:
+            shards.setdefault(whole, []).append(member)
         elif scene is None:
             unknown_files.append(name)
         else:
             kind = cameras if is_camera else texts if _is_text(name) else geometry
             _add(path, kind, scene, member)
+    for scene, (first, *_) in shards.items():
+        _add(path, geometry, scene, first)
     unknown_files += [texts[scene].name for scene in texts if scene in geometry]
     geometry = texts | geometry
     unknown_files += [cameras[scene].name for scene in cameras if scene not in geometry]
-    entries = {scene: _Entry(one, cameras.get(scene)) for scene, one in sorted(geometry.items())}
+    entries = {
+        scene: _Entry(tuple(shards.get(scene, (one,))), cameras.get(scene))
+        for scene, one in sorted(geometry.items())
+    }
     if not entries:
         raise _no_entries(path, unknown_files)
     return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
@@ -208,6 +232,8 @@ def _wrapper(members: tuple[Member, ...]) -> str:
     rest = [member.name.removeprefix(prefix) for member in members]
     files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
     files = [name for name in files if not _is_text(name)] or files
+    if any(_scene_of_shard(member.name) for member in members):
+        return ""
     is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
     return "" if is_scene else prefix
 
@@ -227,6 +253,11 @@ def _scene(name: str) -> tuple[str | None, bool]:
     if name.endswith(f".{_CAMERAS}"):
         return name.removesuffix(f".{_CAMERAS}"), True
     return stem_of(name), False
+
+
+def _scene_of_shard(name: str) -> str | None:
+    scene, *folder = PurePosixPath(name).parent.parts or ("",)
+    return scene if folder == [_SHARDS] and name.lower().endswith(SHARD_SUFFIXES) else None
 
 
 def _add(path: Path, members: dict[str, Member], scene: str, member: Member) -> None:

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.progress import Headed, shown
 from airzoo_bench.core.temporaries import PART
+from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource, FileCloud
-from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud, Shard
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import align, with_step
 from airzoo_bench.reconstruction.alignment.icp import refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.camera_names import match_cameras
 from airzoo_bench.reconstruction.cloud_sources import (
     DepthCloud,
     DepthMaps,
@@ -31,21 +34,22 @@ from airzoo_bench.reconstruction.cloud_sources import (
 )
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
 from airzoo_bench.reconstruction.distances.clouds import cloud_distances
-from airzoo_bench.reconstruction.image_poses import match_cameras
 from airzoo_bench.reconstruction.notes import scene_notes
 from airzoo_bench.reconstruction.prepared import (
     PreparedCloud,
     cropped_region,
-    observed_cells,
     prepared,
 )
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions
-from airzoo_bench.reconstruction.regions import Box, box_of
+from airzoo_bench.reconstruction.regions import Box, CellSet, box_of
 from airzoo_bench.reconstruction.scoring import ScoredScene, pose_scores, record_scene
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionProtocol
+from airzoo_bench.reconstruction.sharded import over_shards
+from airzoo_bench.reconstruction.true_cloud import open_true_cloud
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.tsdf import fuse
+from airzoo_bench.reconstruction.visibility import observed_cells
 
 __all__ = ["read_through", "score_geometry", "scored_scene"]
 
@@ -69,7 +73,7 @@ def scored_scene(
     """
     memory_bytes = resources.memory_bytes
     with _opened(predictions, truth.scene, protocol, memory_bytes) as prediction:
-        true_cloud = _TrueCloud(truth, memory_bytes, _sampling(protocol))
+        true_cloud = open_true_cloud(truth.cloud, memory_bytes, _sampling(protocol))
         cameras = match_cameras(prediction.images, truth, _place(predictions, truth.scene))
         geometry = prediction.posed_geometry
         scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
@@ -103,7 +107,8 @@ def score_geometry(
     settings, true_cameras = protocol.preparation, truth.posed
     block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     _require_cameras(cameras, protocol.alignment)
-    box = box_of(true_cloud)
+    engine, progress = resources.engine, Headed(truth.scene, resources.progress)
+    box = box_of(true_cloud, engine)
     method = protocol.alignment.method if cameras is not None else "none"
     alignment = align(method, cameras, true_cameras, protocol.alignment.ransac())
     cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
@@ -115,16 +120,18 @@ def score_geometry(
         except AlignmentError as error:
             # A cloud that is nowhere near the truth has failed; its file is not to blame.
             alignment = replace(alignment, icp_failure=error.what)
-    region = cropped_region(true_cloud, box, settings, block)
-    predicted = prepared(cloud, settings, region, block)
+    region = cropped_region(true_cloud, box, settings, block, engine)
+    prepare = partial(prepared, settings=settings, region=region, block_points=block, engine=engine)
+    predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
     _refuse_nothing_finite(predicted)
-    true = prepared(true_cloud, settings, region, block)
-    rows = _observed_rows(true, box, truth, settings, block)
+    true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
+    rows = _observed_rows(true, box, truth, settings, block, engine)
     distances = cloud_distances(
         predicted.source,
         true.source,
         block_points=block,
         jobs=resources.jobs,
+        engine=engine,
         progress=resources.progress,
     )
     return record_scene(
@@ -187,44 +194,25 @@ def _refuse_nothing_finite(cloud: PreparedCloud) -> None:
 
 
 def _observed_rows(
-    true: PreparedCloud, box: Box, truth: ReconstructionTruth, settings: Preparation, block: int
+    true: PreparedCloud,
+    box: Box,
+    truth: ReconstructionTruth,
+    settings: Preparation,
+    block: int,
+    engine: Engine,
 ) -> Bools | slice:
     """Return which points of the prepared true cloud recall and completeness are over."""
     if settings.region == "all":
         return slice(None)
-    cells = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
-    return np.concatenate([cells.holds(points) for points in finite_pieces(true.source, block)])
+    cells = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block, engine)
+    seen = over_shards(_seen_rows, true.source, (cells, block), engine)
+    return np.concatenate([found["seen"] for found in seen])
 
 
-class _TrueCloud:
-    """The true cloud; errors in its file are those of the benchmark."""
-
-    def __init__(
-        self, truth: ReconstructionTruth, memory_bytes: int, sampling: MeshSampling
-    ) -> None:
-        self._path = truth.cloud
-        with self._blamed():
-            self._source = open_cloud(truth.cloud, limit_bytes=memory_bytes, sampling=sampling)
-
-    @property
-    def count(self) -> int:
-        return self._source.count
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        with self._blamed():
-            yield from self._source.pieces(points)
-
-    @contextmanager
-    def _blamed(self) -> Iterator[None]:
-        try:
-            yield
-        except PredictionError as error:
-            raise BenchmarkError(
-                f"the true cloud cannot be read: {error.what}",
-                where=self._path,
-                expected=error.expected,
-                fix="prepare the benchmark with a cloud that is whole",
-            ) from error
+def _seen_rows(shared: tuple[CellSet, int], shard: Shard) -> dict[str, Bools]:
+    cells, block = shared
+    seen = [cells.holds(points) for points in finite_pieces(shard.source, block)]
+    return {"seen": np.concatenate([np.zeros(0, np.bool_), *seen])}
 
 
 def read_through(

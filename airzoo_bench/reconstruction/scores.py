@@ -44,20 +44,22 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
         _distance("chamfer_m", "Chamfer", headline=True),
         _distance("accuracy_m", "Accuracy", headline=True),
         _distance("completeness_m", "Completeness", headline=True),
-        _share(share_column("precision", main), f"P@{main:g}m", headline=True),
-        _share(share_column("recall", main), f"R@{main:g}m", headline=True),
-        _share(f1_column(main), f"F1@{main:g}m", headline=True),
+        Score.share(share_column("precision", main), f"P@{main:g}m", headline=True),
+        Score.share(share_column("recall", main), f"R@{main:g}m", headline=True),
+        Score.share(f1_column(main), f"F1@{main:g}m", headline=True),
     ]
     for limit in settings.f1_below_m:
         if limit != main:
-            scores.append(_share(share_column("precision", limit), f"P@{limit:g}m"))
-            scores.append(_share(share_column("recall", limit), f"R@{limit:g}m"))
-            scores.append(_share(f1_column(limit), f"F1@{limit:g}m", headline=True))
+            scores.append(Score.share(share_column("precision", limit), f"P@{limit:g}m"))
+            scores.append(Score.share(share_column("recall", limit), f"R@{limit:g}m"))
+            scores.append(Score.share(f1_column(limit), f"F1@{limit:g}m", headline=True))
     scores.append(_distance("accuracy_median_m", "Accuracy, median"))
     scores.append(_distance("completeness_median_m", "Completeness, median"))
     if with_poses:
-        scores += [_share(pose_auc_column(a), f"AUC@{a:g}°") for a in settings.pose_auc_below_deg]
-        scores.append(_share("cameras_placed", "Cameras placed"))
+        scores += [
+            Score.share(pose_auc_column(a), f"AUC@{a:g}°") for a in settings.pose_auc_below_deg
+        ]
+        scores.append(Score.share("cameras_placed", "Cameras placed"))
         scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
         angle = Score("rpe_deg", "RPE, rotation", "deg", higher_is_better=False, average="mean")
         scores.append(angle)
@@ -66,7 +68,3 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
 
 def _distance(column: str, title: str, *, headline: bool = False) -> Score:
     return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)
-
-
-def _share(column: str, title: str, *, headline: bool = False) -> Score:
-    return Score(column, title, "share", higher_is_better=True, average="mean", headline=headline)

@@ -3,85 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError, first_of
-from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.formats.clouds.formats import KINDS, SUFFIXES
-from airzoo_bench.reconstruction.alignment.cameras import write_alignments
-from airzoo_bench.reconstruction.baseline import STRUCTURE_FROM_MOTION
-from airzoo_bench.reconstruction.notes import listing_notes
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
-from airzoo_bench.reconstruction.scenes import read_through, scored_scene
-from airzoo_bench.reconstruction.scores import RECORDED, reconstruction_scores
-from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing, worst_poses
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.template import depth_template
-from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
-from airzoo_bench.results.scores import Score
+from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
+from airzoo_bench.reconstruction.baseline_settings import STRUCTURE_FROM_MOTION
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.evaluation.evaluate import Evaluation
+    from airzoo_bench.reconstruction.listed import ListedScenes
+    from airzoo_bench.reconstruction.reading import ReconstructionPredictions
+    from airzoo_bench.reconstruction.scoring import ScoredScene
+    from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+    from airzoo_bench.reconstruction.truth import ReconstructionTruth
+    from airzoo_bench.results.scores import Score
 
 __all__ = ["TRACK", "ReconstructionTrack"]
 
 _UNPACKED_BYTES = 1 << 40
 
 
-@dataclass(frozen=True)
-class _Listed:
-    """Which scenes there are entries of."""
-
-    predictions: ReconstructionPredictions
-    known: list[str]
-
-    @property
-    def strange(self) -> tuple[str, ...]:
-        return self.predictions.unknown(self.known)
-
-    @property
-    def covered(self) -> str:
-        missing = self.predictions.missing(self.known)
-        return f"{len(self.known) - len(missing):,} of {counted(len(self.known), 'scene')}"
-
-    def notes(self) -> list[str]:
-        return listing_notes(self.predictions, self.known)
-
-
 def _write_alignments(evaluation: Evaluation, path: Path) -> None:
+    from airzoo_bench.reconstruction.alignment.cameras import write_alignments
+
     found = {name: scene.alignment for name, scene in evaluation.scored.items()}
     write_alignments({name: one for name, one in found.items() if one is not None}, path)
 
 
 class ReconstructionTrack(
     Track[
-        ReconstructionProtocol,
-        ReconstructionPredictions,
-        ReconstructionTruth,
-        _Listed,
-        ReconstructionPredictions,
-        ScoredScene,
+        "ReconstructionProtocol",
+        "ReconstructionPredictions",
+        "ReconstructionTruth",
+        "ListedScenes",
+        "ReconstructionPredictions",
+        "ScoredScene",
     ]
 ):
     """Multi-view reconstruction; see `Track`. All scenes share the listed predictions."""
 
     name = "reconstruction"
     unit = "scene"
-    recorded = RECORDED
     summary = (
         "Score multi-view reconstruction: Chamfer distance, F1, precision and recall, by scene."
     )
-    protocol = ReconstructionProtocol
     kinds = f"a folder, an archive, or {KINDS}"
     suffixes = (*SUFFIXES, *ARCHIVE_SUFFIXES)
     fields = ("depth", "world_points", "points")
@@ -111,8 +84,25 @@ class ReconstructionTrack(
     baseline = STRUCTURE_FROM_MOTION
     template_out = "template"
 
+    @property
+    def protocol(self) -> type[ReconstructionProtocol]:
+        """See `Track.protocol`."""
+        from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+
+        return ReconstructionProtocol
+
+    @property
+    def recorded(self) -> frozenset[str]:
+        """See `Track.recorded`."""
+        from airzoo_bench.reconstruction.scores import RECORDED
+
+        return RECORDED
+
     def read(self, path: Path, memory_bytes: int) -> ReconstructionPredictions:
         """List predictions; see `open_reconstruction`."""
+        from airzoo_bench.formats.arrays import open_arrays, protocol_name
+        from airzoo_bench.reconstruction.reading import open_reconstruction
+
         if path.is_file() and not path.name.lower().endswith(self.suffixes):
             raise UnreadableError(
                 f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
@@ -128,6 +118,8 @@ class ReconstructionTrack(
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> ReconstructionTruth:
         """See `truth.read_truth`."""
+        from airzoo_bench.reconstruction.truth import read_truth
+
         return read_truth(benchmark, scene)
 
     def assign(
@@ -136,8 +128,11 @@ class ReconstructionTrack(
         protocol: ReconstructionProtocol,
         truths: Sequence[ReconstructionTruth],
         data: Path,
-    ) -> _Listed:
+    ) -> ListedScenes:
         """See `Track.assign`."""
+        from airzoo_bench.core.validation import nearest
+        from airzoo_bench.reconstruction.listed import ListedScenes
+
         known = [scene.id for scene in protocol.scenes]
         if not set(known) & set(predictions.scenes):
             raise PredictionError(
@@ -145,14 +140,15 @@ class ReconstructionTrack(
                 + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
                 where=predictions.path,
                 expected=f"an entry a scene: {first_of(known)}",
-                fix="name files or folders by their scenes, or the right protocol with --protocol",
+                fix="name files or folders by their scenes, or name the right protocol with "
+                "--protocol",
             )
-        return _Listed(predictions, known)
+        return ListedScenes(predictions, known)
 
     def match(
         self,
         predictions: ReconstructionPredictions,
-        assigned: _Listed,
+        assigned: ListedScenes,
         truths: Sequence[ReconstructionTruth],
         protocol: ReconstructionProtocol,
         resources: Resources,
@@ -169,6 +165,9 @@ class ReconstructionTrack(
         resources: Resources,
     ) -> ScoredScene:
         """See `scored_scene` and `score_missing`."""
+        from airzoo_bench.reconstruction.scenes import scored_scene
+        from airzoo_bench.reconstruction.scoring import score_missing
+
         if truth.scene not in predicted.scenes:
             return score_missing(truth.scene, protocol.scores)
         with scored_scene(predicted, truth, protocol, resources) as scored:
@@ -182,16 +181,24 @@ class ReconstructionTrack(
         """Put the records of scenes under each other; missing poses are the worst."""
         import pandas as pd
 
+        from airzoo_bench.reconstruction.scoring import worst_poses
+
         records = pd.DataFrame([scene.record for scene in scored])
         counted = {name for scene in scored for name in scene.counts} & set(records)
         records = records.astype(dict.fromkeys(sorted(counted), "Int64"))
         # A scene without poses, where others have some, has failed.
         return records.fillna(worst_poses(protocol.scores)) if _with_poses(scored) else records
 
+    def read_while_scoring(self, truth: ReconstructionTruth) -> tuple[Path, ...]:
+        """Return the true cloud."""
+        return (truth.cloud,)
+
     def scores(
         self, protocol: ReconstructionProtocol, scored: Sequence[ScoredScene]
     ) -> list[Score]:
         """See `reconstruction_scores`."""
+        from airzoo_bench.reconstruction.scores import reconstruction_scores
+
         return reconstruction_scores(protocol.scores, with_poses=_with_poses(scored))
 
     def kind(self, predictions: ReconstructionPredictions, scored: Sequence[ScoredScene]) -> str:
@@ -224,8 +231,12 @@ class ReconstructionTrack(
 
         Where the truth is sealed its files are read through instead.
         """
+        from airzoo_bench.reconstruction.scenes import read_through
+
         if truth.is_sealed:
-            return _read_alone(predicted, truth.scene, protocol, resources)
+            if truth.scene not in predicted.scenes:
+                return []
+            return list(read_through(predicted, truth.scene, protocol, resources.memory_bytes))
         return list(self.score(predicted, truth, protocol, resources).notes)
 
     def inspect_alone(
@@ -235,6 +246,8 @@ class ReconstructionTrack(
         resources: Resources,
     ) -> Iterator[PredictionError | str]:
         """See `read_through`."""
+        from airzoo_bench.reconstruction.scenes import read_through
+
         for scene in protocol.scenes:
             if scene.id in predictions.scenes:
                 try:
@@ -262,22 +275,14 @@ class ReconstructionTrack(
         seed: int,
     ) -> None:
         """Write a folder with random depth maps of each scene."""
+        from airzoo_bench.core.files import atomic_write, write_npz
+        from airzoo_bench.reconstruction.template import depth_template
+
         for number, truth in enumerate(truths):
             with atomic_write(out / f"{truth.scene}.npz") as stream:
                 write_npz(stream, depth_template(truth, seed + number))
         with atomic_write(out / "protocol.txt", "w") as text:
             text.write(protocol.name + "\n")
-
-
-def _read_alone(
-    predicted: ReconstructionPredictions,
-    scene: str,
-    protocol: ReconstructionProtocol,
-    resources: Resources,
-) -> list[str]:
-    if scene not in predicted.scenes:
-        return []
-    return list(read_through(predicted, scene, protocol, resources.memory_bytes))
 
 
 def _with_poses(scored: Sequence[ScoredScene]) -> bool:

@@ -20,7 +20,7 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
@@ -44,9 +44,9 @@ class ReconstructionTruth:
     photos : DataFrame
         A row a photo that may be used, sorted by ``id``: camera and, unless sealed, true pose.
     cloud : Path
-        The true cloud, in the scene's CRS; empty where it is sealed.
+        The true cloud, a file or a folder of shards, in the scene's CRS; empty where it is sealed.
     cloud_sha256 : str
-        Of its bytes; empty where they are sealed.
+        Of its bytes, or of all its files; empty where they are sealed.
     excluded : DataFrame
         Photos of the scene that are not used, with the reason.
     """
@@ -106,7 +106,7 @@ def build_truth(
     """
     import pandas as pd
 
-    if not cloud.is_file():
+    if not cloud.exists():
         raise UsageError("no such cloud", where=cloud, expected="a .las, .laz, .ply or .pcd file")
     photos = inputs.photos
     kept = pd.Series(True, index=photos.index) if chosen is None else chosen
@@ -115,7 +115,7 @@ def build_truth(
         inputs.scene,
         photos[kept].reset_index(drop=True),
         cloud,
-        sha256_of(cloud),
+        sha256_of_tree(cloud),
         with_unposed(excluded, inputs),
     )
 
@@ -152,14 +152,14 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
     if benchmark.is_sealed:
         return ReconstructionTruth(scene, photos, Path(), "", excluded)
     cloud = benchmark.resolve(entry.cloud or "")
-    if not entry.cloud or not cloud.is_file():
+    if not entry.cloud or not cloud.exists():
         raise BenchmarkError(
             "the true cloud is not there",
             where=cloud,
             expected="the cloud that benchmark.toml names",
             fix="put it back where benchmark.toml says, or prepare with --copy",
         )
-    found = sha256_of(cloud)
+    found = sha256_of_tree(cloud)
     if found != entry.cloud_sha256:
         raise BenchmarkError(
             "the cloud is not the one that the benchmark was prepared with",

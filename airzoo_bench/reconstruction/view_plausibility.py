@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, first_of
@@ -11,11 +13,19 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.reconstruction.motions import angle_deg, relative_poses
 
-__all__ = ["refuse_other_resolution", "suspect_camera_to_world", "suspect_image_size"]
-
+__all__ = [
+    "refuse_camera_to_world",
+    "refuse_other_resolution",
+    "suspect_camera_to_world",
+    "suspect_image_size",
+]
 
 _SAME_RATIO = 0.1
 _RESOLUTION_RATIO = 1.5
+# Where all cameras agree, less is clear: photos of 640 px and maps of 504 px have this ratio.
+_SAME_RATIO_OF_ALL = 0.03
+_RESOLUTION_RATIO_OF_ALL = 1.1
+_LEAST_SHIFT_PX = 1.0  # more than half a pixel, by which conventions differ
 _OFF_CENTRE = 0.25
 _SMALLEST = 4
 _ASPECT_TOLERANCE = 0.05
@@ -23,6 +33,8 @@ _MOST_CAMERAS = 64
 _CLEARLY_OFF_DEG = 5.0
 _CLEARLY_BETTER = 0.5
 _OPENGL = np.diag((1.0, -1.0, -1.0))
+# Refused where this many cameras say so, this far off; of fewer, or on a line, it is suspected.
+_LEAST_CAMERAS, _FAR_DEG, _LINE_SHARE = 5, 20.0, 0.05
 
 
 def refuse_other_resolution(
@@ -32,7 +44,8 @@ def refuse_other_resolution(
 
     The principal point of a whole image lies near its centre. Where it lies at the same multiple
     of the maps' centre in x and in y, and that is above 1.5 or below 1 / 1.5, the intrinsics are of
-    another resolution. Names of the images, file and field (`where`) are for messages.
+    another resolution. Where it is so in all cameras, within 3 %, a ratio of 1.1 is enough. Names
+    of the images, file and field (`where`) are for messages.
 
     Returns
     -------
@@ -50,7 +63,8 @@ def refuse_other_resolution(
     normalised = (np.abs(cameras.principal_point) <= 1.0).all(axis=1) & (size > _SMALLEST).all(
         axis=1
     )
-    other = _scaled_alike(ratio) | normalised
+    shift = np.abs(cameras.principal_point - size / 2.0)
+    other = _scaled_alike(ratio, shift) | normalised
     labels = names or [f"camera {row}" for row in range(len(cameras))]
     if other.any():
         rows = np.flatnonzero(other)
@@ -90,7 +104,7 @@ def suspect_image_size(size: tuple[int, int], true_width: int, true_height: int)
 
 
 def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
-    """Say where poses that should be world-to-camera look like camera-to-world.
+    """Say where poses look camera-to-world, read as world-to-camera, or the reverse.
 
     Compared is what no choice of the world changes: the rotation between two cameras, and the
     direction in which a camera sees another one. The larger of the two angles to the truth is
@@ -98,6 +112,55 @@ def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
     axes of OpenCV or of OpenGL. Of more than 64 cameras, an even sample of 64 is compared; fewer
     than 3 tell nothing.
     """
+    found = _inversion(given, truth)
+    if found is None or found.as_given <= _CLEARLY_OFF_DEG:
+        return None
+    return str(found) if found.inverted < _CLEARLY_BETTER * found.as_given else None
+
+
+def refuse_camera_to_world(given: Poses, truth: Poses, where: str) -> None:
+    """Refuse poses that fit the truth only once they are inverted; see `suspect_camera_to_world`.
+
+    They are more than 20 degrees off as given, and less than that, and than a third of it, once
+    inverted. Five cameras or more must say so which do not lie on a line: along one, names in
+    reverse order look the same.
+
+    Raises
+    ------
+    PredictionError
+        States both angles.
+    """
+    found = _inversion(given, truth)
+    if found is None or len(given) < _LEAST_CAMERAS or _on_a_line(truth.centres):
+        return
+    if found.as_given > _FAR_DEG > found.inverted and found.inverted * 3.0 < found.as_given:
+        raise PredictionError(
+            str(found),
+            where=where,
+            expected="extrinsics that take points of the world to the camera, x_cam = R X + t, or "
+            "what the reader says that they are",
+            fix="invert them: R.T and -R.T @ t"
+            + (", both with diag(1, -1, -1) from the left" if found.axes else ""),
+        )
+
+
+@dataclass(frozen=True)
+class _Inversion:
+    """Degrees between poses and the truth, as given and once inverted."""
+
+    as_given: float
+    inverted: float
+    axes: str
+
+    def __str__(self) -> str:
+        return (
+            "the extrinsics look inverted (camera-to-world for world-to-camera, or the reverse): "
+            f"between two cameras they are {self.as_given:.1f} degrees off the truth as they "
+            f"stand, {self.inverted:.1f} once inverted{self.axes}"
+        )
+
+
+def _inversion(given: Poses, truth: Poses) -> _Inversion | None:
     rows = np.unique(np.linspace(0, len(given) - 1, _MOST_CAMERAS).astype(int))
     if len(given) < 3:
         return None
@@ -105,23 +168,25 @@ def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
     inverse = Poses.from_centres(np.swapaxes(chosen.rotation, 1, 2), chosen.translation)
     opengl = Poses.from_centres(_OPENGL @ inverse.rotation, inverse.centres)
     as_given = _median_angle(chosen, true)
-    for other, axes in ((inverse, ""), (opengl, " and in OpenCV's axes, not OpenGL's")):
-        angle = _median_angle(other, true)
-        if as_given > _CLEARLY_OFF_DEG and angle < _CLEARLY_BETTER * as_given:
-            return (
-                f"the extrinsics look camera-to-world: between two cameras they are {as_given:.1f} "
-                f"degrees off the truth as they stand, {angle:.1f} once inverted{axes}"
-            )
-    return None
+    readings = ((inverse, ""), (opengl, " and in OpenCV's axes, not OpenGL's"))
+    found = [_Inversion(as_given, _median_angle(one, true), axes) for one, axes in readings]
+    return min(found, key=lambda one: one.inverted)
 
 
-def _scaled_alike(ratio: Floats) -> Bools:
+def _on_a_line(centres: Floats) -> bool:
+    spread = np.linalg.svd(centres - centres.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= _LINE_SHARE * spread[0])
+
+
+def _scaled_alike(ratio: Floats, shift: Floats) -> Bools:
     """Whether x and y are off by the same clear factor, (N,)."""
     positive = np.asarray((ratio > 0.0).all(axis=1))
     logs = np.log(np.where(positive[:, None], ratio, 1.0))
-    alike = np.abs(logs[:, 0] - logs[:, 1]) <= _SAME_RATIO
-    clear = np.abs(logs).min(axis=1) > np.log(_RESOLUTION_RATIO)
-    return np.asarray(positive & alike & clear)
+    apart, factor = np.abs(logs[:, 0] - logs[:, 1]), np.abs(logs).min(axis=1)
+    clear = (apart <= _SAME_RATIO) & (factor > np.log(_RESOLUTION_RATIO))
+    slight = (apart <= _SAME_RATIO_OF_ALL) & (factor > np.log(_RESOLUTION_RATIO_OF_ALL))
+    slight &= shift.min(axis=1) > _LEAST_SHIFT_PX
+    return np.asarray(positive & (clear | slight.all()))
 
 
 def _median_angle(poses: Poses, truth: Poses) -> float:

@@ -9,8 +9,10 @@ off by less than that rounding and those of the coordinates themselves.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -65,13 +67,25 @@ class VoxelGrid:
             self._add(points[start : start + _CHUNK])
             self._require_room()
 
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """Return what `add_sums` of another grid takes: the sums over all that was added here."""
+        return vars(self._joined())
+
+    def add_sums(self, sums: dict[str, NDArray[Any]]) -> None:
+        """Add what was added to another grid of this size and origin.
+
+        Raises
+        ------
+        UsageError
+            More voxels are occupied than may be.
+        """
+        if len(sums["cells"]):
+            self._append(_Voxels(sums["cells"], sums["counts"], sums["offsets"]))
+            self._require_room()
+
     def points(self) -> Floats:
         """One point (V, 3) for each occupied voxel, by x, then y, then z of the voxels."""
-        while len(self._parts) > 1:
-            self._join_last_two()
-        if not self._parts:
-            return np.zeros((0, 3))
-        voxels = self._parts[0]
+        voxels = self._joined()
         mean = voxels.offsets / voxels.counts[:, None] / _UNIT
         points: Floats = (voxels.cells + mean) * self._size + self._origin
         return points
@@ -81,10 +95,19 @@ class VoxelGrid:
         # Floating-point numbers hold these integers exactly, however far the point.
         cells = np.floor(position)
         offsets = np.rint((position - cells) * _UNIT).astype(np.int64)
-        self._parts.append(_merged(cells, np.ones(len(points), dtype=np.int64), offsets))
+        self._append(_merged(cells, np.ones(len(points), dtype=np.int64), offsets))
+
+    def _append(self, voxels: _Voxels) -> None:
+        self._parts.append(voxels)
         # Like a binary counter: a part is merged about log2(pieces) times, not with each piece.
         while len(self._parts) > 1 and 2 * len(self._parts[-1]) >= len(self._parts[-2]):
             self._join_last_two()
+
+    def _joined(self) -> _Voxels:
+        while len(self._parts) > 1:
+            self._join_last_two()
+        nothing = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
+        return self._parts[0] if self._parts else _Voxels(*nothing)
 
     def _require_room(self) -> None:
         # Parts may share voxels: they are counted once all are merged.
@@ -93,7 +116,7 @@ class VoxelGrid:
                 raise UsageError(
                     f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, "
                     "which is all that memory may hold",
-                    fix="give --max-memory more, or choose larger voxels in the protocol",
+                    fix="raise --max-memory, or choose larger voxels in the protocol",
                 )
             self._join_last_two()
 

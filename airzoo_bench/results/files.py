@@ -4,17 +4,40 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from enum import StrEnum
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
+from typing import TYPE_CHECKING
+from uuid import uuid4
 
 from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.temporaries import clear_abandoned
-from airzoo_bench.results.result import Result
+from airzoo_bench.storage.faults import settled
+from airzoo_bench.storage.listing import matching
+from airzoo_bench.storage.mirror import Mirror, fetched
+from airzoo_bench.storage.remote import find
+from airzoo_bench.storage.urls import Url, url_of
 
-__all__ = ["method_names", "records_path", "result_paths"]
+if TYPE_CHECKING:
+    from airzoo_bench.results.result import Result
+
+__all__ = ["RecordsKind", "method_names", "records_path", "result_paths", "results_here"]
 
 _FILE = "result.json"
-_RECORDS = "records.csv"
+
+
+class RecordsKind(StrEnum):
+    """What kind of file records are written as."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+    @property
+    def file(self) -> str:
+        """Its name, next to ``result.json``."""
+        return f"records.{self.value}"
 
 
 def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
@@ -44,14 +67,75 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
     return paths
 
 
+def results_here(given: Sequence[str | Path]) -> list[Path]:
+    """Return results as paths of this machine; of those at URLs there is a mirror.
+
+    Parameters
+    ----------
+    given : sequence of str or Path
+        Files, or the folders that hold a ``result.json``; the names of a URL may have ``*``.
+
+    Raises
+    ------
+    UserError
+        A URL leads to no result, or cannot be read.
+    """
+    found: list[Path] = []
+    for location in given:
+        url = url_of(location)
+        found += [Path(location)] if url is None else _all_here(matching(url))
+    return found
+
+
+def _all_here(urls: Sequence[Url]) -> list[Path]:
+    return [settled(partial(_result_here, url)) for url in urls]
+
+
+def _result_here(url: Url) -> Path:
+    """Mirror a result; its records follow when they are asked for (`records_path`)."""
+    file = url if url.name.endswith(".json") and not url.says_folder else url.child(_FILE)
+    entry = find(file)
+    if entry is None:
+        raise ResultError(
+            "no such result",
+            where=file,
+            expected=f"a {_FILE}, or the folder that holds it",
+            fix="check bucket and folder; a run that was not uploaded to its end has none",
+        )
+    mirror = Mirror.of(file.parent, f"{file.name} {entry.version or uuid4()}")
+    return mirror.fetch(file.name, entry)
+
+
 def records_path(path: Path) -> Path:
     """Return where the records of a result lie.
 
-    That is ``records.csv`` next to it; of ``a.json`` also ``a.records.csv``, so that several
-    results can share a folder.
+    That is ``records.csv`` next to it, or ``records.parquet``; of ``a.json`` also
+    ``a.records.csv``, so that several results can share a folder. Where there are several, such as
+    one that was left when another run was copied over it, it is the one whose checksum the result
+    states, else the first.
     """
-    own = path.with_name(f"{path.stem}.{_RECORDS}")
-    return own if own.is_file() else path.with_name(_RECORDS)
+    names = [kind.file for kind in RecordsKind]
+    places = [path.with_name(name) for name in (*(f"{path.stem}.{own}" for own in names), *names)]
+    there = [place for place in places if place.is_file()]
+    if len(there) == 1:
+        return there[0]
+    stated, there = _stated_checksum(path), []
+    for place in map(fetched, places):
+        if place.is_file():
+            there.append(place)
+            if sha256_of(place) == stated:
+                return place
+    return next(iter(there), path.with_name(RecordsKind.CSV.file))
+
+
+def _stated_checksum(path: Path) -> str | None:
+    """Return the checksum of its records that a result states, if it can be read."""
+    from airzoo_bench.results.result import read_result
+
+    try:
+        return read_result(path).records_sha256
+    except ResultError:  # which whoever reads it will say
+        return None
 
 
 def method_names(

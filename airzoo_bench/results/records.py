@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import math
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.results.files import method_names, records_path, result_paths
+from airzoo_bench.results.records_reading import (
+    SCORE_AGAIN,
+    column_names,
+    no_number,
+    read_table,
+)
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
 from airzoo_bench.results.scores import Score, Summary, summarise
+from airzoo_bench.storage.mirror import fetched
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,15 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Scored", "checked_records", "read_records", "read_scored"]
 
-_SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
-_BLOCK_BYTES = 8 << 20
 # Scores are averaged in the order of the rows, which need not be that of the time of writing.
 _ROUNDING = 1e-9
-
-# As pandas writes numbers. What only looks like one, such as a sequence "007" or "1e5", is a text.
-_INTEGER = "^-?(0|[1-9][0-9]{0,17})$"
-_NUMBER = r"^-?((0|[1-9][0-9]*)(\.[0-9]+)?(e[+-][0-9]{2,3})?|inf)$"
-_TRUTH = "^(True|False)$"
 
 
 @dataclass(frozen=True)
@@ -105,124 +103,50 @@ def read_records(
     result = read_result(path) if result is None else result
     file = records_path(path)
     if not result.records_sha256:
-        raise ResultError("does not say which records belong to it", where=path, fix=_SCORE_AGAIN)
+        raise ResultError("does not say which records belong to it", where=path, fix=SCORE_AGAIN)
     if not file.is_file():
         raise ResultError(
             "no such file",
             where=file,
             expected="the records that were written next to result.json",
             fix="keep both in one folder (records of a.json may be called a.records.csv), or "
-            + _SCORE_AGAIN,
+            + SCORE_AGAIN,
         )
     content = file.read_bytes()
-    if hashlib.sha256(content).hexdigest() != result.records_sha256:
+    if not _is_of(result, content):  # in a mirror, it may be what an upload of that time had left
+        content = fetched(file, anew=True).read_bytes()
+    if not _is_of(result, content):
         raise ResultError(
             "not the records of the result next to it: the checksum does not fit",
             where=file,
             expected="the file as `airzoo-bench eval` wrote it together with result.json",
-            fix=_SCORE_AGAIN,
+            fix=SCORE_AGAIN,
         )
     scores = [column.key for column in result.columns]
-    wanted = _wanted(_column_names(content, file), scores, columns, file)
-    records = _parsed(content, wanted, scores, file)
+    wanted = _wanted(column_names(file), scores, columns, file)
+    records: pd.DataFrame = read_table(file, content, wanted, scores).to_pandas()
+    if "query" not in records:
+        records.insert(1, "query", records["scene"])
     return checked_records(records, result, file)
 
 
-def _column_names(content: bytes, file: Path) -> list[str]:
-    try:
-        stream = io.TextIOWrapper(io.BytesIO(content), "utf-8", newline="")
-        names = next(csv.reader(stream), [])
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ResultError(f"not a table: {error}", where=file, fix=_SCORE_AGAIN) from error
-    for name, times in Counter(names).items():
-        if times > 1:
-            raise ResultError(f"has {times} columns {name}", where=file, fix=_SCORE_AGAIN)
-    return names
+def _is_of(result: Result, content: bytes) -> bool:
+    return hashlib.sha256(content).hexdigest() == result.records_sha256
 
 
 def _wanted(
     names: list[str], scores: list[str], columns: Collection[str] | None, file: Path
 ) -> list[str]:
     """Return the columns to read, in their order; those that every result has must be there."""
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise ResultError(f"has {times} columns {name}", where=file, fix=SCORE_AGAIN)
     lacking = [name for name in ("scene", *scores) if name not in names]
     if lacking:
-        raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=_SCORE_AGAIN)
+        raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=SCORE_AGAIN)
     if columns is None:
         return names
     return [name for name in names if name in ("scene", "query") or name in columns]
-
-
-def _parsed(content: bytes, wanted: list[str], scores: list[str], file: Path) -> pd.DataFrame:
-    import pyarrow as pa
-
-    try:
-        table = _read(content, {name: name in scores for name in wanted})
-    except pa.ArrowInvalid as error:
-        raise _refusal(content, [name for name in wanted if name in scores], error, file) from error
-    data = {
-        name: table[name] if name in (*scores, "scene", "query") else _with_type(table[name])
-        for name in wanted
-    }
-    records: pd.DataFrame = pa.table(data).to_pandas()
-    if "query" not in records:
-        records.insert(1, "query", records["scene"])
-    return records
-
-
-def _read(content: bytes, is_score: dict[str, bool]) -> Any:
-    """Read columns as numbers or texts; Arrow rounds as IEEE 754 asks, to the nearest."""
-    import pyarrow as pa
-    from pyarrow import csv as arrow_csv
-
-    types = {name: pa.float64() if score else pa.string() for name, score in is_score.items()}
-    return arrow_csv.read_csv(
-        pa.BufferReader(content),
-        read_options=arrow_csv.ReadOptions(block_size=_BLOCK_BYTES),
-        parse_options=arrow_csv.ParseOptions(newlines_in_values=True),
-        convert_options=arrow_csv.ConvertOptions(
-            column_types=types,
-            include_columns=list(types),
-            null_values=[""],
-            strings_can_be_null=True,
-        ),
-    )
-
-
-def _refusal(content: bytes, scores: list[str], error: Exception, file: Path) -> ResultError:
-    """Name the score that is not a number, if that is what is wrong."""
-    import pyarrow as pa
-
-    for name in scores:
-        try:
-            _read(content, {name: False})
-            _read(content, {name: True})
-        except pa.ArrowInvalid as cause:
-            if "conversion error" in str(cause):
-                return _no_number(name, file)
-            break
-    return ResultError(f"not a table: {error}", where=file, fix=_SCORE_AGAIN)
-
-
-def _no_number(key: str, file: object) -> ResultError:
-    return ResultError("a score is not a number", where=f"{file}, {key}", fix=_SCORE_AGAIN)
-
-
-def _with_type(texts: Any) -> Any:
-    """Turn texts into what they were before they were written, where that is beyond doubt."""
-    import pyarrow as pa
-    from pyarrow import compute
-
-    def all_are(pattern: str) -> bool:
-        matches = compute.match_substring_regex(texts, pattern)
-        return bool(compute.all(matches, min_count=0).as_py())
-
-    if texts.null_count == 0 and all_are(_INTEGER):
-        return texts.cast(pa.int64())
-    if all_are(_NUMBER):
-        return texts.cast(pa.float64())
-    if texts.null_count == 0 and all_are(_TRUTH):
-        return compute.equal(texts, "True")
-    return texts
 
 
 def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
@@ -242,7 +166,7 @@ def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.D
 
 def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
     if np.isnan(values).any() or np.isneginf(values).any():
-        raise _no_number(column.key, file)
+        raise no_number(column.key, file)
     most = 1.0 + SHARE_SLACK if column.unit == "share" else np.inf
     wrong = values[(values < 0) | (values > most)]
     if wrong.size:
@@ -250,7 +174,7 @@ def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
             f"a score is {wrong[0]:g}",
             where=f"{file}, {column.key}",
             expected="0 to 1" if column.unit == "share" else "0 or more",
-            fix=_SCORE_AGAIN,
+            fix=SCORE_AGAIN,
         )
 
 
@@ -261,11 +185,13 @@ def _check_sums(
     import pandas as pd
 
     rows, found = pd.factorize(records["scene"])
-    if (rows < 0).any() or set(found) != set(result.scenes) or not records["query"].is_unique:
+    queries = records["query"]
+    is_of_scenes = (rows >= 0).all() and set(found) == set(result.scenes)
+    if not is_of_scenes or queries.isna().any() or not queries.is_unique:
         raise ResultError(
-            "its scenes are not those of the result, or a query stands twice",
+            "its scenes are not those of the result, or a query stands twice or has no name",
             where=file,
-            fix=_SCORE_AGAIN,
+            fix=SCORE_AGAIN,
         )
     for scene, count in zip(found, np.bincount(rows).tolist(), strict=True):
         expected = result.counts[scene]["queries"]
@@ -294,5 +220,5 @@ def _unlike(what: str, expected: float, file: object) -> ResultError:
         f"does not fit the result next to it: {what}",
         where=file,
         expected=f"{expected!r}, as the result has it",
-        fix=_SCORE_AGAIN,
+        fix=SCORE_AGAIN,
     )

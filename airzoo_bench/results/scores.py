@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from airzoo_bench.geometry.arrays import Bools
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -39,6 +41,11 @@ class Score:
     average: Literal["mean", "median"]
     headline: bool = False
 
+    @classmethod
+    def share(cls, column: str, title: str, *, headline: bool = False) -> Score:
+        """Return a score whose rows are shares, the more the better, and averaged by their mean."""
+        return cls(column, title, "share", higher_is_better=True, average="mean", headline=headline)
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -58,10 +65,10 @@ class Summary:
 
 
 def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Put the records of scenes under each other."""
+    """Put the records of scenes under each other; those of a single one are not copied."""
     import pandas as pd
 
-    return pd.concat(parts, ignore_index=True)
+    return parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)
 
 
 def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> Summary:
@@ -82,21 +89,23 @@ def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> 
     ValueError
         A scene has no record, or a score is NaN: both are bugs of a track, never results.
     """
-    by_scene = {scene: records[records["scene"] == scene] for scene in scenes}
-    per_scene = {scene: _average(rows, scores) for scene, rows in by_scene.items()}
+    per_scene = {
+        scene: _average(records, (records["scene"] == scene).to_numpy(np.bool_), scores)
+        for scene in scenes
+    }
     overall = {
         score.column: float(np.mean([values[score.column] for values in per_scene.values()]))
         for score in scores
     }
-    return Summary(per_scene, overall, _average(records, scores))
+    return Summary(per_scene, overall, _average(records, slice(None), scores))
 
 
-def _average(rows: pd.DataFrame, scores: list[Score]) -> dict[str, float]:
-    return {score.column: _average_one(rows, score) for score in scores}
+def _average(records: pd.DataFrame, rows: Bools | slice, scores: list[Score]) -> dict[str, float]:
+    return {score.column: _average_one(records, rows, score) for score in scores}
 
 
-def _average_one(rows: pd.DataFrame, score: Score) -> float:
-    values = rows[score.column].to_numpy(np.float64)
+def _average_one(records: pd.DataFrame, rows: Bools | slice, score: Score) -> float:
+    values = records[score.column].to_numpy(np.float64)[rows]
     if values.size == 0 or np.isnan(values).any():
         raise ValueError(f"{score.column}: no record, or NaN, in {values.size} rows")
     return float(np.median(values) if score.average == "median" else np.mean(values))

@@ -8,10 +8,9 @@ Zisserman, "All about VLAD", CVPR 2013). It is a floor for other methods, not a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +18,12 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.images import read_grey, read_tile
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.parallel import parallel_map
-from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.evaluation.parts import DOUBLED, Baseline, Resources
+from airzoo_bench.core.progress import Headed, Progress, shown, silent
+from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.sift import extract
+from airzoo_bench.retrieval.baseline_settings import VladSettings
 from airzoo_bench.retrieval.questions import scene_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -32,44 +31,18 @@ from airzoo_bench.retrieval.truth import RetrievalTruth
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["VLAD", "VladSettings", "describe", "learn_words", "root_sift", "vlad"]
+__all__ = ["describe", "learn_words", "predict", "root_sift", "vlad"]
 
 Floats = NDArray[np.float32]
 Reader = Callable[[], NDArray[np.uint8]]
 
 _SIFT_DIMENSIONS = 128
 _ITERATIONS = 20
+# Sums of faiss depend on how many threads share them, not on how many processors there are.
+_KMEANS_THREADS = 2
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as in the grey of photos
 _SECONDS_A_MEGAPIXEL, _LONG_S = 1.4, 120.0  # of a core, measured on noise and on texture
 _PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
-
-
-@dataclass(frozen=True)
-class VladSettings:
-    """How images are described.
-
-    Attributes
-    ----------
-    words : int
-        Number of visual words; descriptors have 128 times as many dimensions, and one more.
-    max_features : int
-        The strongest SIFT features of an image that are kept.
-    training_features : int
-        How many features the words are learnt from at the most.
-    seed : int
-        Of the sampling and of k-means.
-    doubled : bool
-        See `sift.extract`.
-    long_side_px : int
-        Photos are made this small.
-    """
-
-    words: Annotated[int, Option("words", "Visual words.", 2, 4096)] = 64
-    max_features: int = 2048
-    training_features: int = 200_000
-    seed: Annotated[int, Option("seed", "Of sampling and k-means.", 0)] = 0
-    doubled: Annotated[bool, DOUBLED] = True
-    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1024
 
 
 def describe(
@@ -77,7 +50,7 @@ def describe(
     queries: Sequence[Reader],
     settings: VladSettings,
     *,
-    jobs: int = 1,
+    engine: Engine = HERE,
     progress: Progress = silent,
 ) -> tuple[Floats, Floats]:
     """Describe gallery and queries with words learnt on the gallery.
@@ -87,8 +60,8 @@ def describe(
     gallery, queries : sequence of callable
         Each returns one grey image (height, width) uint8.
     settings : VladSettings
-    jobs : int
-        Processes that extract features; the descriptors do not depend on it.
+    engine : Engine
+        Of processes, since pycolmap keeps the interpreter's lock while it extracts.
     progress : Progress
 
     Returns
@@ -102,10 +75,11 @@ def describe(
     BenchmarkError
         The gallery has fewer features than there are words.
     """
-    features = list(_extracted(gallery, settings, jobs, progress, "tiles"))
-    words = learn_words(features, settings)
-    described = np.stack([vlad(one, words) for one in features])
-    asked = [vlad(one, words) for one in _extracted(queries, settings, jobs, progress, "photos")]
+    features = list(_extracted(gallery, settings, engine, progress, "tiles"))
+    words = shown(lambda: learn_words(features, settings), "learning the words", progress)
+    aggregated = (vlad(one, words) for one in features)
+    described = np.stack(list(progress(aggregated, "descriptors of tiles", len(features))))
+    asked = [vlad(one, words) for one in _extracted(queries, settings, engine, progress, "photos")]
     return described, np.stack(asked)
 
 
@@ -143,7 +117,12 @@ def learn_words(features: Sequence[Floats], settings: VladSettings) -> Floats:
         min_points_per_centroid=1,
         max_points_per_centroid=size,
     )
-    kmeans.train(everything[np.sort(rows)])
+    before = faiss.omp_get_max_threads()
+    faiss.omp_set_num_threads(_KMEANS_THREADS)
+    try:
+        kmeans.train(everything[np.sort(rows)])
+    finally:
+        faiss.omp_set_num_threads(before)
     return np.asarray(kmeans.centroids, np.float32)
 
 
@@ -163,22 +142,26 @@ def vlad(features: Floats, words: Floats) -> Floats:
 def _extracted(
     readers: Sequence[Reader],
     settings: VladSettings,
-    jobs: int,
+    engine: Engine,
     progress: Progress,
     label: str,
 ) -> Iterator[Floats]:
-    # Processes, since pycolmap keeps the interpreter's lock while it extracts.
-    found = parallel_map(
-        partial(_features_of, settings.max_features, settings.doubled), readers, jobs
+    found = engine.map(
+        _features_of,
+        list(enumerate(readers, 1)),
+        shared=settings,
+        stage=label,
+        name=lambda numbered: f"number {numbered[0]:,} of the {label}",
     )
     yield from progress(found, label, len(readers))
 
 
-def _features_of(max_features: int, doubled: bool, reader: Reader) -> Floats:
-    return root_sift(reader(), max_features, doubled=doubled)
+def _features_of(settings: VladSettings, numbered: tuple[int, Reader]) -> Floats:
+    _, reader = numbered
+    return root_sift(reader(), settings.max_features, doubled=settings.doubled)
 
 
-def _predict(
+def predict(
     protocol: RetrievalProtocol,
     benchmark: Benchmark,
     settings: VladSettings,
@@ -194,8 +177,9 @@ def _predict(
         if (cost := _cost(truth, settings)) is not None:
             note(cost)
         tiles, photos = _readers(benchmark, truth, settings.long_side_px)
+        progress = Headed(scene.id, resources.progress)
         gallery, queries = describe(
-            tiles, photos, settings, jobs=resources.jobs, progress=resources.progress
+            tiles, photos, settings, engine=resources.processes, progress=progress
         )
         for key, rows in {
             "query_ids": truth.queries["id"].to_numpy(str),
@@ -243,15 +227,3 @@ def _readers(
 def _grey_tile(gallery: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
     grey: NDArray[np.float64] = np.round(read_tile(gallery, tile) @ _GREY)
     return grey.astype(np.uint8)
-
-
-VLAD = Baseline(
-    method="SIFT and VLAD",
-    summary="Describe photos and tiles by SIFT and VLAD, and write a prediction file.",
-    settings=VladSettings(),
-    demo=VladSettings(training_features=50_000, doubled=False),
-    out="sift-vlad.npz",
-    out_help="The .npz to write.",
-    example="brighton-retrieval --out sift.npz",
-    predict=_predict,
-)

@@ -15,8 +15,8 @@ import numpy as np
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import concatenate, summarise
-from airzoo_bench.retrieval.image_scores import rank_of_share, recall_at_share_name
-from airzoo_bench.retrieval.scores import ap_name, retrieval_scores
+from airzoo_bench.retrieval.image_scores import rank_of_share
+from airzoo_bench.retrieval.scores import ap_name, recall_at_share_name, retrieval_scores
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -94,14 +94,16 @@ def chance_level(
     """Return what tiles in random order score, by scene; see `chance_scores`."""
     import pandas as pd
 
-    tables = [
-        pd.DataFrame(chance_scores(truth.positives.counts, len(truth.tiles), settings)).assign(
-            scene=truth.scene
-        )
-        for truth in truths
-    ]
-    scores = [score for score in retrieval_scores(settings) if score.column in tables[0]]
-    summary = summarise(concatenate(tables), scores, [truth.scene for truth in truths])
+    records = concatenate(
+        [
+            pd.DataFrame(chance_scores(truth.positives.counts, len(truth.tiles), settings)).assign(
+                scene=truth.scene
+            )
+            for truth in truths
+        ]
+    )
+    scores = [score for score in retrieval_scores(settings) if score.column in records]
+    summary = summarise(records, scores, [truth.scene for truth in truths])
     return Reference(
         meaning="what tiles in random order score on average, computed exactly",
         **asdict(summary),

@@ -1,44 +1,52 @@
 """Exact nearest neighbours: a search in float32, and float64 where that cannot tell.
 
-The gallery is read once for the search, which keeps of each query every tile that its error
-bound cannot exclude from the first k. Of these, tiles closer to each other than twice the bound
-form a cluster, and only clusters of several tiles are evaluated in float64. Queries with so many
-candidates that keeping them would not be bounded (a scorer that gives every tile the same) are
-evaluated block by block instead.
+The gallery is cut into shards, each searched by itself (`shard_search`), which keeps of each query
+every tile that its error bound cannot exclude from the first k. What the shards kept is put
+together, and pruned by what all of them know. Of what is left, tiles closer to each other than
+twice the bound form a cluster, and only clusters of several tiles are evaluated in float64. Queries
+with so many candidates that keeping them would not be bounded (a scorer that gives every tile the
+same) are evaluated tile by tile instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.candidate_search import Search, rounded_down
-from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
+from airzoo_bench.engines.engine import Engine
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.retrieval.candidate_search import Search
+from airzoo_bench.retrieval.descriptor_rows import Rows
+from airzoo_bench.retrieval.one_way import direction
 from airzoo_bench.retrieval.pairs import Positives
-from airzoo_bench.retrieval.similarity import (
-    Names,
-    Queries,
-    check_norms,
-    norms_of,
-    points_one_way,
-    roundoff,
-    similarity,
-    usable,
+from airzoo_bench.retrieval.shard_search import (
+    Arrays,
+    Crowd,
+    Pairs,
+    Request,
+    Shard,
+    joined,
+    points_like,
+    score_crowd,
+    score_pairs,
+    search_shard,
 )
+from airzoo_bench.retrieval.similarity import Names, refuse_unusable
 
-__all__ = ["Candidates", "nearest"]
+__all__ = ["Candidates", "Gallery", "nearest"]
 
+S = TypeVar("S")
+T = TypeVar("T", Shard, Pairs)
 
-_BLOCK_BYTES = 1 << 26
-_BLOCK_ROWS = 4096
-_PAIRS = 16  # pairs at a time in float64, at least
-_PIECE_NUMBERS = 1 << 17  # of descriptors at a time in float64; stays in the cache
+_SHARD_BYTES = 1 << 28
+_SENT_BYTES = 1 << 25  # of a shard that is in no file, and so is sent to the worker
+_SHARD_WORK = 1 << 37  # products, and for each pair what looking at it costs: seconds of a core
+_LOOK = 100
+_CROWD = ("query", "tile", "score", "slack")
+_BYTES_OF_AN_ENTRY = 128  # of a crowd: what finding a candidate takes
 
 
 @dataclass
@@ -64,59 +72,67 @@ class Candidates:
     flat: Ints
 
 
-@dataclass(frozen=True)
-class _Gallery:
-    """The gallery's rows, and how to go through them."""
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """The gallery's rows, cut into shards, and where the work on them is done."""
 
-    rows: RowSource
-    queries: Queries
-    block: int
-    jobs: int
+    rows: Rows
+    shards: tuple[Shard, ...]
+    engine: Engine
+    names: Names | None
 
-    def blocks(self) -> Iterator[tuple[int, NDArray[Any], NDArray[np.float32], Floats]]:
-        """Give (first row, rows, rows in float32, norms), in order."""
-        for start, rows in self.rows.blocks(self.block):
-            single = as_float32(rows)
-            yield start, rows, single, norms_of(rows, single)
+    @classmethod
+    def of(cls, rows: Rows, n_queries: int, engine: Engine, names: Names | None) -> Gallery:
+        """Cut a gallery into shards that take no long time for so many queries."""
+        width = max(1, rows.shape[1])
+        most = _SHARD_BYTES if rows.by_reference else _SENT_BYTES
+        work = (width + _LOOK) * max(1, n_queries)
+        size = min(most // (width * rows.itemsize), _SHARD_WORK // work)
+        cuts = engine.cut(len(rows), max(1, size))
+        shards = tuple(Shard(cut.start, rows.part(cut.start, cut.stop)) for cut in cuts)
+        return cls(rows, shards, engine, names)
 
-    def finite(self, rows: Ints) -> Bools:
-        """Whether all numbers of each row are finite."""
-        return np.array([np.isfinite(self.rows.read(row, row + 1)).all() for row in rows], bool)
+    def __len__(self) -> int:
+        return len(self.rows)
 
-    def scores(self, query: Ints, tile: Ints) -> tuple[Floats, Floats]:
-        """Similarities in float64 of pairs and their errors, reading only the rows they need."""
-        scores, slacks = np.empty(len(query)), np.empty(len(query))
+    def points_one_way(self, request: Request) -> bool:
+        """Whether all rows are the same, or under cosine multiples of one as far as stored."""
+        if len(self) < 2 or not self.rows.shape[1]:
+            return False
+        metric = request.queries.metric
+        shared = direction(self.rows.read(0, 1), metric), metric, request.block(self.rows) // 8 or 1
+        # Hardly any gallery does: its first shard tells, and the others need not be read.
+        return all(
+            bool(found["one_way"].all())
+            for shards in (self.shards[:1], self.shards[1:])
+            for found in self.map(points_like, shards, shared, "shards compared")
+        )
+
+    def map(
+        self, work: Callable[[S, T], Arrays], items: Sequence[T], shared: S, stage: str
+    ) -> Iterator[Arrays]:
+        """Do work on shards; see `Engine.map`."""
+        return self.engine.map(work, items, shared=shared, stage=stage, name=_name)
+
+    def scores(self, request: Request, query: Ints, tile: Ints) -> tuple[Floats, Floats]:
+        """Similarities in float64 of pairs and their errors."""
         order = np.argsort(tile, kind="stable")
-        piece = max(_PAIRS, _PIECE_NUMBERS // max(self.rows.array.shape[1], 1))
-        chunk = tile[order] // (4 * piece)
-        firsts = np.flatnonzero(np.diff(chunk, prepend=-1))
-        groups = [group for group in np.split(order, firsts[1:]) if len(group)]
-
-        def evaluate(group: Ints) -> None:
-            start = int(tile[group[0]])
-            rows = self.rows.read(start, int(tile[group[-1]]) + 1)
-            for first in range(0, len(group), piece):
-                some = group[first : first + piece]
-                asked = self.queries.rows[query[some]].astype(np.float64)
-                given = rows[tile[some] - start].astype(np.float64)
-                scores[some] = similarity(asked, given, self.queries.metric)
-                slacks[some] = roundoff(asked, given, scores[some], self.queries.metric)
-
-        with ThreadPoolExecutor(self.jobs) as pool:
-            list(pool.map(evaluate, groups))
+        ends = [(shard.start, shard.start + len(shard.rows)) for shard in self.shards]
+        groups = [order[slice(*np.searchsorted(tile[order], run))] for run in ends]
+        some = [pair for pair in zip(groups, self.shards, strict=True) if len(pair[0])]
+        pairs = [Pairs(shard, query[group], tile[group] - shard.start) for group, shard in some]
+        scores, slacks = np.empty(len(query)), np.empty(len(query))
+        found = self.map(score_pairs, pairs, request, "shards evaluated")
+        for (group, _), part in zip(some, found, strict=True):
+            scores[group], slacks[group] = part["score"], part["slack"]
         return scores, slacks
 
 
-def nearest(
-    queries: Queries,
-    gallery: NDArray[Any],
-    k: int,
-    positives: Positives,
-    *,
-    memory_bytes: int,
-    jobs: int,
-    names: Names | None = None,
-) -> Candidates:
+def _name(item: Shard | Pairs) -> str:
+    return item.name if isinstance(item, Shard) else item.shard.name
+
+
+def nearest(gallery: Gallery, request: Request, positives: Positives) -> Candidates:
     """Find the pairs that hold the k most similar tiles of each query, and all that tie with them.
 
     Where a tie crosses rank k, its positives are there, and of its other tiles those of least
@@ -127,65 +143,41 @@ def nearest(
     PredictionError
         Where the gallery's descriptors cannot be ranked.
     """
-    row_bytes = max(1, gallery.shape[1] * max(gallery.itemsize, 4))
-    block = int(np.clip(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, 1, _BLOCK_ROWS))
-    part = max(1, memory_bytes // 16 // (4 * block))
-    batch = max(1, memory_bytes // 8 // (16 * max(1, len(gallery))))
-    stored = _Gallery(RowSource.of(gallery), queries, block, jobs)
-    if points_one_way(stored.rows, queries.metric, max(1, block // 8)):
-        none = np.zeros(0, np.int64)
-        return Candidates(none, none, none, np.zeros(0), np.arange(len(queries.norms)))
-    caution = 1.0
     while True:
-        searches, bounds = _search(stored, k, part, caution, names)
-        found = [_evaluated(stored, search, bounds[search.part]) for search in searches]
-        worst = max((error for _, error in found), default=0.0)
+        merged, bounds = _searched(gallery, request)
+        found, worst = _evaluated(gallery, request, merged, bounds)
         if worst <= 1:
             break
-        caution *= 4 * worst  # never seen; the bound holds with all but certainty
-    crowds = [search for search in searches if search.crowded.any()]
-    parts = [candidates for candidates, _ in found] + _exhausted(
-        stored, crowds, bounds, positives, batch
-    )
-    joined = (
-        np.concatenate([np.zeros(0, dtype), *(getattr(one, name) for one in parts)])
-        for name, dtype in (
-            ("query", np.int64),
-            ("tile", np.int64),
-            ("cluster", np.int64),
-            ("score", np.float64),
-            ("flat", np.int64),
-        )
-    )
-    return Candidates(*joined)
+        # Never seen; the bound holds with all but certainty.
+        request = replace(request, caution=request.caution * 4 * worst)
+    parts = [found, *_exhausted(gallery, request, merged, bounds, positives)]
+    names = ("query", "tile", "cluster", "score", "flat")
+    return Candidates(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
 
-def _search(
-    gallery: _Gallery, k: int, part: int, caution: float, names: Names | None
-) -> tuple[list[Search], Floats]:
-    """Search in float32; also give every query's bound, for the greatest norm of the gallery."""
-    n = len(gallery.queries.norms)
-    parts = [slice(start, min(start + part, n)) for start in range(0, n, part)]
-    searches = [Search.of(part, k) for part in parts]
-    norms = np.empty(len(gallery.rows))
-    bounds = np.zeros(n)
-    metric, wild = gallery.queries.metric, False
-    for start, _, single, here in gallery.blocks():
-        norms[start : start + len(here)] = here
-        so_far = norms[: start + len(here)]
-        wild = wild or not usable(here, metric)
-        if wild:
-            continue  # read on, to count them all
-        bounds = caution * gallery.queries.bounds(so_far.min(), so_far.max())
-        for search in searches:
-            values = gallery.queries.similarities(search.part, single, here)
-            search.absorb(values, start, bounds[search.part])
-    if wild:
-        check_norms(norms, gallery.finite, "gallery_descriptors", metric, names)
-    return searches, bounds
+def _searched(gallery: Gallery, request: Request) -> tuple[Search, Floats]:
+    """Search all shards; also give every query's bound, for the greatest norm of the gallery."""
+    n = len(request.queries.norms)
+    merged, bounds, norms = Search.of(slice(0, n), request.k), np.zeros(n), np.array([np.inf, 0.0])
+    faults = []
+    for found in gallery.map(search_shard, gallery.shards, request, "shards searched"):
+        faults.append({name: found[name] for name in ("wild", "broken", "zero")})
+        if any(len(some) for some in faults[-1].values()):
+            continue
+        least, most = found["norms"]
+        norms = np.array([min(norms[0], least), max(norms[1], most)])
+        bounds = request.bounds(*norms)
+        kept = (found[name] for name in ("kth", "crowded", "top", "query", "tile", "value"))
+        merged.merge(Search(merged.part, request.k, *kept), bounds)
+    if faults:
+        refuse_unusable(joined(faults), len(gallery), "gallery_descriptors", gallery.names)
+    merged.settle(bounds)
+    return merged, bounds
 
 
-def _evaluated(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candidates, float]:
+def _evaluated(
+    gallery: Gallery, request: Request, search: Search, bounds: Floats
+) -> tuple[Candidates, float]:
     """Form clusters of candidates that the search cannot tell apart, and evaluate these.
 
     Also gives the greatest error seen, as a share of its bound. The best candidate of each query
@@ -199,13 +191,12 @@ def _evaluated(gallery: _Gallery, search: Search, bounds: Floats) -> tuple[Candi
     cluster = np.cumsum(opens)
     several = np.bincount(cluster, minlength=1)[cluster] > 1
     doubtful = np.flatnonzero(best | several)
-    query = query + search.part.start
     score, slack = np.zeros(len(query)), np.zeros(len(query))
-    score[doubtful], slack[doubtful] = gallery.scores(query[doubtful], tile[doubtful])
-    exact = gallery.queries.searched(query[doubtful], score[doubtful])
+    score[doubtful], slack[doubtful] = gallery.scores(request, query[doubtful], tile[doubtful])
+    exact = request.queries.searched(query[doubtful], score[doubtful])
     error = np.abs(value[doubtful] - exact) / bound[doubtful]
     score = _with_ties(query, cluster, score, slack)
-    flat = _all_tied(query, cluster, score, len(gallery.rows))
+    flat = _all_tied(query, cluster, score, len(gallery))
     return Candidates(query, tile, cluster, score, flat), float(error.max(initial=0))
 
 
@@ -219,63 +210,57 @@ def _all_tied(query: Ints, cluster: Ints, score: Floats, n_tiles: int) -> Ints:
 
 
 def _exhausted(
-    gallery: _Gallery, crowds: list[Search], bounds: Floats, positives: Positives, batch: int
+    gallery: Gallery, request: Request, search: Search, bounds: Floats, positives: Positives
 ) -> list[Candidates]:
     """Evaluate in float64 every tile that the search could not exclude, some queries at a time.
 
     Gives the first k tiles of each query and, of what ties with them, all positives.
     """
-    columns = [np.flatnonzero(search.crowded) for search in crowds]
-    numbers = [some + search.part.start for some, search in zip(columns, crowds, strict=True)]
-    queries = np.concatenate([np.zeros(0, np.int64), *numbers])
-    kth = [search.kth[some] for some, search in zip(columns, crowds, strict=True)]
-    floors = np.concatenate([np.zeros(0), *kth]) - 2 * bounds[queries]
-    found = []
-    for first in range(0, len(queries), batch):
-        part = slice(first, first + batch)
-        score, slack = _whole_rows(gallery, queries[part], floors[part])
-        found += [
-            _first_of_row(gallery, crowds[0].k, positives, *row)
-            for row in zip(queries[part].tolist(), score, slack, strict=True)
-        ]
+    step = max(1, request.memory_bytes // 8 // (_BYTES_OF_AN_ENTRY * request.block(gallery.rows)))
+    queries = np.flatnonzero(search.crowded)
+    waiting = [queries[start : start + step] for start in range(0, len(queries), step)][::-1]
+    found: list[Candidates] = []
+    while waiting:
+        some = waiting.pop()
+        floors = search.kth[some] - 2 * bounds[some]
+        part = replace(request, queries=request.queries.part(some))
+        crowd = Crowd(part, floors, positives.take(some), len(gallery))
+        scores = _crowd_scores(gallery, crowd)
+        if scores is None:
+            waiting += [some[len(some) // 2 :], some[: len(some) // 2]]
+        else:
+            found += _first_of_crowd(crowd, some, scores)
     return found
 
 
-def _whole_rows(gallery: _Gallery, queries: Ints, floors: Floats) -> tuple[Floats, Floats]:
-    """Similarities (n, G) of queries to all tiles, and their errors; -inf below the floors."""
-    score = np.full((len(queries), len(gallery.rows)), -np.inf)
-    slack = np.zeros_like(score)
-    least = rounded_down(floors)
-    for start, rows, single, norms in gallery.blocks():
-        values = gallery.queries.similarities(queries, single, norms)
-        row, column = np.nonzero(values >= least)
-        # Equal rows, the usual cause of a crowd, count as one.
-        whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))
-        first, same = np.unique(whole[:, 0], return_index=True, return_inverse=True)[1:]
-        pair, back = np.unique(first[same][row] * len(queries) + column, return_inverse=True)
-        one_row, one_column = np.divmod(pair, len(queries))
-        found = gallery.scores(queries[one_column], one_row + start)
-        score[column, row + start], slack[column, row + start] = (part[back] for part in found)
-    return score, slack
+def _crowd_scores(gallery: Gallery, crowd: Crowd) -> Arrays | None:
+    """Evaluate some queries against all shards; None where they have too many tiles together."""
+    n = len(crowd.floors)
+    kept: list[Arrays] = []
+    count = np.zeros(n, np.int64)
+    for found in gallery.map(score_crowd, gallery.shards, crowd, "shards evaluated whole"):
+        if len(found["count"]) < n:
+            return None
+        count += found["count"]
+        kept = [crowd.reduced(joined([*kept, {name: found[name] for name in _CROWD}]))]
+        if n > 1 and len(kept[0]["query"]) > crowd.most:
+            return None
+    return kept[0] | {"count": count}
 
 
-def _first_of_row(
-    gallery: _Gallery, k: int, positives: Positives, query: int, score: Floats, slack: Floats
-) -> Candidates:
-    tile = np.flatnonzero(score > -np.inf)
-    here = np.full(len(tile), query)
-    score = _with_ties(here, here, score[tile], slack[tile])
-    positive = np.isin(tile, positives.of(query))
-    order = np.lexsort((tile, positive, -score))
-    kept = order[(np.arange(len(order)) < k) | positive[order]]
-    flat = len(tile) == len(gallery.rows) and bool((score == score[0]).all())
-    return Candidates(
-        here[kept],
-        tile[kept],
-        np.zeros(len(kept), np.int64),
-        score[kept],
-        here[:1] if flat else here[:0],
-    )
+def _first_of_crowd(crowd: Crowd, queries: Ints, found: Arrays) -> Iterator[Candidates]:
+    order = np.argsort(found["query"], kind="stable")
+    ends = np.searchsorted(found["query"][order], np.arange(1, len(queries)))
+    for row, some in enumerate(np.split(order, ends)):
+        score, flat = found["score"][some], found["count"][row] == crowd.n_tiles
+        here, tile = np.full(len(some), queries[row]), found["tile"][some]
+        score = _with_ties(here, here, score, found["slack"][some])
+        positive = np.isin(tile, crowd.positives.of(row))
+        best = np.lexsort((tile, positive, -score))
+        kept = best[(np.arange(len(best)) < crowd.request.k) | positive[best]]
+        flat &= bool((score == score[:1]).all())
+        cluster = np.zeros(len(kept), np.int64)
+        yield Candidates(here[kept], tile[kept], cluster, score[kept], here[: int(flat)])
 
 
 def _with_ties(query: Ints, cluster: Ints, score: Floats, slack: Floats) -> Floats:

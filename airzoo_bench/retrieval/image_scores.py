@@ -13,6 +13,7 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.retrieval.distance_metrics import dis_at, is_within, sdm_at, top1_distance
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.positions import degrees_apart, distances_of, farthest, metres_apart
+from airzoo_bench.retrieval.scores import recall_at_share_name
 from airzoo_bench.retrieval.settings import DistanceScores, ImageScores
 from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -22,7 +23,6 @@ __all__ = [
     "average_precision_by_trapezoids",
     "image_columns",
     "rank_of_share",
-    "recall_at_share_name",
 ]
 
 
@@ -38,11 +38,6 @@ def rank_of_share(n_tiles: int, share: float) -> int:
     [1, 1, 3, 3, 11, 515]
     """
     return round(n_tiles * share) + 1
-
-
-def recall_at_share_name(share: float) -> str:
-    """Name the score: ``recall@1%``."""
-    return f"recall@{100 * share:g}%"
 
 
 def average_precision_by_trapezoids(hit_ranks: Ints, positives: Positives) -> Floats:

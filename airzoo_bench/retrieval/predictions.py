@@ -17,8 +17,14 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.retrieval.descriptor_rows import RowParts, as_float32
-from airzoo_bench.retrieval.similarity import Metric, check_norms, norms_of
+from airzoo_bench.retrieval.descriptor_rows import Rows, as_float32, rows_of
+from airzoo_bench.retrieval.similarity import (
+    Metric,
+    finite_rows,
+    norms_of,
+    refuse_unusable,
+    unusable,
+)
 
 __all__ = [
     "Descriptors",
@@ -63,7 +69,7 @@ class Descriptors:
 
     queries: NDArray[np.floating[Any]]
     gallery_ids: Texts
-    gallery: NDArray[np.floating[Any]] | RowParts
+    gallery: NDArray[np.floating[Any]] | Rows
 
 
 RetrievalPredictions = QueryPredictions[RankedIds | Descriptors]
@@ -82,8 +88,8 @@ def validation_errors(
         How many ranks the protocol's scores read.
     """
     content = predictions.content
-    where = f"{predictions.path}, field '%s_ids'"
-    checks = [partial(check_ids, predictions.query_ids, where % "query")]
+    where = f"{predictions.path}, field "
+    checks = [partial(check_ids, predictions.query_ids, f"{where}'query_ids'")]
     if isinstance(content, RankedIds):
         checks.append(partial(_check_depth, predictions, content, ranks_needed))
         checks += [
@@ -91,7 +97,7 @@ def validation_errors(
             for check in (_check_gaps, _check_repeats, _check_scores, _check_order)
         ]
     else:
-        checks.append(partial(check_ids, content.gallery_ids, where % "gallery"))
+        checks.append(partial(check_ids, content.gallery_ids, f"{where}'gallery_ids'"))
         checks.append(partial(_check_descriptors, predictions, content))
     yield from errors_of(checks)
 
@@ -236,16 +242,18 @@ def _check_rankable(
     predictions: RetrievalPredictions,
     metric: Metric,
     field: str,
-    rows: NDArray[np.floating[Any]] | RowParts,
+    rows: NDArray[np.floating[Any]] | Rows,
     ids: Texts,
 ) -> None:
     step = max(1, _BLOCK_BYTES // max(1, rows.shape[1] * rows.itemsize))
-    norms = np.empty(len(rows))
-    for start in range(0, len(rows), step):
-        some = rows[start : start + step]
-        norms[start : start + step] = norms_of(some, as_float32(some))
+    faults = [unusable(np.zeros(0), np.isfinite, metric)]
+    for start, some in rows_of(rows).blocks(step):
+        norms = norms_of(some, as_float32(some))
+        found = unusable(norms, partial(finite_rows, some), metric)
+        faults.append({fault: bad + start for fault, bad in found.items()})
+    every = {fault: np.concatenate([one[fault] for one in faults]) for fault in faults[0]}
     try:
-        check_norms(norms, lambda bad: np.isfinite(rows[bad]).all(axis=1), field, metric, ids)
+        refuse_unusable(every, len(rows), field, ids)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
 

@@ -18,10 +18,11 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import RasterInfo, world_to_pixel
+from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
+from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
 from airzoo_bench.retrieval.pairs import Positives
@@ -72,7 +73,10 @@ class PreparedScene:
 
 
 def build_truth(
-    inputs: SceneInputs, gallery: Gallery | ImageGallery, rules: GroundTruth | StatedTruth
+    inputs: SceneInputs,
+    gallery: Gallery | ImageGallery,
+    rules: GroundTruth | StatedTruth,
+    engine: Engine = HERE,
 ) -> PreparedScene:
     """Cut the gallery, cast the footprints, and find which tile answers which photo.
 
@@ -81,6 +85,8 @@ def build_truth(
     inputs : SceneInputs
     gallery, rules : Gallery, GroundTruth
         The protocol's.
+    engine : Engine
+        Where shards of the gallery are searched for positives.
 
     Raises
     ------
@@ -99,7 +105,8 @@ def build_truth(
         if in_map_frame
         else (footprints.lonlat, boxes_of(tiles), boxes_of(dropped))
     )
-    positives, shared = _positives(points, boxes, rules), overlaps(points, boxes)
+    positives = _positives(points, boxes, rules, engine)
+    shared = overlaps(points, boxes, engine)
     answerable = positives.counts > 0
     kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
     rows = np.flatnonzero(kept)
@@ -175,15 +182,17 @@ def _in_pixels(
     info: RasterInfo, lonlat: Floats, tiles: pd.DataFrame, dropped: pd.DataFrame
 ) -> tuple[Floats, Floats, Floats]:
     """Return ground points, and boxes of the tiles kept and dropped, in pixels of the map."""
-    pixels = world_to_pixel(info.transform, from_lonlat(info.crs, lonlat))
+    pixels = to_map_pixels(LONLAT_CRS, info)(lonlat)
     kept, empty = windows_of(tiles).astype(np.float64), windows_of(dropped).astype(np.float64)
     return np.round(pixels, _PIXEL_DECIMALS), kept, empty
 
 
-def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
+def _positives(
+    points: Floats, boxes: Floats, rules: GroundTruth, engine: Engine = HERE
+) -> Positives:
     if rules.iou_above is not None:
-        return positives_from_iou(points, boxes, rules.iou_above)
-    found = positives_from_points(points, boxes)
+        return positives_from_iou(points, boxes, rules.iou_above, engine)
+    found = positives_from_points(points, boxes, engine)
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
 
 

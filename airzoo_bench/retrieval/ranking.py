@@ -8,19 +8,27 @@ gallery ties has no ranking: none of its tiles has a rank, unless all are positi
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Bools, Ints
-from airzoo_bench.retrieval.descriptor_search import Candidates, nearest
+from airzoo_bench.retrieval.candidate_search import Search
+from airzoo_bench.retrieval.descriptor_rows import Rows, rows_of
+from airzoo_bench.retrieval.descriptor_search import Candidates, Gallery, nearest
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
+from airzoo_bench.retrieval.shard_search import Request
 from airzoo_bench.retrieval.similarity import Metric, Names, Queries
 from airzoo_bench.retrieval.ties import Ranking, break_ties, cut_at, without_constant
 
 __all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
+
+_LEAST_QUERIES = 64  # at a time, whatever the memory
+_BYTES_OF_A_CANDIDATE = 64  # query, tile and value, and what sorting them takes
 
 
 def rank_by_ids(
@@ -83,7 +91,7 @@ def rank_by_ids(
 
 def rank_by_descriptors(
     queries: NDArray[np.floating[Any]],
-    gallery: NDArray[np.floating[Any]],
+    gallery: NDArray[np.floating[Any]] | Rows,
     *,
     k: int,
     metric: Metric,
@@ -93,19 +101,20 @@ def rank_by_descriptors(
     jobs: int | None = None,
     names: Names | None = None,
     tile_names: Names | None = None,
+    engine: Engine = HERE,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it.
 
     Similarities are summed in float64 in an order that depends on D alone, so that equal
-    descriptors tie exactly and the result is the same bytes whatever `memory_bytes` and
-    `jobs`. Most of them are never computed: a bound on the error of a float32 search (Higham
+    descriptors tie exactly and the result is the same bytes whatever `memory_bytes`, `jobs` and
+    `engine`. Most of them are never computed: a bound on the error of a float32 search (Higham
     and Mary 2019) excludes them.
 
     Parameters
     ----------
     queries : (Q, D) array
         float16, float32 or float64.
-    gallery : (G, D) array
+    gallery : (G, D) array or Rows
         The same; of an ``np.memmap`` the file is read by blocks, past the map.
     k : int
         How many tiles to rank; a tie that crosses rank k is resolved over all of its tiles.
@@ -115,12 +124,14 @@ def rank_by_descriptors(
     depth : int
         How many ranks the scores look at.
     memory_bytes : int
-        Bound of the working memory, besides the arrays given and the result.
+        Bound of the working memory of each task, besides the arrays given and the result.
     jobs : int, optional
         Threads of the float64 evaluation; by default one a core. (Matrix products take the
         threads of NumPy's BLAS.)
     names, tile_names : sequence of Q, of G, optional
         Names of queries and tiles for messages; their numbers where not given.
+    engine : Engine
+        Where shards of the gallery are searched.
 
     Returns
     -------
@@ -137,16 +148,32 @@ def rank_by_descriptors(
     """
     _check_request(queries, gallery, k, metric, positives, depth, jobs)
     prepared = Queries.of(queries, metric, names)
-    candidates = nearest(
-        prepared,
-        gallery,
-        min(max(k, depth), max(len(gallery), 1)),
-        positives,
-        memory_bytes=memory_bytes,
-        jobs=jobs or os.cpu_count() or 1,
-        names=tile_names,
+    sought = min(max(k, depth), max(len(gallery), 1))
+    parts = _query_parts(prepared, sought, memory_bytes)
+    request = Request(prepared.part(parts[0]), sought, memory_bytes, jobs or os.cpu_count() or 1)
+    shards = Gallery.of(rows_of(gallery), len(request.queries), engine, tile_names)
+    if shards.points_one_way(request):
+        none = np.zeros(0, np.int64)
+        constant = Candidates(none, none, none, np.zeros(0), np.arange(len(queries)))
+        return _ordered(constant, positives, len(gallery), k, depth)
+    rankings = []
+    for part in parts:
+        some = positives.take(np.arange(part.start, part.stop))
+        asked = replace(request, queries=prepared.part(part))
+        found = nearest(shards, asked, some)
+        rankings.append(_ordered(found, some, len(gallery), k, depth))
+    return Ranking(
+        np.concatenate([one.tiles for one in rankings]),
+        np.concatenate([one.tie_dependent for one in rankings]),
     )
-    return _ordered(candidates, positives, len(gallery), k, depth)
+
+
+def _query_parts(queries: Queries, k: int, memory_bytes: int) -> list[slice]:
+    """Cut the queries into parts whose descriptors and candidates fit the memory of a task."""
+    one = 2 * queries.rows.shape[1] * (queries.rows.itemsize + queries.single.itemsize)
+    one += _BYTES_OF_A_CANDIDATE * Search.most(k)
+    n, step = len(queries), max(_LEAST_QUERIES, memory_bytes // 2 // one)
+    return [slice(start, min(start + step, n)) for start in range(0, max(1, n), step)]
 
 
 def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, depth: int) -> Ranking:
@@ -178,7 +205,7 @@ def _steps_into_run(tied: Bools, n: int) -> Ints:
 
 def _check_request(
     queries: NDArray[Any],
-    gallery: NDArray[Any],
+    gallery: NDArray[Any] | Rows,
     k: int,
     metric: str,
     positives: Positives,

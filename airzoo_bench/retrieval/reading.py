@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.prediction_files import Fields, read_fields
-from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, texts
+from airzoo_bench.formats.arrays import (
+    Arrays,
+    check_length,
+    fields_file,
+    numbers,
+    open_arrays,
+    texts,
+)
+from airzoo_bench.retrieval.gallery_shards import ShardedArrays
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 
 __all__ = ["read_retrieval"]
@@ -24,7 +32,7 @@ def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
     Parameters
     ----------
     path : Path
-        ``.npz`` or ``.parquet``.
+        ``.npz``, ``.parquet``, or a folder with the gallery in shards.
     limit_bytes : int
         The most memory that the file's arrays may take together.
 
@@ -33,6 +41,8 @@ def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
     PredictionError
         Another kind of file, a field is missing, or has a wrong type or shape.
     """
+    if fields_file(path) != path:
+        return read_fields(ShardedArrays(path, limit_bytes), _FORMS, _EXPECTED)
     return read_fields(open_arrays(path, limit_bytes, _COLUMNS), _FORMS, _EXPECTED)
 
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.ids import scene_of, with_endings
+from airzoo_bench.core.ids import rows_among, scene_of, with_endings
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.retrieval.descriptor_rows import RowParts
+from airzoo_bench.retrieval.descriptor_rows import Rows, rows_of
 from airzoo_bench.retrieval.pairs import Positives, hit_matrix, offsets_of
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
@@ -27,6 +26,11 @@ from airzoo_bench.retrieval.truth import RetrievalTruth
 __all__ = ["Asked", "rank_scene"]
 
 _CELLS = 1 << 20  # ranks at a time
+
+_ALL_SCENES = (
+    "describe all tiles of tiles.parquet, of each scene; where each was run by itself, name the "
+    "folder that holds all runs"
+)
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ def _without_lists(ranking: Ranking, asked: Asked, cut: int, n_tiles: int) -> Ra
 
 def _rank_described(
     described: Descriptors,
-    gallery: NDArray[np.floating[Any]],
+    gallery: Rows,
     truth: RetrievalTruth,
     kept: int,
     depth: int,
@@ -132,6 +136,7 @@ def _rank_described(
         jobs=resources.jobs,
         names=asked.names,
         tile_names=truth.tiles["id"].to_numpy(),
+        engine=resources.engine,
     )
 
 
@@ -167,9 +172,7 @@ def _ranks_that_matter(ids: NDArray[np.str_], scores: Floats | None, kept: int) 
 def _tile_indices(
     truth: RetrievalTruth, ids: NDArray[np.str_], names: NDArray[np.str_]
 ) -> NDArray[np.int32]:
-    import pandas as pd
-
-    found = pd.Index(truth.tiles["id"]).get_indexer(pd.Index(ids.ravel())).reshape(ids.shape)
+    found = rows_among(ids.ravel(), truth.tiles["id"].to_numpy(str)).reshape(ids.shape)
     strange = (found < 0) & (ids != "")
     rows = np.flatnonzero(strange.any(axis=1))
     if rows.size:
@@ -201,31 +204,25 @@ def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
     return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
 
 
-def _scene_gallery(
-    described: Descriptors, truth: RetrievalTruth, memory_bytes: int
-) -> NDArray[np.floating[Any]]:
+def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: int) -> Rows:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
-    rows = _gallery_rows(described, truth)
+    rows, gallery = _gallery_rows(described, truth), rows_of(described.gallery)
     if (np.diff(rows) == 1).all():
-        return _slice(described.gallery, int(rows[0]), len(rows))
-    needed = len(rows) * described.gallery.shape[1] * described.gallery.itemsize
-    if isinstance(described.gallery, np.memmap | RowParts) and needed > memory_bytes:
+        return gallery.part(int(rows[0]), int(rows[0]) + len(rows))
+    needed = len(rows) * gallery.shape[1] * gallery.itemsize
+    if gallery.by_reference and needed > memory_bytes:
         raise PredictionError(
             f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
             f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
             where="field 'gallery_descriptors'",
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
-    return described.gallery[rows]
+    return rows_of(gallery.take(rows))
 
 
 def _gallery_rows(described: Descriptors, truth: RetrievalTruth) -> NDArray[np.intp]:
     """Return the row of the descriptors for each tile of the scene."""
-    import pandas as pd
-
-    rows: NDArray[np.intp] = pd.Index(described.gallery_ids).get_indexer(
-        pd.Index(truth.tiles["id"])
-    )
+    rows = rows_among(truth.tiles["id"].to_numpy(str), described.gallery_ids)
     lacking = truth.tiles["id"].to_numpy()[rows < 0]
     if lacking.size:
         raise PredictionError(
@@ -234,7 +231,7 @@ def _gallery_rows(described: Descriptors, truth: RetrievalTruth) -> NDArray[np.i
             + _meant(str(lacking[0]), described.gallery_ids, truth),
             where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
-            fix="describe all tiles of tiles.parquet",
+            fix=_ALL_SCENES if lacking.size == len(rows) else "describe all tiles of tiles.parquet",
         )
     return rows
 
@@ -244,15 +241,3 @@ def _meant(lacking: str, given: NDArray[np.str_], truth: RetrievalTruth) -> str:
     strange = given[~np.isin(given, truth.tiles["id"].to_numpy(str))]
     near = nearest(lacking, strange.tolist(), 1)
     return near.replace("did you mean", "it has") if near else ""
-
-
-def _slice(gallery: NDArray[Any] | RowParts, start: int, count: int) -> NDArray[Any]:
-    if isinstance(gallery, RowParts):
-        part = gallery.whole(start, count)
-        return gallery[start : start + count] if part is None else _slice(*part, count)
-    if not isinstance(gallery, np.memmap):
-        return gallery[start : start + count]
-    # A slice of a map keeps its parent's offset; a new map says truly where its bytes begin.
-    width = gallery.shape[1]
-    offset = gallery.offset + start * width * gallery.itemsize
-    return np.memmap(str(gallery.filename), gallery.dtype, "r", offset, (count, width))

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.image_scores import recall_at_share_name
 from airzoo_bench.retrieval.settings import ApVariant, ImageScores, RetrievalScores
 
 __all__ = [
@@ -16,6 +15,7 @@ __all__ = [
     "RECORDED",
     "ap_name",
     "hit_columns",
+    "recall_at_share_name",
     "retrieval_scores",
 ]
 
@@ -39,6 +39,11 @@ def ap_name(k: int, variant: str) -> str:
     return f"ap@{k}" if variant == "precision" else f"ap@{k}/{variant}"
 
 
+def recall_at_share_name(share: float) -> str:
+    """Name the score: ``recall@1%``."""
+    return f"recall@{100 * share:g}%"
+
+
 def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
     """Return the scores that a protocol asks for, the paper's first.
 
@@ -53,32 +58,32 @@ def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
 def _image_scores(settings: ImageScores) -> list[Score]:
     ap, other = ("ap/trapezoid", "map") if settings.ap == "trapezoid" else ("map", "ap/trapezoid")
     share = recall_at_share_name(settings.recall_at_share)
-    scores = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
-    scores.append(_share(share, share.replace("recall", "R"), headline=True))
-    scores.append(_share(ap, "AP", headline=True))
+    scores = [Score.share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    scores.append(Score.share(share, share.replace("recall", "R"), headline=True))
+    scores.append(Score.share(ap, "AP", headline=True))
     near = settings.distances
     if near is not None:
-        scores += [_share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
+        scores += [Score.share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
         scores += [
             Score(f"dis@{k}", f"Dis@{k}", "m", False, "mean", headline=True) for k in near.dis_at
         ]
-        scores += [_share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
+        scores += [Score.share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
     names = {"map": "mAP", "ap/trapezoid": "AP/trapezoid"}
-    return [*scores, _share(other, names[other]), _share("mrr", "MRR")]
+    return [*scores, Score.share(other, names[other]), Score.share("mrr", "MRR")]
 
 
 def _tile_scores(settings: RetrievalScores) -> list[Score]:
-    headline = [_share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    headline = [Score.share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     ap = ap_name(settings.ap_at, settings.ap)
-    headline.append(_share(ap, ap.replace("ap", "AP"), headline=True))
+    headline.append(Score.share(ap, ap.replace("ap", "AP"), headline=True))
     others = [ap_name(settings.ap_at, variant) for variant in AP_VARIANTS]
-    beyond = [_share(name, name.replace("ap", "AP")) for name in others if name != ap]
-    beyond += [_share("map", "mAP"), _share("mrr", "MRR")]
-    beyond += [_share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at]
+    beyond = [Score.share(name, name.replace("ap", "AP")) for name in others if name != ap]
+    beyond += [Score.share("map", "mAP"), Score.share("mrr", "MRR")]
+    beyond += [Score.share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at]
     beyond.append(Score("distance_m", "Distance", "m", higher_is_better=False, average="median"))
-    beyond += [_share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m]
-    beyond += [_share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at]
-    beyond += [_share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at]
+    beyond += [Score.share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m]
+    beyond += [Score.share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at]
+    beyond += [Score.share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at]
     return headline + beyond
 
 
@@ -113,7 +118,3 @@ def hit_columns(
     columns["map"] = metrics.average_precision(hits, n_positives)
     columns["mrr"] = metrics.reciprocal_rank(hits)
     return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}
-
-
-def _share(column: str, title: str, *, headline: bool = False) -> Score:
-    return Score(column, title, "share", higher_is_better=True, average="mean", headline=headline)

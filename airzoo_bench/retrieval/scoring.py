@@ -29,6 +29,8 @@ def score_scene(
     ranking: Ranking,
     answered: Bools,
     settings: RetrievalScores | ImageScores,
+    *,
+    jobs: int = 1,
 ) -> pd.DataFrame:
     """Score every query of a scene.
 
@@ -42,6 +44,8 @@ def score_scene(
         Whether the predictions have the query.
     settings : RetrievalScores or ImageScores
         The protocol's.
+    jobs : int
+        Threads; the scores do not depend on it.
 
     Returns
     -------
@@ -55,7 +59,7 @@ def score_scene(
     )
     columns: dict[str, Any] = {
         "scene": truth.scene,
-        "query": truth.queries["id"].to_numpy(),
+        "query": truth.queries["id"].array,
         "answered": answered,
         "positives": truth.positives.counts,
         "tie_dependent": ranking.tie_dependent,
@@ -73,16 +77,16 @@ def score_scene(
             ap_at={settings.ap_at: AP_VARIANTS},
             ndcg_at=settings.ndcg_at,
         )
-        columns |= _distance_scores(truth, ranking, settings)
+        columns |= _distance_scores(truth, ranking, settings, jobs)
     return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
 
 
 def _distance_scores(
-    truth: RetrievalTruth, ranking: Ranking, settings: RetrievalScores
+    truth: RetrievalTruth, ranking: Ranking, settings: RetrievalScores, jobs: int
 ) -> dict[str, Floats]:
     depth = max(1, *settings.sdm_at, *settings.pdm_at)
     tiles = ranking.tiles[:, :depth]
-    distances = _distances(truth, tiles)
+    distances = _distances(truth, tiles, jobs)
     sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
     first = top1_distance(distances)
     scores = {"distance_m": first}
@@ -99,22 +103,24 @@ def _distance_scores(
     return scores
 
 
-def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32]) -> Floats:
+def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32], jobs: int) -> Floats:
     """Return metres from footprint centre to tile centre; infinite where either is missing."""
     boxes = truth.boxes
     centres = (boxes[:, :2] + boxes[:, 2:]) / 2
     queries = np.repeat(truth.footprint_centres[:, None], tiles.shape[1], axis=1)
     there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
     distances = np.full(tiles.shape, np.inf)
-    distances[there] = geodesic_distance_m(queries[there], centres[tiles[there]])
+    distances[there] = geodesic_distance_m(queries[there], centres[tiles[there]], jobs=jobs)
     return distances
 
 
 def _ranked_tiles(truth: RetrievalTruth, ranking: Ranking, depth: int) -> dict[str, Any]:
     """Return how many tiles each list has, and the ids of the first, empty beyond its end."""
-    ids = np.append(truth.tiles["id"].to_numpy(object), "")
+    import pandas as pd
+
+    ids = pd.array([*truth.tiles["id"], ""], dtype="str")
     tiles = np.full((len(ranking.tiles), depth), -1, np.int32)
     given = ranking.tiles[:, :depth]
     tiles[:, : given.shape[1]] = given
     ranked = (ranking.tiles >= 0).sum(axis=1)
-    return {"ranked": ranked} | {f"tile@{k + 1}": ids[tiles[:, k]] for k in range(depth)}
+    return {"ranked": ranked} | {f"tile@{k + 1}": ids.take(tiles[:, k]) for k in range(depth)}

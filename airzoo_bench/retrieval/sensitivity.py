@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,9 +31,6 @@ from airzoo_bench.retrieval.settings import (
     RetrievalScores,
 )
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["sensitivity"]
 

@@ -7,7 +7,7 @@ so takes q.g - |g|^2 / 2.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -17,18 +17,20 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.descriptor_rows import RowSource, as_float32
+from airzoo_bench.retrieval.descriptor_rows import as_float32
 
 __all__ = [
     "Metric",
     "Names",
     "Queries",
     "check_norms",
+    "finite_rows",
+    "normalised",
     "norms_of",
-    "points_one_way",
+    "refuse_unusable",
     "roundoff",
     "similarity",
-    "usable",
+    "unusable",
 ]
 
 Metric = Literal["l2", "cosine", "inner_product"]
@@ -54,7 +56,7 @@ def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
         apart = queries - gallery
         return -_dot(apart, apart) / 2
     if metric == "cosine":
-        queries, gallery = _normalised(queries), _normalised(gallery)
+        queries, gallery = normalised(queries), normalised(gallery)
     return _dot(queries, gallery)
 
 
@@ -105,7 +107,8 @@ def _euclidean(rows: NDArray[Any]) -> Floats:
         return np.asarray(np.ldexp(np.sqrt(_dot(scaled, scaled)), exponents))
 
 
-def _normalised(rows: NDArray[Any]) -> Floats:
+def normalised(rows: NDArray[Any]) -> Floats:
+    """Divide rows by their norms."""
     scaled, _ = _scaled(rows)
     return np.asarray(scaled / np.sqrt(_dot(scaled, scaled))[:, None])
 
@@ -143,7 +146,7 @@ class Queries:
             norms[start : start + _FEW] = _euclidean(rows[start : start + _FEW])
         check_norms(
             norms,
-            lambda some: np.isfinite(rows[some]).all(axis=1),
+            partial(finite_rows, rows),
             "query_descriptors",
             metric,
             names,
@@ -153,8 +156,17 @@ class Queries:
         single = np.empty(rows.shape, np.float32)
         for start in range(0, len(rows), _FEW):
             part = slice(start, start + _FEW)
-            single[part] = _normalised(rows[part])
+            single[part] = normalised(rows[part])
         return cls(rows, metric, single, np.ones(len(rows)))
+
+    def __len__(self) -> int:
+        return len(self.norms)
+
+    def part(self, some: slice | Ints) -> Queries:
+        """Return some of them."""
+        rows, norms = self.rows[some], self.norms[some]
+        single = rows if self.rows is self.single else self.single[some]
+        return Queries(rows, self.metric, single, norms)
 
     def similarities(
         self, part: slice | Ints, gallery: NDArray[np.float32], norms: Floats
@@ -204,9 +216,45 @@ def norms_of(rows: NDArray[Any], single: NDArray[np.float32]) -> Floats:
     return norms
 
 
-def usable(norms: Floats, metric: Metric) -> bool:
-    """Whether descriptors of these norms can be ranked."""
-    return bool((norms <= _MAX_NORM).all() and (metric != "cosine" or (norms > 0).all()))
+def unusable(norms: Floats, finite: Callable[[Ints], Bools], metric: Metric) -> dict[str, Ints]:
+    """Find the rows that cannot be ranked; parameters as of :func:`check_norms`.
+
+    Returns
+    -------
+    dict of str to int64 array
+        Row numbers: ``wild`` (NaN, infinite, or of a norm beyond 1e18), those of them that are
+        ``broken`` (not finite), and under cosine ``zero``.
+    """
+    wild = np.flatnonzero(~(norms <= _MAX_NORM))
+    zero = np.flatnonzero(norms == 0) if metric == "cosine" else wild[:0]
+    broken = wild[~finite(wild)] if len(wild) else wild
+    return {"wild": wild, "broken": broken, "zero": zero}
+
+
+def finite_rows(rows: NDArray[Any], some: Ints) -> Bools:
+    """Tell whether all numbers of each of some rows are finite."""
+    finite: Bools = np.isfinite(rows[some]).all(axis=1)
+    return finite
+
+
+def refuse_unusable(
+    found: Mapping[str, Ints], total: int, which: str, names: Names | None = None
+) -> None:
+    """Refuse rows that :func:`unusable` found, of `total`; see :func:`check_norms`."""
+    for fault, what, expected in (
+        ("broken", "NaN or infinite descriptors", "finite numbers"),
+        ("wild", "descriptors too large to rank", "norms up to 1e18"),
+        ("zero", "descriptors of zero", "a direction, to take its cosine"),
+    ):
+        if len(found[fault]):
+            named = [f"row {row}" if names is None else names[row] for row in found[fault]]
+            raise PredictionError(
+                f"{what}: {first_of(named, total)}",
+                where=f"field '{which}'",
+                expected=expected,
+                fix="export these descriptors again, and look for a division by zero or half "
+                "precision",
+            )
 
 
 def check_norms(
@@ -234,65 +282,4 @@ def check_norms(
     PredictionError
         Where descriptors are NaN or infinite, have a norm beyond 1e18, or are zero under cosine.
     """
-    refusal = partial(_refusal, total=len(norms), which=which, names=names)
-    wild = np.flatnonzero(~(norms <= _MAX_NORM))
-    if len(wild):
-        bad = wild[~finite(wild)]
-        if len(bad):
-            raise refusal("NaN or infinite descriptors", bad, "finite numbers")
-        raise refusal("descriptors too large to rank", wild, "norms up to 1e18")
-    zero = np.flatnonzero(norms == 0)
-    if metric == "cosine" and len(zero):
-        raise refusal("descriptors of zero", zero, "a direction, to take its cosine")
-
-
-def _refusal(
-    what: str, rows: Ints, expected: str, *, total: int, which: str, names: Names | None
-) -> PredictionError:
-    named = [f"row {row}" if names is None else names[row] for row in rows]
-    return PredictionError(
-        f"{what}: {first_of(named, total)}",
-        where=f"field '{which}'",
-        expected=expected,
-        fix="export these descriptors again, and look for a division by zero or half precision",
-    )
-
-
-def points_one_way(gallery: RowSource, metric: Metric, step: int) -> bool:
-    """Whether all rows are the same, or under cosine multiples of one as far as they are stored.
-
-    Rounding in storage turns multiples a little, so that any ranking of them is one of rounding
-    errors.
-
-    Parameters
-    ----------
-    gallery : RowSource
-        Where a row is not usable, the answer is False.
-    metric : Metric
-    step : int
-        Rows at a time.
-    """
-    if len(gallery) < 2 or not gallery.array.shape[1]:
-        return False
-    first = _direction(gallery.read(0, 1).copy(), metric)
-    for _, rows in gallery.blocks(step):
-        if not usable(norms_of(rows, as_float32(rows)), metric):
-            return False
-        near = _storage_error(rows, first) if metric == "cosine" else 0.0
-        if not (np.abs(_direction(rows, metric) - first) <= near).all():
-            return False
-    return True
-
-
-def _direction(rows: NDArray[Any], metric: Metric) -> Floats:
-    if metric != "cosine":
-        return rows.astype(np.float64)
-    with np.errstate(all="ignore"):  # what is not finite is near nothing, and refused elsewhere
-        return _normalised(rows)
-
-
-def _storage_error(rows: NDArray[Any], direction: Floats) -> Floats:
-    """How far storage may have turned rows (n, D) away from a direction (1, D)."""
-    stored = np.finfo(rows.dtype)
-    lost = float(stored.smallest_subnormal) / np.abs(rows).max(axis=1, keepdims=True)
-    return np.asarray(4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64))
+    refuse_unusable(unusable(norms, finite, metric), len(norms), which, names)

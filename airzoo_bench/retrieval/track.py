@@ -7,33 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.query_track import QueryTrack
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score
-from airzoo_bench.retrieval.baseline import VLAD
-from airzoo_bench.retrieval.chance import chance_level
-from airzoo_bench.retrieval.notes import retrieval_notes
-from airzoo_bench.retrieval.predictions import (
-    RetrievalPredictions,
-    deep_validation_errors,
-    validation_errors,
-)
-from airzoo_bench.retrieval.questions import scene_truth
-from airzoo_bench.retrieval.reading import read_retrieval
-from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_scene
-from airzoo_bench.retrieval.scores import RECORDED, retrieval_scores
-from airzoo_bench.retrieval.scoring import score_scene
-from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.baseline_settings import VLAD
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
+    from numpy.typing import NDArray
+
+    from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.results.result import Reference
+    from airzoo_bench.results.scores import Score
+    from airzoo_bench.retrieval.predictions import RetrievalPredictions
+    from airzoo_bench.retrieval.scene_predictions import ScenePredictions
+    from airzoo_bench.retrieval.settings import RetrievalProtocol
+    from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["TRACK", "RetrievalTrack"]
 
@@ -48,16 +38,18 @@ class _ScoredScene:
 
 class RetrievalTrack(
     QueryTrack[
-        RetrievalProtocol, RetrievalPredictions, RetrievalTruth, ScenePredictions, _ScoredScene
+        "RetrievalProtocol",
+        "RetrievalPredictions",
+        "RetrievalTruth",
+        "ScenePredictions",
+        _ScoredScene,
     ]
 ):
     """Aerial image retrieval; see `Track`."""
 
     name = "retrieval"
-    recorded = RECORDED
     summary = "Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."
-    protocol = RetrievalProtocol
-    kinds = ".npz or .parquet"
+    kinds = ".npz, .parquet, or a folder with predictions.npz and gallery/"
     suffixes = (".npz", ".parquet")
     argument = "An .npz or .parquet prediction file."
     example = "preds.npz --out results/mymethod"
@@ -65,14 +57,32 @@ class RetrievalTrack(
     baseline = VLAD
     template_kinds = ("ranked-ids", "descriptors")
 
+    @property
+    def protocol(self) -> type[RetrievalProtocol]:
+        """See `Track.protocol`."""
+        from airzoo_bench.retrieval.settings import RetrievalProtocol
+
+        return RetrievalProtocol
+
+    @property
+    def recorded(self) -> frozenset[str]:
+        """See `Track.recorded`."""
+        from airzoo_bench.retrieval.scores import RECORDED
+
+        return RECORDED
+
     def read(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
         """See `read_retrieval`."""
+        from airzoo_bench.retrieval.reading import read_retrieval
+
         return read_retrieval(path, memory_bytes)
 
     def validation_errors(
         self, predictions: RetrievalPredictions, protocol: RetrievalProtocol, *, thorough: bool
     ) -> Iterator[PredictionError]:
         """See `predictions.validation_errors` and `predictions.deep_validation_errors`."""
+        from airzoo_bench.retrieval.predictions import deep_validation_errors, validation_errors
+
         scores = protocol.scores
         yield from validation_errors(predictions, scores.depth)
         if thorough:
@@ -81,6 +91,8 @@ class RetrievalTrack(
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
         """See `questions.scene_truth`."""
+        from airzoo_bench.retrieval.questions import scene_truth
+
         return scene_truth(benchmark, scene)
 
     def match_scene(
@@ -92,6 +104,8 @@ class RetrievalTrack(
         resources: Resources,
     ) -> ScenePredictions:
         """See `match_scene`."""
+        from airzoo_bench.retrieval.scene_predictions import match_scene
+
         return match_scene(predictions, truth, rows, protocol.scores, resources)
 
     def score(
@@ -102,11 +116,21 @@ class RetrievalTrack(
         resources: Resources,
     ) -> _ScoredScene:
         """See `score_scene`."""
-        records = score_scene(truth, predicted.ranking, predicted.answered, protocol.scores)
+        from airzoo_bench.retrieval.scoring import score_scene
+
+        records = score_scene(
+            truth,
+            predicted.ranking,
+            predicted.answered,
+            protocol.scores,
+            jobs=resources.jobs,
+        )
         return _ScoredScene(records, predicted.counts)
 
     def scores(self, protocol: RetrievalProtocol, scored: Sequence[_ScoredScene]) -> list[Score]:
         """See `retrieval_scores`."""
+        from airzoo_bench.retrieval.scores import retrieval_scores
+
         return retrieval_scores(protocol.scores)
 
     def kind(self, predictions: RetrievalPredictions, scored: Sequence[_ScoredScene]) -> str:
@@ -122,12 +146,16 @@ class RetrievalTrack(
         scored: Sequence[_ScoredScene],
     ) -> list[str]:
         """See `retrieval_notes`."""
+        from airzoo_bench.retrieval.notes import retrieval_notes
+
         return retrieval_notes(predictions, scene_predictions, protocol)
 
     def references(
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
     ) -> dict[str, Reference]:
         """Return what tiles in random order score."""
+        from airzoo_bench.retrieval.chance import chance_level
+
         return {"Chance level": chance_level(truths, protocol.scores)}
 
     def template(
@@ -138,6 +166,8 @@ class RetrievalTrack(
         seed: int,
     ) -> dict[str, NDArray[Any]]:
         """Return random lists, or random descriptors."""
+        import numpy as np
+
         random = np.random.default_rng(seed)
         queries = np.concatenate([truth.queries["id"].to_numpy(str) for truth in truths])
         if kind == "ranked-ids":
@@ -154,6 +184,9 @@ class RetrievalTrack(
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
     ) -> str | None:
         """Say what random tiles score, unless the truth is sealed."""
+        from airzoo_bench.retrieval.chance import chance_level
+        from airzoo_bench.retrieval.scores import retrieval_scores
+
         if not any(truth.positives.tiles.size for truth in truths):
             return None
         level = chance_level(truths, protocol.scores).overall
@@ -170,6 +203,8 @@ def _random_lists(
     truths: Sequence[RetrievalTruth], protocol: RetrievalProtocol, random: np.random.Generator
 ) -> NDArray[np.str_]:
     """Rank tiles at random for every query; lists of a small gallery end with empty ids."""
+    import numpy as np
+
     ranks = protocol.scores.ranks_kept
     lists = []
     for truth in truths:

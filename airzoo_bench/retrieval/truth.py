@@ -131,7 +131,7 @@ class RetrievalTruth:
         """SHA-256 over all that a score is computed from."""
         digest = hashlib.sha256()
         for ids in (self.queries["id"], self.tiles["id"]):
-            digest.update("\n".join(ids).encode() + b"\0")
+            digest.update("\n".join(ids.to_numpy(object)).encode() + b"\0")
         geometry: tuple[Floats, ...] = self.positions or ()
         if not self.of_images:
             sizes = self.tiles["size_m"].to_numpy(np.float64)
@@ -192,7 +192,7 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
     tiles = read_tiles(home)
     footprints = _read_footprints(home / "footprints.csv", tiles)
     dropped = read_tile_table(home / "dropped_tiles.csv")
-    if footprints["id"].tolist() != queries["id"].tolist():
+    if not footprints["id"].array.equals(queries["id"].array):
         raise BenchmarkError(
             "the footprints are not those of queries.csv",
             where=home / "footprints.csv",

@@ -20,6 +20,7 @@ __all__ = [
     "notes_by_reason",
     "resampled",
     "score_cell",
+    "score_texts",
     "score_title",
     "units_note",
 ]
@@ -58,6 +59,11 @@ def score_cell(score: ScoreColumn, value: float | None, interval: Interval | Non
         return Cell(as_shown(score, value))
     limits = Between(as_shown(score, interval.low), as_shown(score, interval.high))
     return Cell(as_shown(score, value), uncertainty=limits)
+
+
+def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]:
+    """Write values of a score as tables do."""
+    return ["–" if v is None else show_number(as_shown(score, float(v)), 2) for v in values]
 
 
 def noise_floor_note(floors: Mapping[ScoreColumn, float | None]) -> list[str]:

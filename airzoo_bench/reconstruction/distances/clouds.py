@@ -1,40 +1,58 @@
-"""Exact distances between two clouds, in memory where they fit, in blocks on disk where not.
+"""Exact distances between two clouds, in memory where they fit, in tiles on disk where not.
 
-In blocks, both clouds are written to disk in cells (`spill`). The points of a cell are compared
-with the other cloud's points of the same cell; what this finds bounds their distances. A point
-whose bound reaches into the box of another block is first compared with a sample of the whole other
-cloud, which tightens bounds of points that are alone in their cell, and where its bound still
-reaches, against that block. No halo is guessed, nothing is searched twice, and far points cost no
-more than the blocks that their bounds reach. The least over blocks of the least in each block is
-the least of all, so the distances are those of `neighbours`, to the last bit.
+In tiles, both clouds are written to disk in cells (`spill`); a task is a tile of some cells
+(`tiles`), done wherever the engine does it. The distances are those of `neighbours`, to the last
+bit, whatever the tiles.
 """
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.formats.clouds.cloud import CloudSource
-from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.reconstruction.cloud_sources import EvenSample, concatenated, finite_pieces
-from airzoo_bench.reconstruction.distances.boxes import (
-    bound_squared,
-    gap_squared,
-    gather,
-    morton_order,
+from airzoo_bench.core.progress import Progress, shown, silent
+from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.formats.clouds.cloud import CloudSource, Shard, shards_of
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction.cloud_sources import (
+    EvenSample,
+    InMemoryCloud,
+    Sampled,
+    concatenated,
+    finite_pieces,
 )
-from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
-from airzoo_bench.reconstruction.distances.spill import Block, Spill, cells_of, spilled
+from airzoo_bench.reconstruction.distances.boxes import gather, morton_order
+from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
+from airzoo_bench.reconstruction.distances.spill import (
+    Cells,
+    Runs,
+    SpilledCloud,
+    cells_of,
+    spill_folder,
+    spilled,
+    write_part,
+)
+from airzoo_bench.reconstruction.distances.tiles import (
+    Side,
+    Sides,
+    Tile,
+    tile_distances,
+    tiles_of,
+)
 
 __all__ = ["CloudDistances", "block_distances", "cloud_distances"]
 
 _SAMPLE = 1 << 17
-_RUN = 1 << 10
-_PAIRS = 1 << 21
+_BOUNDING = 1 << 15
+_PIECE = 1 << 18
+# Points of each cloud that are about a second of work, and 100 MB of memory.
+_TILE = 1 << 19
+_CELLS = 8  # of a tile; neighbours of other tiles are read cell by cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +77,7 @@ def cloud_distances(
     *,
     block_points: int,
     jobs: int,
+    engine: Engine = HERE,
     progress: Progress = silent,
 ) -> CloudDistances:
     """Exact nearest distances between two clouds, both ways.
@@ -71,7 +90,9 @@ def cloud_distances(
         Two clouds of at most this many points are held in memory; larger ones are cut into blocks
         of about this size. The distances do not depend on it.
     jobs : int
-        Threads, at least 1; the distances do not depend on it.
+        Threads of a task, at least 1; the distances do not depend on it.
+    engine : Engine
+        Where tiles are done. One that cuts them has temporary files in sight of its workers.
     progress : Progress
 
     Raises
@@ -81,23 +102,37 @@ def cloud_distances(
     UserError
         Temporary files cannot be written; what the sources raise.
     """
-    if max(prediction.count, truth.count) <= block_points:
+    most = max(prediction.count, truth.count)
+    in_shards = len(shards_of(prediction)) > 1 and len(shards_of(truth)) > 1
+    if most > block_points or (in_shards and len(engine.cut(most, _TILE)) > 1):
+        _require_truth(_any(truth, block_points))
+        if not _any(prediction, block_points):
+            points = sum(map(len, finite_pieces(truth, block_points)))
+            return CloudDistances(np.zeros(0), np.full(points, np.inf))
+    else:
+        # Small clouds are read once, and cut only where there are others to help.
         predicted, true = (
             concatenated(finite_pieces(cloud, block_points)) for cloud in (prediction, truth)
         )
         _require_truth(len(true) > 0)
-        return CloudDistances(*mutual_distances(predicted, true, jobs=jobs))
-    _require_truth(_any(truth, block_points))
-    if not _any(prediction, block_points):
-        points = sum(map(len, finite_pieces(truth, block_points)))
-        return CloudDistances(np.zeros(0), np.full(points, np.inf))
+        most = max(len(predicted), len(true))
+        if not len(predicted) or len(engine.cut(most, _TILE)) == 1:
+            measure = partial(mutual_distances, predicted, true, jobs=jobs)
+            return CloudDistances(*shown(measure, "distances", progress))
+        prediction, truth = InMemoryCloud(predicted), InMemoryCloud(true)
     return block_distances(
-        prediction, truth, block_points=block_points, jobs=jobs, progress=progress
+        prediction,
+        truth,
+        block_points=block_points,
+        jobs=jobs,
+        engine=engine,
+        progress=progress,
     )
 
 
 def _any(cloud: CloudSource, points: int) -> bool:
-    return any(len(piece) for piece in finite_pieces(cloud, points))
+    known = isinstance(cloud, Sampled) and len(cloud.sample) > 0
+    return known or any(len(piece) for piece in finite_pieces(cloud, points))
 
 
 def _require_truth(there: bool) -> None:
@@ -115,126 +150,86 @@ def block_distances(
     *,
     block_points: int,
     jobs: int,
+    engine: Engine = HERE,
     progress: Progress = silent,
 ) -> CloudDistances:
-    """Nearest distances both ways, in memory that holds the distances and a few blocks.
+    """Nearest distances both ways, in memory that holds the distances and a tile of both clouds.
 
     Parameters and errors are those of `cloud_distances`; both clouds have a finite point. Temporary
     files take 32 bytes a point where the system keeps such files.
     """
     clouds = prediction, truth
     samples = [_sample(cloud, block_points) for cloud in clouds]
-    most = max(prediction.count, truth.count)
-    cells = cells_of(np.concatenate(samples), -(-most // block_points))
-    with ExitStack() as stack:
-        one, other = (
-            stack.enter_context(
-                spilled(finite_pieces(cloud, block_points), cells, most=2 * block_points)
-            )
-            for cloud in clouds
-        )
-        ways = ((one, other, samples[1]), (other, one, samples[0]))
-        return CloudDistances(
-            *(
-                _Search(others, sample, jobs, 2 * block_points).distances(points, progress)
-                for points, others, sample in ways
-            )
-        )
+    most = max(cloud.count for cloud in clouds)
+    tile_points = min(block_points, -(-most // len(engine.cut(most, _TILE))))
+    cells = cells_of(np.concatenate(samples), _CELLS * -(-most // tile_points))
+    spilling = _Spilling(cells, min(block_points, _PIECE), max(1, tile_points // 4))
+    with spill_folder() as folder:
+        one, other = _both_spilled(clouds, folder, spilling, engine)
+        shared = Sides((_side(one, samples[0]), _side(other, samples[1])), jobs)
+        tiles = tiles_of((one, other), _CELLS, 2 * tile_points)
+        done = engine.map(tile_distances, tiles, shared=shared, stage="cells", name=_name)
+        squared = np.empty(one.count), np.empty(other.count)
+        for found in progress(done, "cells", len(tiles)):
+            for which, values in enumerate(squared):
+                values[found[f"numbers_{which}"]] = found[f"squared_{which}"]
+    to_truth, to_prediction = (np.sqrt(values, out=values) for values in squared)
+    return CloudDistances(to_truth, to_prediction)
 
 
 def _sample(cloud: CloudSource, points: int) -> Floats:
+    if isinstance(cloud, Sampled) and len(cloud.sample):
+        return cloud.sample
     sample = EvenSample(cloud.count, _SAMPLE)
     for piece in finite_pieces(cloud, points):
         sample.add(piece)
     return sample.points()
 
 
-class _Search:
-    """The search of one spilled cloud, `others`."""
+@dataclass(frozen=True, eq=False)
+class _Spilling:
+    """How a cloud is written to disk: by which cells, so many points at a time and in a run."""
 
-    def __init__(self, others: Spill, sample: Floats, jobs: int, patience: int) -> None:
-        self._others, self._jobs, self._patience = others, jobs, patience
-        self._homes = [others.blocks(cell) for cell in range(others.cell_count)]
-        self._blocks = [block for blocks in self._homes for block in blocks]
-        self._sample = _search(sample)
-        self._low, self._high = (
-            np.reshape([getattr(block, side) for block in self._blocks], (-1, 3))
-            for side in ("low", "high")
-        )
-        self._slice = max(_RUN, _PAIRS // len(self._blocks))
-        self._waiting: list[tuple[Ints, Ints, Floats]] = []
-
-    def distances(self, points: Spill, progress: Progress) -> Floats:
-        """Distance of each of the points, by their numbers."""
-        squared = np.empty(points.count)
-        for cell in progress(range(points.cell_count), "cells", points.cell_count):
-            self._within_cell(points, cell, squared)
-        self._across_cells(squared)
-        return np.sqrt(squared, out=squared)
-
-    def _within_cell(self, points: Spill, cell: int, squared: Floats) -> None:
-        home = self._homes[cell][0] if self._homes[cell] else None
-        search = self._sample if home is None else _search(self._others.read(home)[0])
-        for block in points.blocks(cell):
-            here, numbers = points.read(block)
-            order = morton_order(here)
-            for start in range(0, len(order), self._slice):
-                rows = order[start : start + self._slice]
-                part, their = here[rows], numbers[rows]
-                squared[their] = search.squared(part, jobs=self._jobs)
-                self._wait(part, their, squared, home)
-
-    def _wait(self, points: Floats, numbers: Ints, squared: Floats, home: Block | None) -> None:
-        """Note which points have to be compared with which other blocks."""
-        rows, blocks = self._reached(points, squared[numbers], home)
-        if len(rows) == 0:
-            return
-        lone = np.unique(rows)
-        found = self._sample.squared(points[lone], jobs=self._jobs)
-        squared[numbers[lone]] = np.minimum(squared[numbers[lone]], found)
-        still = self._bounds(points[rows], blocks) < squared[numbers[rows]]
-        rows, blocks = rows[still], blocks[still]
-        self._waiting.append((blocks, numbers[rows], points[rows]))
-        if sum(len(waiting) for waiting, _, _ in self._waiting) > self._patience:
-            self._across_cells(squared)
-
-    def _reached(self, points: Floats, found: Floats, home: Block | None) -> tuple[Ints, Ints]:
-        """Pairs of a point and a block, not its own, that may hold a nearer one."""
-        others = np.array([block is not home for block in self._blocks])
-        pairs = []
-        for start in range(0, len(points), _RUN):
-            part, reach = points[start : start + _RUN], found[start : start + _RUN]
-            # Points in a run are near each other: for most runs, no other block is near.
-            apart = gap_squared(part.min(axis=0), part.max(axis=0), self._low, self._high)
-            near = np.flatnonzero(others & (apart < reach.max()))
-            bounds = bound_squared(part[:, None], self._low[near], self._high[near])
-            row, column = np.nonzero(bounds < reach[:, None])
-            pairs.append(np.stack((row + start, near[column])))
-        rows, blocks = np.concatenate(pairs, axis=1)
-        return rows, blocks
-
-    def _across_cells(self, squared: Floats) -> None:
-        """Hold the waiting points against their blocks, one block at a time."""
-        if not self._waiting:
-            return
-        blocks, numbers, points = (
-            np.concatenate(parts) for parts in zip(*self._waiting, strict=True)
-        )
-        self._waiting.clear()
-        order = np.argsort(blocks, kind="stable")
-        ends = np.searchsorted(blocks[order], np.arange(len(self._blocks) + 1))
-        for which in np.flatnonzero(np.diff(ends)).tolist():
-            rows = order[ends[which] : ends[which + 1]]
-            still = self._bounds(points[rows], blocks[rows]) < squared[numbers[rows]]
-            rows = rows[still]
-            if len(rows):
-                search = _search(self._others.read(self._blocks[which])[0])
-                found = search.squared(points[rows], jobs=self._jobs)
-                squared[numbers[rows]] = np.minimum(squared[numbers[rows]], found)
-
-    def _bounds(self, points: Floats, blocks: Ints) -> Floats:
-        return bound_squared(points, self._low[blocks], self._high[blocks])
+    cells: Cells
+    points: int
+    most: int
 
 
-def _search(points: Floats) -> NeighbourSearch:
-    return NeighbourSearch(gather(points, morton_order(points)))
+def _both_spilled(
+    clouds: tuple[CloudSource, CloudSource], folder: Path, spilling: _Spilling, engine: Engine
+) -> tuple[SpilledCloud, SpilledCloud]:
+    """Write both clouds to disk: of those in memory, which take seconds, at the same time."""
+    paths = folder / "prediction", folder / "truth"
+    write = partial(_spilled, spilling=spilling, engine=engine)
+    if not all(isinstance(cloud, InMemoryCloud) for cloud in clouds):
+        return write(clouds[0], paths[0]), write(clouds[1], paths[1])
+    with ThreadPoolExecutor(2) as pool:
+        one, other = pool.map(write, clouds, paths)
+    return one, other
+
+
+def _spilled(cloud: CloudSource, path: Path, spilling: _Spilling, engine: Engine) -> SpilledCloud:
+    """Write a cloud to disk, each of its shards where the engine does it."""
+    shards = shards_of(cloud)
+    # Paths stand in the items, so that no run takes the files of another for its own.
+    items = [(shard, path.with_name(f"{path.name}-{shard.number}")) for shard in shards]
+    where = engine if len(shards) > 1 else HERE
+    parts = where.map(
+        _spilled_shard, items, shared=spilling, stage="shards", name=lambda item: item[0].name
+    )
+    return spilled([place for _, place in items], list(parts), most=spilling.most)
+
+
+def _spilled_shard(spilling: _Spilling, item: tuple[Shard, Path]) -> Runs:
+    shard, path = item
+    pieces = finite_pieces(shard.source, spilling.points)
+    return write_part(path, pieces, spilling.cells, most=spilling.most)
+
+
+def _side(cloud: SpilledCloud, sample: Floats) -> Side:
+    some = sample[:: -(-len(sample) // _BOUNDING)]
+    return Side(cloud, gather(some, morton_order(some)))
+
+
+def _name(tile: Tile) -> str:
+    return f"blocks {tile.blocks[0]} of the predicted cloud, {tile.blocks[1]} of the true one"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
 from airzoo_bench.core.optional_imports import load_pycolmap
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.temporaries import temporary_folder
-from airzoo_bench.evaluation.parts import DOUBLED
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.sift import extract, mutual_nearest
+from airzoo_bench.reconstruction.baseline_settings import SfmSettings
 from airzoo_bench.reconstruction.sfm.colmap import Lens, Model, TwoViews, map_photos, verify
 
 __all__ = [
     "Batch",
     "Photo",
-    "SfmSettings",
     "build_model",
     "extract_features",
     "list_photo",
@@ -34,44 +32,6 @@ __all__ = [
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 _VERSION = 2  # of the files in the folder
-
-
-@dataclass(frozen=True)
-class SfmSettings:
-    """How photos become a sparse model.
-
-    Attributes
-    ----------
-    long_side_px : int
-        Photos are made this small before features are extracted.
-    max_features : int
-        The largest SIFT features of a photo that are kept.
-    peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
-    doubled : bool
-        See `sift.extract`.
-    ratio : float
-        A match is kept where its distance is below this share of the second nearest's.
-    neighbours : int or None
-        How many of the nearest photos, by GPS, each is matched with; None, or without GPS: all.
-    least_inliers : int
-        Matches that a pair needs.
-    max_error_px : float
-        Largest reprojection error, in pixels of the photo made small.
-    seed : int
-    """
-
-    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1600
-    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 100)] = 4096
-    peak_threshold: float = 0.02 / 3
-    doubled: Annotated[bool, DOUBLED] = True
-    ratio: float = 0.8
-    neighbours: Annotated[
-        int | None, Option("neighbours", "Nearest photos, by GPS, to match each photo with.", 2)
-    ] = 12
-    least_inliers: int = 15
-    max_error_px: float = 4.0
-    seed: Annotated[int, Option("seed", "Of every random choice.", 0)] = 0
 
 
 class Photo(NamedTuple):
@@ -137,10 +97,9 @@ def plan_batches(
     return batches
 
 
-def match_batch(
-    settings: SfmSettings, photos: Sequence[Photo], lenses: Sequence[Lens], batch: Batch
-) -> None:
+def match_batch(shared: tuple[SfmSettings, Sequence[Photo], Sequence[Lens]], batch: Batch) -> None:
     """Match a photo with its others into the batch's file."""
+    settings, photos, lenses = shared
     here = _load(photos[batch.first].features)
     configs, kept = [], []
     for second in batch.seconds:

@@ -1,0 +1,52 @@
+"""The truth of a scene whose conditions can stand beside what is scored."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from typing import Any
+
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.plurals import agreeing
+from airzoo_bench.protocol.model import Protocol
+
+__all__ = ["read_checked_truth"]
+
+
+def read_checked_truth(track: Any, benchmark: Benchmark, protocol: Protocol, scene: str) -> Any:
+    """Read the truth of a scene, and refuse conditions that have the name of another column.
+
+    Parameters
+    ----------
+    track : Track
+    benchmark : Benchmark
+    protocol : Protocol
+        Of the track's class.
+    scene : str
+        Its id.
+
+    Raises
+    ------
+    BenchmarkError
+        See `Track.read_truth`; or the records would have two columns of one name, of which one is
+        a score or a count.
+    """
+    truth = track.read_truth(benchmark, scene)
+    conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
+    if conditions is None:
+        return truth
+    taken = {*track.recorded, *(score.column for score in track.scores(protocol, ()))}
+    clashing = [
+        str(name)
+        for name in conditions.columns
+        if any(fnmatchcase(str(name), pattern) for pattern in taken)
+    ]
+    if clashing:
+        raise BenchmarkError(
+            f"the {agreeing(len(clashing), 'condition', 'conditions')} {', '.join(clashing)} "
+            f"{agreeing(len(clashing), 'is', 'are')} called as what the {track.name} track records",
+            where=benchmark.scene_folder(scene) / "queries.csv",
+            expected="conditions of other names",
+            fix="rename the columns, then `airzoo-bench manifest FOLDER --force`",
+        )
+    return truth
