@@ -60,7 +60,7 @@ class _AerialExtreMatch(PairFiles):
         return super().read(path, reading)
 
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np

@@ -52,7 +52,7 @@ class AnyLocReader(Reader):
 
         files = sorted(islice(_files(path), _MOST_FILES))
         names = [file.relative_to(path).as_posix().removesuffix(".npy") for file in files]
-        images = SceneImages.of(reading.truths, path).named_in([str(path)], path)
+        images = SceneImages.of(reading, path)
         predictions, notes = read_bag(path, names, descriptor, images, Budget(reading.memory_bytes))
         said, more = compared("l2", reading.protocol, predictions)
         return ReadPredictions(

@@ -70,7 +70,7 @@ class Game4LocReader(Reader):
 
         file = NpzFile(path, reading.memory_bytes)
         check_fields(file, _KEYS, _KEYS, "what these lines save:\n" + LINES)
-        images = SceneImages.of(reading.truths, path).named_in([str(path)], path)
+        images = SceneImages.of(reading, path)
         queries = query_rows(*_features(file, "query", file.read), images, path)
         gallery = gallery_rows(*_features(file, "gallery", file.map), images, path)
         predictions = join(path, [queries], [gallery])

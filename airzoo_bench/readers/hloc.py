@@ -55,7 +55,8 @@ class Hloc(Reader):
         limit = reading.memory_bytes // 2  # for each of the two files
         opened = Hdf5File(matches, limit)
         given = None if features is None else Features.of(features, limit)
-        pairs = _Pairs(opened, given, Pictures(scenes), Pictures(scenes, _dashed))
+        plain, dashed = (Pictures(scenes, reading.scenes, change) for change in (str, _dashed))
+        pairs = _Pairs(opened, given, plain, dashed)
         rows = MatchRows(path, opened.budget)
         left = 0
         for group, one, other in pairs:
@@ -82,6 +83,7 @@ class Hloc(Reader):
                 *steps,
             ),
             (*notes, *steps),
+            () if features is None or path.is_dir() else (features,),
         )
 
 

@@ -185,7 +185,7 @@ def pair_of_files(path: Path) -> tuple[Path, Path | None]:
     matches = [one for one in hdf5_files(path) if kinds[one] == "matches"]
     if len(matches) != 1:
         raise PredictionError(
-            f"{len(matches)} files of matches: {first_of([one.name for one in matches])}"
+            f"files of matches: {first_of([one.name for one in matches])}"
             if matches
             else "features without matches",
             where=path,

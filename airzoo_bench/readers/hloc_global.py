@@ -42,7 +42,7 @@ class HlocGlobalReader(Reader):
                 expected="what hloc.extract_features writes for retrieval (netvlad, megaloc)",
                 fix="give local features and matches to the matching track",
             )
-        images = SceneImages.of(reading.truths, path).named_in([str(path)], path)
+        images = SceneImages.of(reading, path)
         predictions, notes = read_bag(
             path, names, lambda number: file.read(names[number] + _KEY), images, file.budget
         )

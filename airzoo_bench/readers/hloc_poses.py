@@ -60,7 +60,7 @@ class HlocPoses(Reader):
             (
                 "poses are world-to-camera, x_cam = R X + t, OpenCV axes, in the scene's CRS",
                 "quaternions are w x y z",
-                "names without a scene are those of the queries that they fit alone",
+                "names without a scene are those of the only photos that they fit",
                 "the identity stands for a pose that was not found",
             ),
             tuple(notes),

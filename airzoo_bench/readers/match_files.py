@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from airzoo_bench.formats.arrays import Arrays
     from airzoo_bench.geometry.arrays import Floats
     from airzoo_bench.readers.pictures import Picture, Pictures
+    from airzoo_bench.readers.stated_shapes import Sizes
 
 __all__ = ["PairFiles", "field_of", "npz_fields", "pixels_of", "stated_size"]
 
@@ -31,7 +32,7 @@ class PairFiles(Reader):
     """Reads a file a pair of pictures, or a folder of them.
 
     A file is called after the photo, which was then matched to its crop, or after photo and crop or
-    map, as in ``q0_q0_dom_matches.npz`` or ``q0.jpg/q0_dom.tif.npz``.
+    map in the order of the fields, as in ``q0_q0_dom_matches.npz`` or ``q0.jpg/q0_dom.tif.npz``.
 
     Attributes
     ----------
@@ -50,9 +51,13 @@ class PairFiles(Reader):
 
     @abstractmethod
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
-        """Return the matched pixels of photo and map, (N, 2) each, corners being (0, 0)."""
+        """Return the matched pixels of both pictures, (N, 2) each, corners being (0, 0)."""
+
+    def sizes(self, path: Path) -> Sizes | None:
+        """Return the sizes of the pictures that the model was given, if the layout has them."""
+        return None
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`: all of the first few files are of this layout."""
@@ -64,8 +69,10 @@ class PairFiles(Reader):
         from airzoo_bench.formats.budget import Budget
         from airzoo_bench.readers.matching import scenes_of
         from airzoo_bench.readers.pictures import MatchRows, Pictures, nothing_matched
+        from airzoo_bench.readers.stated_shapes import StatedShapes
 
-        pictures = Pictures(scenes_of(reading, path))
+        shapes = StatedShapes()
+        pictures = Pictures(scenes_of(reading, path), reading.scenes)
         rows = MatchRows(path, Budget(reading.memory_bytes))
         left = []
         for one in sorted(_files(path, self.suffix)):
@@ -76,12 +83,17 @@ class PairFiles(Reader):
                 if pair is None:
                     left.append(name)
                     continue
-                rows.add(*pair, *self.pixels(one, *pair, reading.memory_bytes))
+                xy = self.pixels(one, *pair, reading.memory_bytes)
+                rows.add(*_photo_first(pair, xy))
+                sizes = self.sizes(one)
+                if sizes is not None:
+                    shapes.add(pair, xy, sizes)
             except PredictionError as error:
                 known = str(one) in str(error.where)
                 raise error if known else error.inside(one) from error
         if rows.empty:
             raise nothing_matched(path, left, pictures)
+        shapes.check(path)
         notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
         return ReadPredictions(rows.predictions(), self.conventions, notes)
 
@@ -106,7 +118,7 @@ def _files(path: Path, suffix: str) -> Iterator[Path]:
 
 
 def _pair(name: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
-    """Find the photo, and the part of the map that it was matched to, in the name of a file."""
+    """Find the photo and the part of the map in the name of a file, in its order."""
     stem = name.removesuffix("_matches")
     folder, _, last = stem.rpartition("/")
     found = _joined(folder, last, pictures)
@@ -122,13 +134,24 @@ def _pair(name: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
 
 
 def _joined(one: str, other: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
-    """Return photo and part of the map, in this order, where two names are those of such."""
-    first, second = pictures.find(one), pictures.find(other)
+    """Return the pictures of two names where one is a photo and the other a part of the map.
+
+    The second lies in the folder of the first.
+    """
+    folder, slash, _ = one.rpartition("/")
+    first = pictures.find(one)
+    second = None if first is None else pictures.find(folder + slash + other)
     if first is None or second is None or first.scene != second.scene:
         return None
     if (first.query is None) == (second.query is None):
         return None
-    return (first, second) if second.query is None else (second, first)
+    return first, second
+
+
+def _photo_first(
+    pair: tuple[Picture, Picture], xy: tuple[Floats, Floats]
+) -> tuple[Picture, Picture, Floats, Floats]:
+    return (*pair, *xy) if pair[1].query is None else (*pair[::-1], *xy[::-1])
 
 
 def npz_fields(path: Path) -> set[str]:

@@ -12,11 +12,13 @@ if TYPE_CHECKING:
     from airzoo_bench.formats.arrays import Arrays
     from airzoo_bench.geometry.arrays import Floats
     from airzoo_bench.readers.pictures import Picture
+    from airzoo_bench.readers.stated_shapes import Sizes
 
 __all__ = ["DUST3R", "LOFTR", "MAST3R_VISLOC", "ROMA", "SUPERGLUE"]
 
 _CENTRE = 0.5
 _NORMALISED = 1.0 + 1e-6
+_SIZE_BYTES = 1 << 20
 _ALL_TAKEN = "all matches are taken, whatever their confidence"
 _RESIZED = (
     "pixels are those of the resized pictures, whose sizes the file states, and whole numbers at "
@@ -25,37 +27,45 @@ _RESIZED = (
 )
 
 
-class _Loftr(PairFiles):
+class _Resized(PairFiles):
+    conventions = _RESIZED
+
+    def sizes(self, path: Path) -> Sizes | None:
+        """See `PairFiles.sizes`."""
+        arrays = _opened(path, _SIZE_BYTES)
+        first, second = (stated_size(arrays, side) for side in (0, 1))
+        return None if first is None or second is None else (first, second)
+
+
+class _Loftr(_Resized):
     title = "matches of LoFTR"
     layout = "npz a pair: mkpts0_f, mkpts1_f, mconf; image_size0, image_size1"
     methods = ("LoFTR", "EfficientLoFTR", "GIM")
-    conventions = _RESIZED
 
     def knows(self, path: Path) -> bool:
         """See `PairFiles.knows`."""
         return {"mkpts0_f", "mkpts1_f"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         arrays = _opened(path, memory_bytes)
         first, second = _together(arrays, "mkpts0_f", "mkpts1_f")
-        return _enlarged(arrays, 0, first, photo), _enlarged(arrays, 1, second, other)
+        return _enlarged(arrays, 0, first, one), _enlarged(arrays, 1, second, other)
 
 
-class _SuperGlue(PairFiles):
+class _SuperGlue(_Resized):
     title = "matches of SuperGlue"
     layout = "npz a pair: keypoints0, keypoints1, matches, match_confidence; image_size0 and 1"
     methods = ("SuperGlue", "LightGlue")
-    conventions = _RESIZED
 
     def knows(self, path: Path) -> bool:
         """See `PairFiles.knows`."""
         return {"keypoints0", "keypoints1", "matches"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
@@ -72,7 +82,7 @@ class _SuperGlue(PairFiles):
             )
         found = np.flatnonzero(matches >= 0)
         first, second = first[found], second[matches[found]]
-        return _enlarged(arrays, 0, first, photo), _enlarged(arrays, 1, second, other)
+        return _enlarged(arrays, 0, first, one), _enlarged(arrays, 1, second, other)
 
 
 class _Roma(PairFiles):
@@ -91,7 +101,7 @@ class _Roma(PairFiles):
         return "matches" in names and names <= {"matches", "certainty", "overlap", "precision"}
 
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
@@ -100,7 +110,7 @@ class _Roma(PairFiles):
         first, second = values[:, :2], values[:, 2:]
         if np.abs(values).max(initial=0.0) > _NORMALISED:
             return first, second
-        return (first + 1) / 2 * photo.size, (second + 1) / 2 * other.size
+        return (first + 1) / 2 * one.size, (second + 1) / 2 * other.size
 
 
 class _Dust3r(PairFiles):
@@ -118,13 +128,13 @@ class _Dust3r(PairFiles):
         return {"matches_im0", "matches_im1"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         arrays = _opened(path, memory_bytes)
         first, second = _together(arrays, "matches_im0", "matches_im1")
         size = _loaded_size(arrays)
-        return _uncropped(first, photo, size, path), _uncropped(second, other, size, path)
+        return _uncropped(first, one, size, path), _uncropped(second, other, size, path)
 
 
 class _Mast3rVisloc(PairFiles):
@@ -142,7 +152,7 @@ class _Mast3rVisloc(PairFiles):
         return {"matches_im_query", "matches_im_map"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, photo: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, memory_bytes: int
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
@@ -227,7 +237,7 @@ def _uncropped(xy: Floats, picture: Picture, size: int, path: Path) -> Floats:
             f"pixels up to ({xy[:, 0].max():.1f}, {xy[:, 1].max():.1f}), and load_images makes "
             f"{2 * half[0]:.0f}x{2 * half[1]:.0f} px of a picture of {wide}x{high} at size={size}",
             where=path,
-            expected="the size that load_images was called with, and its square_ok=False",
+            expected="the size that load_images was called with, square_ok=False, patch_size=16",
         )
     found: Floats = (xy + np.subtract(centre, half)) * np.divide(picture.size, resized)
     return found

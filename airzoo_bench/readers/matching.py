@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.readers.names import ImageNames
+from airzoo_bench.readers.names import ImageNames, names_in
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.prediction_files import QueryPredictions
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from airzoo_bench.matching.predictions import GivenPoses
     from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["NamedPoses", "posed", "query_names", "refuse_other_world", "scenes_of"]
+__all__ = ["NamedPoses", "posed", "refuse_other_world", "scenes_of"]
 
 _FAR_M = 50_000.0  # no photo of a map is taken so far from its middle
 
@@ -39,13 +39,6 @@ def scenes_of(reading: Reading, where: Path) -> Sequence[MatchingTruth]:
             fix="say where it is with --data, or prepare it",
         )
     return reading.truths
-
-
-def query_names(scenes: Sequence[MatchingTruth]) -> ImageNames:
-    """Return the photos of scenes by name."""
-    tables = [scene.queries for scene in scenes]
-    pairs = [zip(one["id"], one["image"], strict=True) for one in tables]
-    return ImageNames.of("query", [pair for some in pairs for pair in some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +79,14 @@ def posed(
 
     from airzoo_bench.evaluation.prediction_files import QueryPredictions
 
-    ids = query_names(scenes_of(reading, path)).find_all(given.names, path)
+    scenes = scenes_of(reading, path)
+    known = ImageNames.of(
+        "query",
+        names_in(scene.queries for scene in scenes),
+        left_out=names_in(scene.excluded for scene in scenes),
+        scenes=reading.scenes,
+    )
+    ids = known.find_all(given.names, path)
     kept = np.array([row for row, one in enumerate(ids) if one is not None], dtype=np.int64)
     names = [given.names[row] for row in kept]
     part = NamedPoses(

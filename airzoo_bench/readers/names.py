@@ -2,24 +2,33 @@
 
 Methods name an image by its path: absolute or relative to some folder, with or without its ending,
 with either kind of slash, or by its last part alone. The id is the one whose own name the path ends
-with; where several do, that whose scene stands in the path.
+with. A path with a folder that is called as a scene means images of that scene only; of several
+such folders the innermost counts, as in ``/east/exports/west/x.jpg``, which is of west. What names
+no scene means the only image that it fits, and is refused where it fits several.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 
-__all__ = ["ImageNames", "read_names"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ImageNames", "names_in", "read_names", "scene_finder"]
 
 _LIMIT_BYTES = 256 << 20
-_SLASHES = re.compile(r"[/\\]+")
+_ENDINGS = {suffix.removeprefix(".") for suffix in (*PHOTO_SUFFIXES, ".npy", ".txt")}
+_NO_PARTS = ("", ".")
+_FOLDERS_KEPT = 64
 
 _Parts = tuple[str, ...]
 
@@ -32,27 +41,67 @@ class ImageNames:
     ----------
     what : str
         What they are, in the singular: "query", "tile".
+    alone : mapping of str to str
+        Ids by name without its ending, where that is one part, and the last part of no other name.
+        These are nearly all tiles, and take no more memory than their texts.
     by_last : mapping of str to list of (parts, scene, id)
-        Images by the last part of their names, without its ending.
+        The other images, by the last part of their names, without its ending.
+    left_out : collection of str
+        Ids of images that the benchmark has and does not ask for: their names mean none.
+    scene_of : callable
+        Returns the innermost scene that a folder's path names, or else that of its home, or None.
     """
 
     what: str
+    alone: Mapping[str, str]
     by_last: Mapping[str, list[tuple[_Parts, str, str]]]
+    left_out: Collection[str]
+    scene_of: Callable[[str], str | None]
 
     @classmethod
-    def of(cls, what: str, names: Iterable[tuple[str, str]]) -> ImageNames:
+    def of(
+        cls,
+        what: str,
+        names: Iterable[tuple[str, str]],
+        *,
+        left_out: Iterable[tuple[str, str]] = (),
+        scenes: Iterable[str] = (),
+        home: str = "",
+        change: Callable[[str], str] = str,
+    ) -> ImageNames:
         """Take ids with their images' names, relative to the folder of their scene.
 
         Parameters
         ----------
         what : str
         names : iterable of (id, name)
+        left_out : iterable of (id, name)
+            Images that a method may name, too, and that are none of these.
+        scenes : iterable of str
+            Ids of scenes that paths may name, besides those of the images.
+        home : str
+            A folder whose scene is meant by paths that name none.
+        change : callable, optional
+            What the method does to names before it writes them.
         """
-        found: dict[str, list[tuple[_Parts, str, str]]] = {}
-        for one, name in names:
-            parts = _parts(name)
-            found.setdefault(parts[-1], []).append((parts, one.split("/", 1)[0], one))
-        return cls(what, found)
+        others = dict(left_out)
+        alone: dict[str, str] = {}
+        by_last: dict[str, list[tuple[_Parts, str, str]]] = {}
+        own = set()
+        for one, raw in chain(names, others.items()):
+            name = change(raw)
+            own.add(_scene(one))
+            last = _last(name)
+            new = last not in alone and last not in by_last
+            if new and last and "/" not in name and "\\" not in name:
+                alone[last] = one
+                continue
+            found = by_last.setdefault(last, [])
+            if last in alone:
+                found.append(((last,), _scene(alone[last]), alone.pop(last)))
+            found.append((_parts(name), _scene(one), one))
+        scene_of = scene_finder({*scenes, *own}, change, scene_finder(own)(home))
+        return cls(what, alone, by_last, frozenset(others), scene_of)
 
     def find(self, path: str) -> str | None:
         """Return the id of the image that a path means; None where it means none.
@@ -62,25 +111,44 @@ class ImageNames:
         PredictionError
             It could be several; they are named.
         """
-        parts = _parts(path)
-        known = self.by_last.get(parts[-1], []) if parts else []
-        fitting = [one for one in known if _ends_with(parts, one[0]) or _ends_with(one[0], parts)]
-        if len(fitting) == 1:
-            return fitting[0][2]
-        in_scene = [one for one in fitting if one[1] in parts[:-1]]
-        for several in (in_scene, fitting):
-            longest = max((_shared(parts, one[0]) for one in several), default=0)
-            best = [one[2] for one in several if _shared(parts, one[0]) == longest]
-            if len(best) == 1:
-                return best[0]
-        if not fitting:
-            return None
-        ids = [one[2] for one in in_scene or fitting]
+        folder, _, last = path.strip().rpartition("/")
+        alone = self.alone.get(_stem(last))
+        if alone is not None and alone not in self.left_out:
+            return alone if self.scene_of(folder) in (None, _scene(alone)) else None
+        fitting = self._fitting(_parts(path))
+        longest = max((shared for shared, _ in fitting), default=0)
+        best = [one for shared, one in fitting if shared == longest]
+        asked = [one for one in best if one not in self.left_out]
+        if len(best) == 1 or not asked:
+            return asked[0] if asked else None
         raise PredictionError(
-            f"{path[:200]!r} could be {first_of(ids)}",
+            f"{path[:200]!r} could be {first_of(best)}",
             expected=f"names that mean one {self.what} each",
-            fix="write the scene before the name, as in " + ids[0],
+            fix="write the scene before the name, as in " + asked[0],
         )
+
+    def _fitting(self, parts: _Parts) -> list[tuple[int, str]]:
+        """Return the ids that a path fits, with how many of its last parts are their names'.
+
+        Those whose scene the path names come alone, and those of other scenes do not fit.
+        """
+        named, unnamed = [], []
+        for own, scene, one in self._called(parts[-1]) if parts else ():
+            shared = 1 if len(own) == 1 else _shared(parts, own)
+            if shared < min(len(parts), len(own)):
+                continue
+            said = self.scene_of("/".join(parts[:-shared]))
+            if said is None:
+                unnamed.append((shared, one))
+            elif said == scene:
+                named.append((shared, one))
+        return named or unnamed
+
+    def _called(self, last: str) -> list[tuple[_Parts, str, str]]:
+        """Return the images whose names have this last part."""
+        if last in self.alone:
+            return [((last,), _scene(self.alone[last]), self.alone[last])]
+        return self.by_last.get(last, [])
 
     def find_all(self, paths: Sequence[str], where: Path) -> list[str | None]:
         """Return the id of each path.
@@ -101,35 +169,82 @@ class ImageNames:
                 expected=f"names such as {self._example()}",
                 fix="name the right protocol with --protocol, or give the names with --names",
             )
-        seen: dict[str, str] = {}
-        for path, one in zip(paths, found, strict=True):
-            if one is None:
-                continue
-            if one in seen:
-                raise PredictionError(
-                    f"{seen[one][:200]!r} and {path[:200]!r} are both {one}",
-                    where=where,
-                    expected=f"each {self.what} once",
-                    fix="leave out one of the two",
-                )
-            seen[one] = path
+        if len(set(found) - {None}) < len(found) - found.count(None):
+            raise self._repeated(paths, found, where)
         return found
 
+    def _repeated(
+        self, paths: Sequence[str], found: Sequence[str | None], where: Path
+    ) -> PredictionError:
+        """Return the error for the first path that means what one before it means."""
+        seen: dict[str | None, str] = {}
+        for path, one in zip(paths, found, strict=True):
+            if one is not None and one in seen:
+                break
+            seen[one] = path
+        return PredictionError(
+            f"{seen[one][:200]!r} and {path[:200]!r} are both {one}",
+            where=where,
+            expected=f"each {self.what} once",
+            fix="leave out one of the two",
+        )
+
     def _example(self) -> str:
-        ids = (images[0][2] for images in self.by_last.values())
-        return next(ids, "none, since the benchmark folder is missing")
+        ids = chain(self.alone.values(), (one[0][2] for one in self.by_last.values()))
+        asked = (one for one in ids if one not in self.left_out)
+        return next(asked, "none, since the benchmark folder is missing")
 
 
 def _parts(path: str) -> _Parts:
     """Split a path, and leave out the ending of its last part where it is that of a photo."""
-    parts = [part for part in _SLASHES.split(path.strip()) if part not in ("", ".")]
-    if parts and parts[-1].lower().endswith((*PHOTO_SUFFIXES, ".npy", ".txt")):
-        parts[-1] = parts[-1].rsplit(".", 1)[0]
-    return tuple(parts)
+    parts = _folders(path)
+    return (*parts[:-1], *map(_stem, parts[-1:]))
 
 
-def _ends_with(parts: _Parts, end: _Parts) -> bool:
-    return len(end) <= len(parts) and parts[len(parts) - len(end) :] == end
+def _folders(path: str) -> _Parts:
+    parts = path.strip().replace("\\", "/").split("/")
+    return tuple([part for part in parts if part not in _NO_PARTS])
+
+
+def _last(path: str) -> str:
+    """Return the last of a path's parts, empty where it has none."""
+    last = path.strip().rpartition("/")[2]
+    return "".join(_parts(path)[-1:]) if "\\" in last or last in _NO_PARTS else _stem(last)
+
+
+def _stem(name: str) -> str:
+    stem, dot, ending = name.rpartition(".")
+    return stem if dot and ending.lower() in _ENDINGS else name
+
+
+def _scene(one: str) -> str:
+    return one.split("/", 1)[0]
+
+
+def scene_finder(
+    scenes: Iterable[str], change: Callable[[str], str] = str, otherwise: str | None = None
+) -> Callable[[str], str | None]:
+    """Return what finds the innermost scene in a folder's path; the images of a folder are many.
+
+    Parameters
+    ----------
+    scenes : iterable of str
+    change : callable, optional
+        What the method does to names before it writes them.
+    otherwise : str or None
+        What is returned for a path that names none.
+    """
+    spelled = {_folders(change(scene)): scene for scene in sorted(scenes)}
+    lengths = sorted({*map(len, spelled)} - {0}, reverse=True)
+
+    @lru_cache(_FOLDERS_KEPT)
+    def scene_of(folder: str) -> str | None:
+        parts = _folders(folder)
+        ends = ((end, length) for end in range(len(parts), 0, -1) for length in lengths)
+        runs = (parts[max(0, end - length) : end] for end, length in ends)
+        return next((spelled[run] for run in runs if run in spelled), otherwise)
+
+    return scene_of
 
 
 def _shared(one: _Parts, other: _Parts) -> int:
@@ -141,6 +256,13 @@ def _shared(one: _Parts, other: _Parts) -> int:
             break
         count += 1
     return count
+
+
+def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
+    """Yield the ids of images with their names, from the columns ``id`` and ``image``."""
+    return chain.from_iterable(
+        zip(table["id"].tolist(), table["image"].tolist(), strict=True) for table in tables
+    )
 
 
 def read_names(path: Path) -> list[str]:

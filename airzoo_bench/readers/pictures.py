@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.readers.names import ImageNames
+from airzoo_bench.readers.names import ImageNames, names_in
 
 if TYPE_CHECKING:
     from airzoo_bench.geometry.arrays import Floats
@@ -60,27 +60,38 @@ class Pictures:
     ----------
     scenes : sequence of MatchingTruth
         Names, sizes and crops are taken from them, and nothing else.
+    known : sequence of str
+        Ids of further scenes that paths may name, see `Reading`.
     change : callable, optional
         What the method does to names before it writes them.
     """
 
-    def __init__(self, scenes: Sequence[MatchingTruth], change: Callable[[str], str] = str) -> None:
+    def __init__(
+        self,
+        scenes: Sequence[MatchingTruth],
+        known: Sequence[str] = (),
+        change: Callable[[str], str] = str,
+    ) -> None:
         self._change = change
         self._known: dict[tuple[str, str], Picture] = {}
         photos, crops, maps = [], [], []
         for scene in scenes:
             if scene.scene_map is not None:
                 dom = scene.scene_map.dom
-                maps.append((scene.scene, change(dom.path.name)))
+                maps.append((scene.scene, dom.path.name))
                 size = (dom.width, dom.height)
                 self._known["map", scene.scene] = Picture("", scene.scene, None, size, whole=True)
             for one, image, photo, crop in _queries(scene):
-                photos.append((one, change(image)))
-                crops.append((one, change(one.split("/", 1)[1] + _CROP)))
+                photos.append((one, image))
+                crops.append((one, one.split("/", 1)[1] + _CROP))
                 self._known["query", one] = Picture("", scene.scene, one, photo)
                 self._known["crop", one] = Picture("", scene.scene, None, crop[2:], crop[:2])
-        kinds = {"query": photos, "crop": crops, "map": maps}
-        self._names = [ImageNames.of(what, pairs) for what, pairs in kinds.items()]
+        left_out = names_in(scene.excluded for scene in scenes)
+        self._names = [
+            ImageNames.of("query", photos, left_out=left_out, scenes=known, change=change),
+            ImageNames.of("crop", crops, scenes=known, change=change),
+            ImageNames.of("map", maps, scenes=known, change=change),
+        ]
         self._found: dict[str, Picture | None] = {}
 
     @property

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.readers.names import ImageNames
+from airzoo_bench.readers.names import ImageNames, names_in, scene_finder
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.formats.budget import Budget
     from airzoo_bench.retrieval.predictions import RetrievalPredictions
     from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -45,63 +48,76 @@ class SceneImages:
     ----------
     truths : tuple of RetrievalTruth
         Names are taken from them, and nothing else.
-    queries, tiles : ImageNames
+    scenes : tuple of str
+        Ids of further scenes that paths may name, see `Reading`.
+    home : str
+        A path whose scene is meant by names without one, or a scene.
     """
 
     truths: tuple[RetrievalTruth, ...]
-    queries: ImageNames
-    tiles: ImageNames
+    scenes: tuple[str, ...] = ()
+    home: str = ""
 
     @classmethod
-    def of(cls, truths: Iterable[RetrievalTruth], where: Path) -> SceneImages:
+    def of(cls, reading: Reading, path: Path) -> SceneImages:
         """Take the names of scenes.
 
         Parameters
         ----------
-        truths : iterable of RetrievalTruth
-        where : Path
-            The predictions, for the message.
+        reading : Reading
+        path : Path
+            The predictions.
 
         Raises
         ------
         PredictionError
             There is no scene, since the benchmark folder is missing.
         """
-        some = tuple(truths)
-        if not some:
+        if not reading.truths:
             raise PredictionError(
                 "its names of images mean nothing without the benchmark, whose folder is missing",
-                where=where,
+                where=path,
                 expected="a prepared benchmark",
                 fix="say where it is with --data, or prepare it",
             )
-        queries = [pair for truth in some for pair in _pairs(truth.queries)]
-        tiles = [pair for truth in some for pair in tile_images(truth)]
-        return cls(some, ImageNames.of("query", queries), ImageNames.of("tile", tiles))
+        return cls(tuple(reading.truths), reading.scenes, str(path))
 
-    def named_in(self, texts: Iterable[str], where: Path) -> SceneImages:
-        """Keep the scenes whose names are parts of paths; all where none is.
+    @cached_property
+    def queries(self) -> ImageNames:
+        """The photos that are queries."""
+        return ImageNames.of(
+            "query",
+            names_in(one.queries for one in self.truths),
+            left_out=names_in(one.excluded for one in self.truths),
+            scenes=self.scenes,
+            home=self.home,
+        )
+
+    @cached_property
+    def tiles(self) -> ImageNames:
+        """The galleries."""
+        tiles = chain.from_iterable(map(tile_images, self.truths))
+        return ImageNames.of("tile", tiles, scenes=self.scenes, home=self.home)
+
+    def of_run(self, folders: Iterable[str]) -> SceneImages:
+        """Take the scene that the folders of a run name for that of its names without one.
+
+        Of each path the innermost scene counts. Where two name different ones, none is taken.
 
         Parameters
         ----------
-        texts : iterable of str
-            Paths of folders.
-        where : Path
+        folders : iterable of str
         """
-        parts = {part for text in texts for part in text.replace("\\", "/").split("/")}
-        named = [truth for truth in self.truths if truth.scene in parts]
-        return SceneImages.of(named, where) if named else self
+        scene_of = scene_finder(truth.scene for truth in self.truths)
+        named = {scene_of(folder) for folder in folders} - {None}
+        return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
 
 
-def tile_images(truth: RetrievalTruth) -> list[tuple[str, str]]:
-    """Return ids of tiles with the names of their files, as `prepare --tiles files` writes them."""
+def tile_images(truth: RetrievalTruth) -> Iterator[tuple[str, str]]:
+    """Yield ids of tiles with the names of their files, as `prepare --tiles files` writes them."""
     if truth.of_images:
-        return _pairs(truth.tiles)
-    return [(one, f"{one.split('/', 1)[1]}.png") for one in truth.tiles["id"].tolist()]
-
-
-def _pairs(table: Any) -> list[tuple[str, str]]:
-    return list(zip(table["id"].tolist(), table["image"].tolist(), strict=True))
+        return names_in([truth.tiles])
+    return ((one, f"{one.split('/', 1)[1]}.png") for one in truth.tiles["id"].tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +221,7 @@ def join(
     tiles = np.concatenate([one.ids for one in galleries])
     gallery: Any = galleries[0].rows
     if len(galleries) > 1:
-        gallery = RowParts(tuple(one.rows for one in galleries))
+        gallery = RowParts.of(one.rows for one in galleries)
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 

@@ -12,14 +12,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.readers.names import ImageNames, read_names
+from airzoo_bench.readers.names import ImageNames, names_in, read_names
 
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 __all__ = ["ScenePlaces", "SceneReader", "find_scenes"]
 
@@ -75,8 +76,8 @@ class ScenePlaces:
         truth = next((one for one in self.reading.truths if one.scene == scene), None)
         if truth is None:
             return list(names)
-        images = dict(_photos(truth))
-        found = ImageNames.of("photo", images.items()).find_all(names, place)
+        images = dict(names_in([truth.photos]))
+        found = self._named([truth]).find_all(names, place)
         return [
             name if one is None else images[one] for name, one in zip(names, found, strict=True)
         ]
@@ -85,7 +86,15 @@ class ScenePlaces:
         """Return the benchmark's names of the photos of a scene; none where it is missing."""
         scene = next(scene for scene, one in self.places.items() if one == place)
         truth = next((one for one in self.reading.truths if one.scene == scene), None)
-        return [] if truth is None else [name for _, name in _photos(truth)]
+        return [] if truth is None else truth.photos["image"].tolist()
+
+    def _named(self, truths: Sequence[ReconstructionTruth]) -> ImageNames:
+        return ImageNames.of(
+            "photo",
+            names_in(truth.photos for truth in truths),
+            left_out=names_in(truth.excluded for truth in truths),
+            scenes=self.reading.scenes,
+        )
 
     @cached_property
     def _names(self) -> list[str]:
@@ -94,10 +103,8 @@ class ScenePlaces:
     @cached_property
     def _scenes(self) -> list[str]:
         """Return the scene of each listed name."""
-        photos = [photo for truth in self.reading.truths for photo in _photos(truth)]
-        found = ImageNames.of("photo", photos).find_all(
-            self._names, self.reading.names or self.path
-        )
+        known = self._named(self.reading.truths)
+        found = known.find_all(self._names, self.reading.names or self.path)
         lost = [repr(name) for name, one in zip(self._names, found, strict=True) if one is None]
         if lost:
             raise PredictionError(
@@ -239,7 +246,3 @@ def _scene_name(place: Path) -> str:
 
 def _children(path: Path) -> Iterator[Path]:
     return iter(sorted(one for one in path.iterdir() if not one.name.startswith(".")))
-
-
-def _photos(truth: Any) -> Iterator[tuple[str, str]]:
-    return zip(truth.photos["id"].tolist(), truth.photos["image"].tolist(), strict=True)

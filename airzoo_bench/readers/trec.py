@@ -44,7 +44,7 @@ class TrecReader(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        images = SceneImages.of(reading.truths, path).named_in([str(path)], path)
+        images = SceneImages.of(reading, path)
         budget = Budget(reading.memory_bytes)
         run = _read_run(path, budget)
         asked = images.queries.find_all(list(run.lists), path)

@@ -55,13 +55,15 @@ class University1652Reader(Reader):
         )
 
         file = MatFile(path, reading.memory_bytes)
-        images = SceneImages.of(reading.truths, path)
+        images = SceneImages.of(reading, path)
         queries = query_rows(*_features(file, "query"), images, path)
         gallery = gallery_rows(*_features(file, "gallery"), images, path)
         predictions = join(path, [queries], [gallery])
         said, notes = compared("inner_product", reading.protocol, predictions)
         conventions = ("images are named by the ends of their paths: class folder, file", *said)
-        return ReadPredictions(predictions, conventions, (*aside(queries.strange), *notes))
+        kinds = [kind for kind in ("query", "gallery") if f"{kind}_path" not in file.names()]
+        beside = tuple(_list_beside(file, kind) for kind in kinds)
+        return ReadPredictions(predictions, conventions, (*aside(queries.strange), *notes), beside)
 
 
 UNIVERSITY1652 = University1652Reader()
@@ -86,7 +88,7 @@ def _paths(file: MatFile, kind: str) -> list[str]:
 
     if f"{kind}_path" in file.names():
         return file.texts(f"{kind}_path")
-    beside = file.path.with_name(f"{kind}_name.txt")
+    beside = _list_beside(file, kind)
     if not beside.is_file():
         raise PredictionError(
             f"has no {kind}_path, and {beside.name} is not beside it",
@@ -95,6 +97,10 @@ def _paths(file: MatFile, kind: str) -> list[str]:
             fix=f"add '{kind}_path': {kind}_path to what test.py saves",
         )
     return read_names(beside)
+
+
+def _list_beside(file: MatFile, kind: str) -> Path:
+    return file.path.with_name(f"{kind}_name.txt")
 
 
 def _check_classes(file: MatFile, kind: str, names: list[str]) -> None:

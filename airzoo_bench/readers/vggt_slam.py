@@ -37,6 +37,7 @@ _TWICE = 2  # neighbouring submaps share a frame
 _RENAME = """rename the photos to bare numbers first, and give their names with --names:
   photos = sorted(Path("photos").iterdir())
   Path("names.txt").write_text("\\n".join(photo.name for photo in photos))
+  Path("numbered").mkdir()
   for number, photo in enumerate(photos):
       shutil.copy(photo, f"numbered/{number:06d}{photo.suffix}")"""
 

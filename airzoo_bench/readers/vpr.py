@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import first_bytes, read_text
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.retrieval import (
@@ -61,14 +62,14 @@ class VprReader(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        images = SceneImages.of(reading.truths, path)
+        images = SceneImages.of(reading, path)
         budget = Budget(reading.memory_bytes)
         names = name_source(reading.names, (path, *reading.folders))
-        folders = log_folders(path)
-        logs = [read_log(folder) for folder in folders]
-        if any((folder / name).is_file() for folder in folders for name in (_DATABASE, _QUERIES)):
+        logs, empty = _with_answers([read_log(folder) for folder in log_folders(path)])
+        if any(_has_descriptors(log.folder) for log in logs):
             parts = [_descriptors(one, images, names, budget) for one in logs]
             names.check_used_up()
+            _check_one_run_each(logs, [queries.ids.tolist() for queries, _ in parts])
             predictions = join(path, [one[0] for one in parts], [one[1] for one in parts])
             said, notes = compared("l2", reading.protocol, predictions)
             left = sum(one[0].strange for one in parts)
@@ -77,7 +78,7 @@ class VprReader(Reader):
             predictions = ranked_lists(path, lists, None, budget)
             said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
         conventions = (*_ran(logs), *names.said, *said)
-        return ReadPredictions(predictions, conventions, (*aside(left), *notes))
+        return ReadPredictions(predictions, conventions, (*_unused(empty), *aside(left), *notes))
 
 
 VPR = VprReader()
@@ -112,8 +113,39 @@ def _entries(folder: Path) -> list[Path]:
         return []
 
 
+def _has_descriptors(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in (_QUERIES, _DATABASE))
+
+
+def _with_answers(logs: list[VprLog]) -> tuple[list[VprLog], list[VprLog]]:
+    """Part runs from those that broke off and left a log alone; all are kept where all did."""
+    full = [log for log in logs if _has_descriptors(log.folder) or _list_files(log.folder)]
+    return (full, [log for log in logs if log not in full]) if full else (logs, [])
+
+
+def _unused(logs: Sequence[VprLog]) -> tuple[str, ...]:
+    runs = [str(Path(log.folder.parent.name, log.folder.name)) for log in logs]
+    said = f"{counted(len(runs), 'run')} with neither descriptors nor lists, left aside: "
+    return (said + first_of(runs),) if runs else ()
+
+
+def _check_one_run_each(logs: Sequence[VprLog], asked: Sequence[Sequence[str]]) -> None:
+    """Refuse two runs that answer the same query."""
+    seen: dict[str, Path] = {}
+    for log, queries in zip(logs, asked, strict=True):
+        for query in queries:
+            if query in seen:
+                raise PredictionError(
+                    f"is a second run of what {seen[query]} answers: {query}",
+                    where=log.folder,
+                    expected="one run for each scene",
+                    fix="move one of the two elsewhere, or name the folder of one run",
+                )
+        seen |= dict.fromkeys(queries, log.folder)
+
+
 def _is_log(folder: Path) -> bool:
-    if any((folder / name).is_file() for name in (_QUERIES, _DATABASE)):
+    if _has_descriptors(folder):
         return True
     lists = _list_files(folder)
     if lists:
@@ -157,7 +189,7 @@ def _descriptors(
     _check_counts(log, len(gallery), len(asked))
     budget.hold(folder, "its queries", asked.size * (asked.itemsize + _DOUBLE))
     budget.hold(folder, "the names of its images", (len(gallery) + len(asked)) * _BYTES_OF_NAME)
-    here = images.named_in((str(folder), log.database or ""), folder)
+    here = images.of_run(log.folders)
     tiles, photos = names.of(log, here, len(gallery), len(asked))
     return (
         query_rows(photos, _in_memory(asked), here, folder / _QUERIES),
@@ -186,22 +218,19 @@ def _all_lists(
     logs: Sequence[VprLog], images: SceneImages, budget: Budget
 ) -> tuple[dict[str, Sequence[str]], int]:
     """Read the lists of all log folders; also count those of photos that are no queries."""
-    lists: dict[str, Sequence[str]] = {}
+    answered: list[dict[str, Sequence[str]]] = []
     left = 0
     for log in logs:
         files = _list_files(log.folder)
         _check_complete(log, files)
-        here = images.named_in((str(log.folder), log.database or ""), log.folder)
+        here = images.of_run(log.folders)
         read = [_read_list(file, budget) for file in files]
         asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
-        for file, query, (_, paths) in zip(files, asked, read, strict=True):
-            if query is None:
-                left += 1
-                continue
-            if query in lists:
-                raise PredictionError(f"query {query} is answered twice", where=file)
-            lists[query] = _tiles(paths, here, file)
-    return lists, left
+        named = zip(files, asked, read, strict=True)
+        answered.append({one: _tiles(paths, here, file) for file, one, (_, paths) in named if one})
+        left += asked.count(None)
+    _check_one_run_each(logs, [list(lists) for lists in answered])
+    return {query: tiles for lists in answered for query, tiles in lists.items()}, left
 
 
 def _check_complete(log: VprLog, files: list[Path]) -> None:

@@ -39,6 +39,11 @@ class VprLog:
     counts: tuple[int, int] | None = None
     only_wrong: bool = False
 
+    @property
+    def folders(self) -> tuple[str, ...]:
+        """Paths that may name the scene of the run."""
+        return (str(self.folder), self.database or "", self.queries or "")
+
 
 def read_log(folder: Path) -> VprLog:
     """Read the arguments of a run, as Python prints them, and its counts of images."""

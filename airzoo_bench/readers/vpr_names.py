@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
@@ -141,12 +141,35 @@ class _Listed:
     names: list[str]
     said: str
 
-    def checked(self, rows: int) -> list[str]:
+    def checked(self, rows: int) -> Sequence[str]:
         if len(self.names) != rows:
             raise _other_count(
                 self.folder, f"{counted(len(self.names), 'image')} for {counted(rows, 'row')}"
             )
-        return [f"{self.folder}/{name}" for name in self.names]
+        return _Below(self.folder, self.names)
+
+
+@dataclass(frozen=True)
+class _Below(Sequence[str]):
+    """Paths of files in a folder, made when they are asked for: there may be millions."""
+
+    folder: str
+    names: list[str]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[str]:
+        return (f"{self.folder}/{name}" for name in self.names)
+
+    @overload
+    def __getitem__(self, place: int) -> str: ...
+    @overload
+    def __getitem__(self, place: slice) -> _Below: ...
+    def __getitem__(self, place: int | slice) -> str | _Below:
+        if isinstance(place, slice):
+            return _Below(self.folder, self.names[place])
+        return f"{self.folder}/{self.names[place]}"
 
 
 def _from_folder(folder: str | None, rows: int) -> _Listed | None:
@@ -160,7 +183,7 @@ def _from_folder(folder: str | None, rows: int) -> _Listed | None:
     if listed.is_file() and not listed.is_symlink():
         return _Listed(folder, read_names(listed), _BY_FILE)
     files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
-    now = [name for name in files if Path(name).suffix.lower() in _LISTED]
+    now = [name for name in files if name.lower().endswith(_LISTED)]
     before = [name for name in files if name.endswith(_LISTED_BEFORE)]
     return _Listed(folder, before if len(before) == rows != len(now) else now, _BY_LISTING)
 
@@ -177,30 +200,37 @@ def _files(folder: str, most: int) -> Iterator[str]:
     count = 0
     for home, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        inside = Path(home).relative_to(folder)
+        inside = Path(home).relative_to(folder).as_posix()
         for name in files:
             count += 1
             if count > most:
                 raise _other_count(folder, f"more than {most:,} files")
             if not name.startswith("."):
-                yield (inside / name).as_posix()
+                yield name if inside == "." else f"{inside}/{name}"
 
 
 def _by_count(
     log: VprLog, images: SceneImages, tiles: int, photos: int
 ) -> tuple[list[str], list[str]]:
-    """Take the benchmark's own order where one scene, or all, has as many images as rows."""
-    choices: list[tuple[RetrievalTruth, ...]] = [(truth,) for truth in images.truths]
-    if len(choices) > 1:
+    """Take the benchmark's own order where one scene, or all, has as many images as rows.
+
+    One scene is that which the run's folders name, if they name one.
+    """
+    choices: list[tuple[RetrievalTruth, ...]] = [
+        (truth,) for truth in images.truths if images.home in ("", truth.scene)
+    ]
+    if len(images.truths) > 1:
         choices.append(images.truths)
     found = [
-        (names, asked)
+        (_tile_paths(some), asked)
         for some in choices
-        if len(names := _tile_paths(some)) == tiles
+        if sum(len(truth.tiles) for truth in some) == tiles
         for asked in _photo_paths(some)
         if len(asked) == photos
     ]
     if len(found) == 1:
+        for paths in found[0]:
+            _check_order(log, paths)
         return found[0]
     what = "could be several scenes by their numbers" if found else "fit no scene"
     raise PredictionError(
@@ -211,6 +241,20 @@ def _by_count(
         "of names",
         fix=_FIX,
     )
+
+
+def _check_order(log: VprLog, paths: Sequence[str]) -> None:
+    """Refuse images whose order depends on the folders that they lay in."""
+    last = [path.rsplit("/", 1)[1] for path in paths]
+    if len(set(last)) == len(last) and sorted(last) != last:
+        raise PredictionError(
+            f"its {counted(len(paths), 'image')} have no names, and all in one folder they have "
+            "another order than in a folder a scene",
+            where=log.folder,
+            expected="folders in info.log that are the benchmark's or below the predictions, or a "
+            "list of names",
+            fix=_FIX,
+        )
 
 
 def _tile_paths(truths: Sequence[RetrievalTruth]) -> list[str]:

@@ -12,7 +12,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.evaluation.prediction_files import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.readers.names import ImageNames
+from airzoo_bench.readers.names import ImageNames, names_in
 from airzoo_bench.retrieval.predictions import RankedIds
 
 __all__ = ["RANKS"]
@@ -47,12 +47,13 @@ class RanksCsv(Reader):
                 raise PredictionError("is no row", where=where, expected=HEADER) from error
         if not found:
             raise PredictionError("has no row", where=path, expected=HEADER)
-        photos = [
-            pair
-            for truth in reading.truths
-            for pair in zip(truth.queries["id"], truth.queries["image"], strict=True)
-        ]
-        ids = ImageNames.of("query", photos).find_all(list(found), path)
+        photos = ImageNames.of(
+            "query",
+            names_in(truth.queries for truth in reading.truths),
+            left_out=names_in(truth.excluded for truth in reading.truths),
+            scenes=reading.scenes,
+        )
+        ids = photos.find_all(list(found), path)
         lists = [sorted(rows) for one, rows in zip(ids, found.values(), strict=True) if one]
         depth = max(map(len, lists))
         tiles = [[tile for _, tile in rows] + [""] * (depth - len(rows)) for rows in lists]
