@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -16,9 +16,11 @@ from airzoo_bench.core.options import Option
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.core.validation import nearest, toml_value
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import run_baseline
 from airzoo_bench.evaluation.parts import Baseline, Resources
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission
+from airzoo_bench.results.result import Result
 
 __all__ = ["Remade", "check_baseline", "remake"]
 
@@ -34,11 +36,15 @@ class Remade:
     ----------
     same_bytes : bool
         Whether they are those of the submission, to the last byte.
+    alike : bool
+        Whether they are, or score as those of the submission do; what does not is another method,
+        and its time is not that of this one.
     seconds : float
         That it took, with all preparation.
     """
 
     same_bytes: bool
+    alike: bool
     seconds: float
 
 
@@ -91,7 +97,13 @@ def _problem(value: bool | float, kind: type, option: Option) -> str:
 
 
 def remake(
-    submission: Submission, track: str, predictions: Path, *, data: Path, resources: Resources
+    submission: Submission,
+    track: str,
+    predictions: Path,
+    agrees: Callable[[Result], bool],
+    *,
+    data: Path,
+    resources: Resources,
 ) -> Remade:
     """Make the predictions of a baseline again, compare them to the byte, and time it.
 
@@ -105,6 +117,8 @@ def remake(
     track : str
     predictions : Path
         Those of the submission.
+    agrees : callable
+        Whether a result is one that the submission's predictions may have.
     data : Path
         The data root.
     resources : Resources
@@ -129,4 +143,8 @@ def remake(
             resources=resources,
         )
         seconds = time.perf_counter() - begin
-        return Remade(sha256_of_tree(out) == sha256_of_tree(predictions), seconds)
+        same = sha256_of_tree(out) == sha256_of_tree(predictions)
+        alike = same or agrees(
+            evaluate(out, data=data, protocol=submission.protocol, resources=resources).result
+        )
+        return Remade(same, alike, seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.leaderboard.baselines import check_baseline
 from airzoo_bench.leaderboard.board import Board, BoardBenchmark
 from airzoo_bench.leaderboard.known import Known, Place, check_names
+from airzoo_bench.leaderboard.names import fault_of_file_name
 from airzoo_bench.leaderboard.predictions_given import check_entries, check_folder, find_predictions
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
@@ -35,6 +37,10 @@ from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Result, read_result
 
 __all__ = ["CheckedSubmission", "check_submission"]
+
+
+_MOST_CLAIMED_BYTES = 4 << 20
+"""To read a file of unknown keys takes some 150 times its size in memory."""
 
 
 @dataclass(eq=False)
@@ -97,7 +103,7 @@ def check_submission(
     board: Board,
     data: Path,
     *,
-    known: Sequence[Known] = (),
+    known: Sequence[Known] | None = None,
     fetch: bool = False,
     resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> CheckedSubmission:
@@ -110,8 +116,9 @@ def check_submission(
     board : Board
     data : Path
         The data root. Where the benchmark is there, predictions are held to its ids.
-    known : sequence of Known
-        What is on the board; what stands at the same place is replaced by this one.
+    known : sequence of Known, optional
+        What is on the board; what stands at the same place is replaced by this one. Where it is
+        not given, names and what is superseded are not held to the board.
     fetch : bool
         Whether predictions at an address are fetched, into the data root.
     resources : Resources
@@ -131,7 +138,9 @@ def check_submission(
         checked.errors.append(error)
         return checked
     checked.submission = submission
-    checked.take(check_names(submission, checked.place, known))
+    if known is not None:
+        checked.take(check_names(submission, checked.place, known))
+    checked.take(_dated(submission))
     checked.take(check_entries(folder, submission))
     placed = checked.take(_placed(checked, submission, board, data))
     try:
@@ -145,6 +154,17 @@ def check_submission(
     return checked
 
 
+def _dated(submission: Submission) -> Iterator[UserError]:
+    today = datetime.datetime.now(datetime.UTC).date()
+    if submission.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
+        yield SubmissionError(
+            f"key 'date' is {submission.date}, which is to come",
+            where=SUBMISSION_FILE,
+            expected=f"the day on which the predictions were made, such as {today}",
+            fix="correct the key",
+        )
+
+
 def _placed(
     checked: CheckedSubmission, submission: Submission, board: Board, data: Path
 ) -> Iterator[UserError | str]:
@@ -152,12 +172,14 @@ def _placed(
     place = checked.place
     benchmarks = {one.name: one for one in board.benchmarks}
     benchmark = benchmarks.get(place.benchmark)
-    if benchmark is None or not re.match(SAFE_NAME, place.folder):
+    is_plain = re.match(SAFE_NAME, place.folder) and not fault_of_file_name(place.folder)
+    if benchmark is None or not is_plain:
         yield SubmissionError(
             f"no place for a submission{nearest(place.benchmark, [*benchmarks])}",
             where="/".join(("submissions", place.benchmark, place.track, place.folder)),
             expected="submissions/BENCHMARK/TRACK/FOLDER, with BENCHMARK one of "
-            f"{', '.join(benchmarks)}, and FOLDER of letters, digits, dots and hyphens",
+            f"{', '.join(benchmarks)}, and FOLDER of letters, digits, dots and hyphens, and no "
+            "device of Windows such as con",
             fix="move the folder; `airzoo-bench submission new` finds its place",
         )
         return
@@ -189,6 +211,14 @@ def _claimed(checked: CheckedSubmission, submission: Submission) -> Iterator[Use
     """Read the submitter's own result, and hold it to what the submission says."""
     path = checked.folder / CLAIMED_FILE
     if not path.exists():
+        return
+    if (size := path.stat().st_size) > _MOST_CLAIMED_BYTES:
+        yield SubmissionError(
+            f"has {size:,} bytes",
+            where=path,
+            expected=f"at most {_MOST_CLAIMED_BYTES:,}, more than a result of this suite takes",
+            fix="leave it out: CI scores anyway",
+        )
         return
     try:
         claimed = read_result(path)

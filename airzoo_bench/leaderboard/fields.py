@@ -10,10 +10,17 @@ from pydantic import AfterValidator, Field
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.leaderboard.names import plain_line
 
-__all__ = ["Bibtex", "Contact", "Licence", "Sha256", "Url"]
+__all__ = ["Bibtex", "Contact", "Licence", "Sha256", "Url", "known_licence"]
 
 
-def _known_licence(expression: str) -> str:
+def known_licence(expression: str) -> str:
+    """Return an expression of SPDX as SPDX writes it.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
     from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
     try:
@@ -40,12 +47,16 @@ def _entry(text: str) -> str:
     return text
 
 
-_URL = r"^https://[A-Za-z0-9][^\s<>\"'`\\\x00-\x1f]*$"
+# A host without a user before it, which could pass for one, then what RFC 3986 has but quotes.
+_URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?$"
 
 
 def _https(address: str) -> str:
     if not re.search(_URL, address) or address.endswith("\n"):
-        raise ValueError("an address begins with https:// and has no blanks, quotes or brackets")
+        raise ValueError(
+            "an address begins with https:// and a host, without a user; other characters than "
+            "those of addresses are percent-encoded, in hosts as xn--"
+        )
     return address
 
 
@@ -53,7 +64,7 @@ Url = Annotated[
     str, Field(max_length=500, json_schema_extra={"pattern": _URL}), AfterValidator(_https)
 ]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_known_licence)]
+Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(known_licence)]
 Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
 Bibtex = Annotated[
     str,

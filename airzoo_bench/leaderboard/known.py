@@ -11,7 +11,14 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.leaderboard.names import alike, skeleton
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 
-__all__ = ["Known", "Place", "check_names", "known_submissions"]
+__all__ = [
+    "Known",
+    "Place",
+    "check_brought_back",
+    "check_names",
+    "check_superseded",
+    "known_submissions",
+]
 
 
 @dataclass(frozen=True)
@@ -88,12 +95,8 @@ def check_names(
     yield from _like_other(
         submission.method, "method", [one.method for one in of_others], "The same method"
     )
-    here = {
-        one.folder: one
-        for one in others
-        if (one.benchmark, one.track) == (place.benchmark, place.track)
-    }
-    yield from _same_names(submission, here)
+    here = _of_table(others, place)
+    yield from _same_names(submission, place.folder, here)
     for one in here.values():
         if one.predictions == submission.predictions.sha256 and one.team != submission.team:
             yield (
@@ -101,8 +104,18 @@ def check_names(
                 f"{one.team!r}, in {one.folder}"
             )
     yield from _line_of_versions(submission, place.folder, here)
-    if submission.supersedes is not None:
-        yield from _superseded(submission, submission.supersedes, place, here)
+    yield from check_superseded(submission, place, known)
+    yield from check_brought_back(known, place, submission.supersedes)
+
+
+def _of_table(known: Sequence[Known], place: Place) -> dict[str, Known]:
+    """Return the other submissions of a place's table by their folders."""
+    table = (place.benchmark, place.track)
+    return {
+        one.folder: one
+        for one in known
+        if (one.benchmark, one.track) == table and one.folder != place.folder
+    }
 
 
 def _like_other(name: str, key: str, names: list[str], same: str) -> Iterator[UserError]:
@@ -116,8 +129,12 @@ def _like_other(name: str, key: str, names: list[str], same: str) -> Iterator[Us
             return
 
 
-def _same_names(submission: Submission, here: dict[str, Known]) -> Iterator[UserError | str]:
+def _same_names(
+    submission: Submission, folder: str, here: dict[str, Known]
+) -> Iterator[UserError | str]:
     older = {submission.supersedes, *(one.supersedes for one in here.values())}
+    if folder in older:  # it has no row
+        return
     for one in here.values():
         if one.folder in older or skeleton(one.method) != skeleton(submission.method):
             continue
@@ -162,9 +179,45 @@ def _line_of_versions(
         )
 
 
-def _superseded(
-    submission: Submission, folder: str, place: Place, here: dict[str, Known]
+def check_brought_back(
+    known: Sequence[Known], place: Place, supersedes: str | None = None
 ) -> Iterator[UserError]:
+    """Yield an error where a row comes back beside one that has taken its name since.
+
+    Parameters
+    ----------
+    known : sequence of Known
+        All that is on the board, with what stands at the place until now.
+    place : Place
+        Of a submission that is changed or withdrawn.
+    supersedes : str or None
+        What it supersedes from now on.
+    """
+    here = _of_table(known, place)
+    old = next((one.supersedes for one in known if one.place == place), None)
+    gone = {supersedes, *(one.supersedes for one in here.values())}
+    if old is None or old in gone or old not in here:
+        return
+    back = here[old]
+    for one in here.values():
+        same = one.team == back.team and skeleton(one.method) == skeleton(back.method)
+        if same and one is not back and one.folder not in gone:
+            yield SubmissionError(
+                f"would bring {back.folder} back beside {one.folder}, and both are called "
+                f"{one.method!r}",
+                where=place.path,
+                expected="a name a row",
+                fix=f"withdraw {back.folder} first, or give one of them another name",
+            )
+
+
+def check_superseded(
+    submission: Submission, place: Place, known: Sequence[Known]
+) -> Iterator[UserError]:
+    """Yield an error where there is nothing that it may supersede; see `check_names`."""
+    folder, here = submission.supersedes, _of_table(known, place)
+    if folder is None:
+        return
     if folder not in here:
         yield SubmissionError(
             f"key 'supersedes' is {folder!r}, which is not there{nearest(folder, [*here])}",

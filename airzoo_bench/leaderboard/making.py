@@ -16,7 +16,7 @@ from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, validation_message
 from airzoo_bench.leaderboard.board import BOARD_FILE, Board, read_board
-from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.known import Place, check_superseded, known_submissions
 from airzoo_bench.leaderboard.predictions_given import size_of_tree
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
@@ -135,6 +135,8 @@ def write_submission(
     given = _given(files) | {k: values[k] for k in ("reader",) if values.get(k)}
     rest = {key: value for key, value in values.items() if key != "reader"}
     submission = _validated(rest | {"schema": 1, "predictions": given})
+    for error in check_superseded(submission, place, known_submissions(root)):
+        raise error
     folder = root / SUBMISSIONS / place.benchmark / place.track / place.folder
     with _filled(folder, replace=replace) as staged:
         if files.url is None:

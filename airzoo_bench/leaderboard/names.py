@@ -12,7 +12,16 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-__all__ = ["BoardName", "Line", "alike", "board_name", "plain_line", "shown_line", "skeleton"]
+__all__ = [
+    "BoardName",
+    "Line",
+    "alike",
+    "board_name",
+    "fault_of_file_name",
+    "plain_line",
+    "shown_line",
+    "skeleton",
+]
 
 # Letters and marks that show nothing, and that Unicode counts as printable all the same.
 _BLANK = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u180b\u180c\u180d\u180f\u2800\u3164\uffa0")
@@ -37,8 +46,31 @@ _OTHERS = {"Ы": "bl", "ы": "bl", "Ю": "lo", "ю": "lo", "ø": "o", "Ø": "o",
     **dict(zip("ヘニイハカトロタエノー", "へ二亻八力卜口夕工丿一", strict=True)),
 }
 _LOOKS_LIKE = _GREEK | _CYRILLIC | _OTHERS
-_SEPARATORS = str.maketrans("", "", " -_·'")
+_SEPARATORS = str.maketrans("", "", " -_·'\",:;()[]{}~!?")
 _SAME = (("rn", "m"), ("vv", "w"), ("0", "o"), ("1", "l"), ("i", "l"), ("|", "l"))
+
+
+_PLAIN_FILE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,119}")
+# What Windows takes for a device, also with an ending: no clone there could have such a file.
+_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+
+
+def fault_of_file_name(name: str) -> str:
+    """Say what is wrong with the name of a file or folder of a submission, if anything is."""
+    if name in ("", ".", ".."):
+        return f"{name!r} is no name of a file"
+    if name.casefold() == ".gitattributes":
+        return "a .gitattributes could change what others read of these files"
+    faults = {
+        "begins with a dot": name[0] == ".",
+        "begins with a dash": name[0] == "-",
+        "has blanks or line breaks": any(c.isspace() for c in name),
+        "has characters that do not print": not name.isprintable(),
+        "is longer than 120 letters": len(name) > 120,
+        "has other characters than those of plain names": not _PLAIN_FILE.fullmatch(name),
+        "is none on Windows": bool(_DEVICE.fullmatch(name)) or name.endswith("."),
+    }
+    return next((f"the name {fault}" for fault, there in faults.items() if there), "")
 
 
 def plain_line(text: str) -> str:
@@ -110,12 +142,12 @@ def board_name(text: str) -> str:
 def skeleton(name: str) -> str:
     """Return what is left of a name when what looks alike is written alike.
 
-    Case, accents, blanks, hyphens and underscores count for nothing, and ``0`` is ``o``; ``+`` and
-    ``.`` count, since versions of methods are called that.
+    Case, accents, blanks, hyphens, brackets and punctuation count for nothing, and ``0`` is ``o``;
+    ``+`` counts, and ``.`` but at the ends, since versions of methods are called that.
     """
     plain = unicodedata.normalize("NFKD", name)
     folded = "".join(_LOOKS_LIKE.get(c, c) for c in plain if not unicodedata.combining(c))
-    folded = folded.casefold().translate(_SEPARATORS)
+    folded = folded.casefold().translate(_SEPARATORS).strip(".")
     for seen, instead in _SAME:
         folded = folded.replace(seen, instead)
     return folded

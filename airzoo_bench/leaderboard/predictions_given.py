@@ -10,6 +10,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import SubmissionError, UserError, first_of
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.leaderboard.board import Limits
+from airzoo_bench.leaderboard.names import fault_of_file_name
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
     SUBMISSION_FILE,
@@ -17,9 +18,18 @@ from airzoo_bench.leaderboard.submission import (
     Submission,
 )
 
-__all__ = ["check_entries", "check_folder", "find_predictions", "size_of_tree"]
+__all__ = [
+    "MOST_FILES",
+    "RENAME",
+    "check_entries",
+    "check_folder",
+    "find_predictions",
+    "size_of_tree",
+]
 
-_MOST_FILES = 10_000
+MOST_FILES = 2000
+"""What a folder of a submission holds at most, with its folders."""
+RENAME = "give it a name of A-Z, a-z, 0-9, _, . and -"
 FETCHED = "fetched-predictions"
 """The folder in the data root that predictions at an address are kept in, by their hash."""
 
@@ -32,6 +42,9 @@ def check_folder(folder: Path, limits: Limits) -> Iterator[UserError]:
         for entry in sorted(os.scandir(pending.pop()), key=lambda one: one.name):
             found = entry.stat(follow_symlinks=False)
             count += 1
+            if fault := fault_of_file_name(entry.name):
+                yield SubmissionError(fault, where=Path(entry.path), fix=RENAME)
+                return
             if stat.S_ISDIR(found.st_mode):
                 pending.append(Path(entry.path))
             elif stat.S_ISREG(found.st_mode):
@@ -39,7 +52,7 @@ def check_folder(folder: Path, limits: Limits) -> Iterator[UserError]:
             else:
                 yield _no_plain_file(Path(entry.path))
                 return
-            if count > _MOST_FILES:
+            if count > MOST_FILES:
                 yield _too_many(folder)
                 return
     if size > limits.committed_bytes:
@@ -54,7 +67,7 @@ def check_folder(folder: Path, limits: Limits) -> Iterator[UserError]:
 
 def _too_many(folder: Path) -> SubmissionError:
     return SubmissionError(
-        f"holds more than {_MOST_FILES:,} files and folders",
+        f"holds more than {MOST_FILES:,} files and folders",
         where=folder,
         fix="put the predictions into one archive, such as predictions.zip",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from airzoo_bench.core.errors import ResultError, SubmissionError, UserError, first_of
@@ -134,7 +135,8 @@ def rescore(
     found = _compared(checked.claimed, evaluation)
     remade = None
     if make_again and submission.baseline is not None:
-        remade = remake(submission, track, predictions, data=data, resources=resources)
+        agrees = partial(_agrees, evaluation)
+        remade = remake(submission, track, predictions, agrees, data=data, resources=resources)
     return Rescored(
         evaluation,
         checked.claimed,
@@ -224,6 +226,16 @@ def _limits(evaluation: Evaluation) -> dict[tuple[str, str], tuple[float, float]
     }
 
 
+def _agrees(evaluation: Evaluation, other: Result) -> bool:
+    """Whether another result is within the intervals of this one, as machines may differ."""
+    limits = _limits(evaluation)
+    for key, value in evaluation.result.overall.items():
+        low, high = limits.get((OVERALL, key), (value - SAME, value + SAME))
+        if not low <= other.overall[key] <= high:
+            return False
+    return True
+
+
 def _refusal(refused: list[Difference], *, same_versions: bool) -> SubmissionError:
     more = [f"and {len(refused) - _SHOWN} more"] if len(refused) > _SHOWN else []
     why = (
@@ -257,7 +269,11 @@ def _remade_lines(remade: Remade | None, result: Result) -> Iterator[str]:
     if remade is None:
         return
     queries = sum(counts["queries"] for counts in result.counts.values())
-    same = "the same to the last byte" if remade.same_bytes else "not the same bytes here"
+    same = (
+        "the same to the last byte" if remade.same_bytes else "not the same bytes here, but scores"
+    )
+    if not remade.alike:
+        same = "they score otherwise, so this time is not that of the method and is not shown"
     yield (
         f"the baseline made the predictions again: {same}; {remade.seconds:.1f} s with all "
         f"preparation, {remade.seconds / queries:.3f} s a query"

@@ -57,10 +57,13 @@ class MadeAgain(Strict):
     ----------
     same_bytes : bool
         Whether they are those of the submission; another processor may round otherwise.
+    alike : bool
+        Whether they are, or score as these do: only then it is the submission's time.
     """
 
     seconds_per_query: Positive
     same_bytes: bool
+    alike: bool = False
 
 
 class Run(Strict):

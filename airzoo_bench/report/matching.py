@@ -17,7 +17,8 @@ from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import change_of_plane
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.map_pixels import to_map_pixels
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.matching.maps import ReferenceMap
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import ScoredScene
@@ -226,10 +227,10 @@ def _draw_map(
     corners = pixel_to_world(dom.transform, [(0, 0), (dom.width, 0), (0, dom.height)])
     origin, right, down = change_of_plane(dom.crs, scene_crs)(corners)
     sides = np.linalg.norm([right - origin, down - origin], axis=1)
-    to_dom = change_of_plane(scene_crs, dom.crs)
+    to_pixels = to_map_pixels(scene_crs, dom)
 
     def along_sides(centres: NDArray[np.float64]) -> NDArray[np.float64]:
-        pixels = world_to_pixel(dom.transform, to_dom(centres[:, :2]))
+        pixels = to_pixels(centres[:, :2])
         east, south = (pixels * sides / (dom.width, dom.height)).T
         return np.stack([east, sides[1] - south], axis=1)
 

@@ -107,15 +107,15 @@ def rounded(values: Floats, digits: int) -> Floats:
 
 def json_value(value: Any) -> Any:
     """Return what JSON can hold: NaN is null, an infinite number the text ``inf`` or ``-inf``."""
+    if isinstance(value, float):
+        if math.isfinite(value):
+            return value
+        return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
     if isinstance(value, dict):
         return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_value(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return json_value(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
-    return value
+    return json_value(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 def page_json(value: Any) -> str:

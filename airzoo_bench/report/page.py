@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import html
 import re
 from collections.abc import Sequence
@@ -18,6 +16,7 @@ from airzoo_bench.core.version import __version__
 from airzoo_bench.report.packing import Blobs, page_json
 from airzoo_bench.report.parts import make_part
 from airzoo_bench.report.places import Place, find_places
+from airzoo_bench.report.policy import content_policy
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.result import Result
 from airzoo_bench.tables.layouts import methods_table
@@ -123,7 +122,7 @@ def _page(
         '(function () {\n"use strict";\n' + "\n".join(read[name] for name in _SCRIPTS) + "})();\n"
     )
     values = {
-        "policy": _policy(script, read["style.css"]),
+        "policy": content_policy(script, read["style.css"]),
         "version": html.escape(__version__),
         "title": html.escape(title),
         "style": read["style.css"],
@@ -137,16 +136,3 @@ def _page(
     }
     # One pass: what is filled in is never searched for places to fill.
     return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], read["page.html"])
-
-
-def _policy(script: str, style: str) -> str:
-    """Return the content security policy: only this script and style, and nothing is loaded."""
-    return (
-        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def _hash(text: str) -> str:
-    digest = hashlib.sha256(text.encode()).digest()
-    return f"'sha256-{base64.b64encode(digest).decode()}'"

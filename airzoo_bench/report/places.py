@@ -14,8 +14,8 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import change_of_plane, from_lonlat
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, world_to_pixel
+from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section
@@ -171,7 +171,7 @@ def _matching_place(truth: MatchingTruth, benchmark: Benchmark) -> Place:
         nowhere = np.full((len(ids), 4, 2), np.nan)
         return Place(truth.scene, None, truth.maps[0].dom.path, photos, ids, nowhere, nowhere[:, 0])
     dom, flat = truth.scene_map.dom, truth.poses.centres[:, :2]
-    centres = world_to_pixel(dom.transform, change_of_plane(entry.crs, dom.crs)(flat))
+    centres = to_map_pixels(entry.crs, dom)(flat)
     return Place(
         truth.scene,
         dom,
@@ -215,5 +215,5 @@ def _on_map(dom: RasterInfo, lonlat: Floats) -> Floats:
     flat = lonlat.reshape(-1, 2)
     known = np.isfinite(flat).all(axis=1)
     pixels = np.full(flat.shape, np.nan)
-    pixels[known] = world_to_pixel(dom.transform, from_lonlat(dom.crs, flat[known]))
+    pixels[known] = to_map_pixels(LONLAT_CRS, dom)(flat[known])
     return pixels.reshape(lonlat.shape)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.parallel import parallel_map
+from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.engines.processes import Processes
 from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.records_reading import column_names
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.retrieval.scores import RANKED_TILE
@@ -143,10 +144,12 @@ def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
     results = [read_result(path) for path in paths]
     files = [records_path(path) for path in paths]
     size = sum(file.stat().st_size for file in files if file.is_file())
-    workers = min(jobs, len(paths)) if size > _LARGE_BYTES else 1
+    engine = Processes(jobs if size > _LARGE_BYTES else 1)
     ranks = _affordable_ranks(results)
     asked = [(path, ranks[_key(result)]) for path, result in zip(paths, results, strict=True)]
-    records = parallel_map(_shown_records, asked, workers)
+    records = engine.map(
+        _shown_records, asked, shared=None, stage="results", name=lambda one: str(one[0])
+    )
     groups: dict[_Key, list[Scored]] = {}
     for name, result, rows in zip(method_names(paths, results), results, records, strict=True):
         groups.setdefault(_key(result), []).append(Scored(name, result, rows))
@@ -183,8 +186,9 @@ def _affordable_ranks(results: Sequence[Result]) -> dict[_Key, int]:
     return {key: min(_MOST_RANKS, _MOST_TILES // max(count, 1)) for key, count in lists.items()}
 
 
-def _shown_records(asked: tuple[Path, int]) -> pd.DataFrame:
+def _shown_records(shared: None, asked: tuple[Path, int]) -> pd.DataFrame:
     """Read of the records what a report shows, to take less time and hold less."""
+    del shared
     path, ranks = asked
     result = read_result(path)
     heads = _heads(records_path(path))
@@ -205,5 +209,7 @@ def _heads(file: Path) -> list[str]:
     """Return the columns of records; none where there is no such table, which is told later."""
     if not file.is_file():
         return []
-    with file.open(encoding="utf-8", errors="replace", newline="") as stream:
-        return next(csv.reader(stream), [])
+    try:
+        return column_names(file)
+    except ResultError:
+        return []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from airzoo_bench.tables.method_table import as_shown, score_column
 from airzoo_bench.tables.model import Cell, share_to_percent, show_number
 from airzoo_bench.tables.reported_rows import shared_references
 from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
-from airzoo_bench.tables.wording import score_cell, score_title
+from airzoo_bench.tables.wording import score_cell, score_texts, score_title
 
 __all__ = [
     "BEST",
@@ -30,7 +30,6 @@ __all__ = [
     "compared_pairs",
     "marks_of",
     "references",
-    "score_texts",
     "standings",
     "test_plan",
 ]
@@ -141,22 +140,13 @@ def _texts(section: Section, rows: Sequence[_Row]) -> list[list[str]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]:
-    """Write values of a score as tables do."""
-    return [_cell(score, value).text(2) for value in values]
-
-
-def _cell(score: ScoreColumn, value: float | None) -> Cell:
-    return Cell(None if value is None else as_shown(score, float(value)))
-
-
 def marks_of(score: ScoreColumn, values: _Row, tests: AgainstBest | None = None) -> list[str]:
     """Mark a score's values by method: the best ones by the digits shown, and who ties with them.
 
     One method by itself has no mark.
     """
     column = score_column(score)
-    cells = [_cell(score, value) for value in values]
+    cells = [score_cell(score, value) for value in values]
     best = best_texts(column, cells)[:1]
     if not best or len(values) < 2:
         return [""] * len(values)

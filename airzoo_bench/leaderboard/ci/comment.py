@@ -58,7 +58,11 @@ def _scored_commit(artifact: Artifact) -> str:
 
 def _nothing(artifact: Artifact) -> Iterator[str]:
     del artifact
-    yield "This pull request changes no submission.\n"
+    yield (
+        "This pull request changes no submission: it is not for the board's branch, or all below "
+        "`submissions/` is as it was where it began. (A submission is a folder "
+        "`submissions/<benchmark>/<track>/<folder>`, committed.)\n"
+    )
 
 
 def _refused(artifact: Artifact) -> Iterator[str]:
@@ -158,7 +162,7 @@ def _sealed_table(answer: SealedAnswer) -> str:
 def _claimed(artifact: Artifact) -> Iterator[str]:
     if artifact.agrees is None:
         return
-    word = "agrees with" if artifact.agrees else "differs from"
+    word = "does not contradict" if artifact.agrees else "differs from"
     yield f"The claimed result {word} the re-scored one.\n"
     if artifact.claimed:
         yield _block("\n".join(artifact.claimed))

@@ -105,7 +105,7 @@ class DataBranch:
             self._fetch()
         raise BoardError(
             f"{DATA_BRANCH} was pushed to by others {_TRIES} times in a row",
-            where=self.repository.remote,
+            where=self.repository.git.remote,
             fix="run the job again; if it fails again, see whether the token may push",
         )
 

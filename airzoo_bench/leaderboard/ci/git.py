@@ -5,19 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import TypeVar
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.ci.git_process import BoardError, GitProcess, check
 
 __all__ = ["BoardError", "Change", "Entry", "RefusedError", "Repository"]
 
-T = TypeVar("T")
-
 _OBJECT_ID = re.compile(r"[0-9a-f]{40}(?:[0-9a-f]{24})?")
 _ENTRY_BYTES = 512  # of an entry's line, on average; paths are at most some thousand bytes long
 _BATCH = 64
+_FOLDER = "040000"
+_COMPARED = 4  # parts of the path of a submission's folder: what lies deeper is part of that
+_MOST_CHILDREN = 20_000
 # What git says where somebody else has pushed since, before or while this push was received.
 _OVERTAKEN = (b"[rejected]", b"cannot lock ref", b"failed to update ref", b"incorrect old value")
 
@@ -28,16 +29,15 @@ class RefusedError(SubmissionError):
 
 @dataclass(frozen=True)
 class Change:
-    """A path that differs between two commits; a mode of zeros means that it is not there."""
+    """A path that differs between two commits: a file, or a folder as a whole."""
 
     path: bytes
-    old_mode: str
-    mode: str
+    is_folder: bool
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of a commit."""
+    """A file of a commit, or a folder."""
 
     path: bytes
     mode: str
@@ -46,17 +46,9 @@ class Entry:
 
 @dataclass(frozen=True)
 class Repository:
-    """A bare repository that only fetches, reads and pushes objects.
+    """A bare repository that only fetches, reads and pushes objects."""
 
-    Attributes
-    ----------
-    folder : Path
-    remote : str
-        The URL or folder that it fetches from.
-    """
-
-    folder: Path
-    remote: str
+    git: GitProcess
 
     @classmethod
     def create(cls, folder: Path, remote: str) -> Repository:
@@ -68,9 +60,9 @@ class Repository:
             Git is not installed, or the folder cannot be made.
         """
         folder.parent.mkdir(parents=True, exist_ok=True)
-        made = cls(folder, remote)
-        made._git.run("init", "--quiet", "--bare", "--template=")
-        made._git.run("config", "remote.origin.url", remote)
+        made = cls(GitProcess(folder, remote))
+        made.git.run("init", "--quiet", "--bare", "--template=")
+        made.git.run("config", "remote.origin.url", remote)
         return made
 
     def fetch(self, refs: Mapping[str, str], *, blobs: bool, depth: int | None = None) -> None:
@@ -93,14 +85,23 @@ class Repository:
         options = [] if blobs else ["--filter=blob:none"]
         options += [] if depth is None else [f"--depth={depth}"]
         pairs = [f"+{theirs}:{ours}" for theirs, ours in refs.items()]
-        self._git.run(
+        done = self.git.call(
             "fetch", "--quiet", "--no-tags", "--no-recurse-submodules", "--no-write-fetch-head",
             *options, "origin", *pairs,
         )  # fmt: skip
+        if b"find remote ref" in done.stderr:
+            raise BoardError(
+                done.stderr.decode("utf-8", "replace").strip().removeprefix("fatal: "),
+                where=self.git.remote,
+                expected=f"{' and '.join(refs)} there",
+                fix="correct --remote, the name of the board's branch, or the event: a pull "
+                "request that was deleted has no ref",
+            )
+        check(done, "fetch")
 
     def remote_has(self, ref: str) -> bool:
         """Whether the remote has a ref."""
-        return bool(self._git.run("ls-remote", "origin", ref).strip())
+        return bool(self.git.run("ls-remote", "origin", ref).strip())
 
     def resolve(self, name: str) -> str | None:
         """Return the id of a commit or, for ``commit:path``, of a folder; None where there is none.
@@ -110,47 +111,74 @@ class Repository:
         name : str
             Our own words only; a path in it has been checked.
         """
-        done = self._git.call("rev-parse", "--verify", "--quiet", "--end-of-options", name)
+        done = self.git.call("rev-parse", "--verify", "--quiet", "--end-of-options", name)
         found = done.stdout.decode("ascii", "replace").strip()
         return found if done.returncode == 0 and _OBJECT_ID.fullmatch(found) else None
 
     def contains(self, ref: str, commit: str) -> bool:
         """Whether a commit is that of a ref of ours, or one before it."""
-        return self._git.call("merge-base", "--is-ancestor", commit, ref).returncode == 0
+        return self.git.call("merge-base", "--is-ancestor", commit, ref).returncode == 0
 
     def merge_bases(self, one: str, other: str) -> list[str]:
         """Return the commits from which two commits went apart: more than one after merges."""
-        done = self._git.call("merge-base", "--all", one, other)
+        done = self.git.call("merge-base", "--all", one, other)
         return done.stdout.decode("ascii").split() if done.returncode == 0 else []
 
     def changes(self, old: str, new: str, most: int) -> list[Change]:
-        """Return the paths that differ between two commits; nothing is taken for renamed.
+        """Return the paths that differ between two commits, at most so many.
+
+        Folders are compared by their ids, so one also differs where no file in it does (it has
+        empty folders in it). Git's own comparison would hold every path in memory, and a few small
+        trees, each many times in the next, are more paths than there is memory.
 
         Raises
         ------
         RefusedError
-            They are more than `most`, or git cannot read the trees.
+            A folder has too many entries, or git cannot read it.
         """
-        text = self._bounded(most, "diff-tree", "-r", "-z", "--raw", "--no-renames", old, new)
-        fields = text.split(b"\0")[:-1]
-        pairs = zip(fields[::2], fields[1::2], strict=True)
-        found = [_change(head.decode("ascii"), path) for head, path in pairs]
-        return _at_most(found, most)
+        return [*islice(self._changes(old, new), most)]
+
+    def _changes(self, old: str | None, new: str | None, path: bytes = b"") -> Iterator[Change]:
+        before, now = self._children(old), self._children(new)
+        differing = sorted(n for n in before.keys() | now.keys() if before.get(n) != now.get(n))
+        if not differing:
+            yield Change(path, is_folder=True)
+        for name in differing:
+            sides = before.get(name), now.get(name)
+            below = b"/".join(filter(None, (path, name)))
+            is_folder = all(side is None or side.mode == _FOLDER for side in sides)
+            if is_folder and below.count(b"/") < _COMPARED - 1:
+                yield from self._changes(_id(sides[0]), _id(sides[1]), below)
+            else:
+                yield Change(below, is_folder)
+
+    def _children(self, tree: str | None) -> dict[bytes, Entry]:
+        if tree is None:
+            return {}
+        text = self._bounded(_MOST_CHILDREN, "ls-tree", "-z", "--full-tree", tree)
+        return {one.path: one for one in map(_entry, text.split(b"\0")[:-1])}
 
     def entries(self, commit: str, folder: str, most: int) -> list[Entry]:
-        """Return all files below a folder of a commit.
+        """Return all files below a folder of a commit, and the folders without any.
 
         Raises
         ------
         RefusedError
             They are more than `most`, or git cannot read the trees.
         """
-        text = self._bounded(most, "ls-tree", "-r", "-z", "--full-tree", commit, "--", f"{folder}/")
-        return _at_most([_entry(line) for line in text.split(b"\0")[:-1]], most)
+        # With folders (-t), so that a tree of empty ones is cut off as one of files is.
+        text = self._bounded(
+            most, "ls-tree", "-r", "-t", "-z", "--full-tree", commit, "--", f"{folder}/"
+        )
+        listed = _no_parents([_entry(line) for line in text.split(b"\0")[:-1]])
+        found = [one for one in listed if (one.path + b"/").startswith(f"{folder}/".encode())]
+        if len(found) > most:
+            raise _too_many(most)
+        return found
 
     def folders(self, commit: str, folder: str) -> list[bytes]:
         """Return the paths of what lies directly in a folder of a commit."""
-        text = self._git.run(
+        text = self.git.run(
             "ls-tree", "-z", "--full-tree", "--name-only", commit, "--", f"{folder}/"
         )
         return text.split(b"\0")[:-1]
@@ -160,22 +188,22 @@ class Repository:
         for start in range(0, len(object_ids), _BATCH):
             lines = "".join(f"{one}\n" for one in object_ids[start : start + _BATCH]).encode()
             # What this cannot bring, git itself fetches one by one when it is asked for.
-            self._git.call(
+            self.git.call(
                 "-c", "fetch.negotiationAlgorithm=noop", "fetch", "--quiet", "--no-tags",
                 "--no-recurse-submodules", "--no-write-fetch-head", "--filter=blob:none",
                 "--stdin", "origin", stdin=lines,
             )  # fmt: skip
-            found = self._git.run("cat-file", "--batch-check=%(objectsize)", stdin=lines)
+            found = self.git.run("cat-file", "--batch-check=%(objectsize)", stdin=lines)
             yield from map(int, found.split())
 
     def blob(self, object_id: str) -> bytes:
         """Return the content of a file whose size has been checked."""
-        return self._git.run("cat-file", "blob", object_id)
+        return self.git.run("cat-file", "blob", object_id)
 
     def write_blob(self, object_id: str, path: Path) -> None:
         """Write the content of a file whose size has been checked to a path that is free."""
         with path.open("xb") as stream:
-            done = self._git.call("cat-file", "blob", object_id, stdout=stream.fileno())
+            done = self.git.call("cat-file", "blob", object_id, stdout=stream.fileno())
         check(done, "cat-file")
 
     def commit(self, parent: str | None, files: Mapping[str, bytes], message: str) -> str:
@@ -189,15 +217,15 @@ class Repository:
             By path.
         message : str
         """
-        index = {"GIT_INDEX_FILE": str(self.folder / "index.new")}
-        (self.folder / "index.new").unlink(missing_ok=True)
+        index = {"GIT_INDEX_FILE": str(self.git.folder / "index.new")}
+        (self.git.folder / "index.new").unlink(missing_ok=True)
         if parent is not None:
-            self._git.run("read-tree", parent, more=index)
+            self.git.run("read-tree", parent, more=index)
         lines = [f"100644 {self._stored(text)}\t{path}\0" for path, text in files.items()]
-        self._git.run(
+        self.git.run(
             "update-index", "-z", "--index-info", stdin="".join(lines).encode(), more=index
         )
-        tree = self._git.run("write-tree", "--missing-ok", more=index).decode("ascii").strip()
+        tree = self.git.run("write-tree", "--missing-ok", more=index).decode("ascii").strip()
         parents = [] if parent is None else ["-p", parent]
         who = {
             f"GIT_{role}_{key}": value
@@ -207,7 +235,7 @@ class Repository:
                 ("EMAIL", "leaderboard@users.noreply.github.com"),
             )
         }
-        made = self._git.run("commit-tree", *parents, tree, stdin=message.encode(), more=who)
+        made = self.git.run("commit-tree", *parents, tree, stdin=message.encode(), more=who)
         return made.decode("ascii").strip()
 
     def push(self, commit: str, ref: str) -> bool:
@@ -218,7 +246,7 @@ class Repository:
         BoardError
             The remote refuses it for another reason.
         """
-        done = self._git.call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
+        done = self.git.call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
         if done.returncode and any(said in done.stdout for said in _OVERTAKEN):
             return False
         if done.returncode:
@@ -227,26 +255,17 @@ class Repository:
         return True
 
     def _stored(self, content: bytes) -> str:
-        return self._git.run("hash-object", "-w", "--stdin", stdin=content).decode("ascii").strip()
-
-    @property
-    def _git(self) -> GitProcess:
-        return GitProcess(self.folder, self.remote)
+        return self.git.run("hash-object", "-w", "--stdin", stdin=content).decode("ascii").strip()
 
     def _bounded(self, most: int, *arguments: str) -> bytes:
         """Read what git prints as far as `most` entries can fill, and a little more."""
         limit = (most + 1) * _ENTRY_BYTES
-        text, well = self._git.first_bytes(limit, *arguments)
+        text, well = self.git.first_bytes(limit, *arguments)
         if len(text) == limit:
             raise _too_many(most)
         if not well:
             raise RefusedError("git cannot read the trees of this commit", fix="make it anew")
         return text
-
-
-def _change(head: str, path: bytes) -> Change:
-    old_mode, mode = head.removeprefix(":").split(" ")[:2]
-    return Change(path, old_mode, mode)
 
 
 def _entry(line: bytes) -> Entry:
@@ -255,15 +274,19 @@ def _entry(line: bytes) -> Entry:
     return Entry(path, mode, object_id)
 
 
-def _at_most(found: list[T], most: int) -> list[T]:
-    if len(found) > most:
-        raise _too_many(most)
-    return found
+def _id(entry: Entry | None) -> str | None:
+    return None if entry is None else entry.object_id
+
+
+def _no_parents(found: Sequence[Entry]) -> list[Entry]:
+    """Leave out folders in which there is anything."""
+    parents = {one.path.rpartition(b"/")[0] for one in found}
+    return [one for one in found if one.path not in parents]
 
 
 def _too_many(most: int) -> RefusedError:
     return RefusedError(
-        f"more than {most:,} files",
+        f"more than {most:,} files and folders",
         expected="one submission",
         fix="put the predictions into one file, such as an .npz or a .zip, or give their URL",
     )

@@ -1,10 +1,14 @@
-"""After a merge: submissions of the board's own branch that have no run yet are scored again."""
+"""After a merge: what stands on the board's own branch is scored, where it has no run that counts.
+
+A run counts while the submission's files, the protocol and the truth are the ones of today. Against
+a sealed truth nothing is scored here, so the run of an earlier one stays, in a table of its own.
+"""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -16,6 +20,7 @@ from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.entries import answer_path
 from airzoo_bench.leaderboard.ci.git import Repository
+from airzoo_bench.leaderboard.ci.outdated import Measures, measure_of
 from airzoo_bench.leaderboard.ci.rules import BASE, read_files, submitted
 from airzoo_bench.leaderboard.ci.scoring import OF_BOARD, Rules, is_sealed
 from airzoo_bench.leaderboard.known import Place, check_names, known_submissions
@@ -31,18 +36,31 @@ from airzoo_bench.leaderboard.runs import (
 
 __all__ = ["record_runs", "score_merged"]
 
+_NEW_TRY = "a new commit of the submission is a try at it"
+
 
 @dataclass(frozen=True)
 class Scored:
-    """A submission of the board's branch, and what came of it: a run's folder, or a fault."""
+    """A submission of the board's branch, and what came of it.
+
+    Attributes
+    ----------
+    place : Place
+    run : Path or None
+        Its newest run; None where there is a fault.
+    said : str
+        What was done, and why.
+    fault : UserError or None
+    """
 
     place: Place
     run: Path | None
+    said: str
     fault: UserError | None = None
 
 
 def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
-    """Score what stands on the board's branch and has no run of the same files yet.
+    """Score what stands on the board's branch and has no run that counts.
 
     Parameters
     ----------
@@ -56,7 +74,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
     Yields
     ------
     Scored
-        Of each that was new. A faulty one keeps none of the others from being scored.
+        Of each that was new or outdated. A faulty one keeps none of the others from being scored.
 
     Raises
     ------
@@ -75,26 +93,38 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         for place in places:
             # Runs of what was withdrawn stay on the branch, and leave the board.
             branch.export(out, f"runs/{place.benchmark}/{place.track}/{place.folder}")
+        measures = Measures(rules.data)
         for place in places:
             tree = repository.resolve(f"{commit}:{place.path}") or ""
-            if _has_run(out, place, tree):
+            run = _same_files(out, place, tree)
+            why = "" if run is None else _outdated(run, measures, place, rules)
+            if run is not None and (not why or is_sealed(rules.board, place)):
+                if why:
+                    yield Scored(place, run, f"not scored again: {why}; {_NEW_TRY}")
                 continue
             new = _New(place, tree, commit, repository, branch, rules, work)
             try:
-                yield Scored(place, new.score(out))
+                yield Scored(place, new.score(out), f"scored again: {why}" if why else "scored")
             except UserError as fault:
                 if isinstance(fault, OF_BOARD):
                     raise
-                yield Scored(place, None, fault)
+                yield Scored(place, None, "", fault)
 
 
 def _table(root: Path, place: Place) -> Path:
     return root / "runs" / place.benchmark / place.track
 
 
-def _has_run(root: Path, place: Place, tree: str) -> bool:
+def _same_files(root: Path, place: Place, tree: str) -> Path | None:
+    """Return the newest run, if it is of these files."""
     last = newest_runs(_table(root, place)).get(place.folder)
-    return last is not None and read_run(last / RUN_FILE).tree == tree
+    return last if last is not None and read_run(last / RUN_FILE).tree == tree else None
+
+
+def _outdated(run: Path, measures: Measures, place: Place, rules: Rules) -> str:
+    measured = measure_of(run)
+    now = measures.of(measured.protocol, sealed=is_sealed(rules.board, place))
+    return measured.outdated(now)
 
 
 @dataclass(frozen=True)
@@ -143,11 +173,11 @@ class _New:
         if given is None:
             return []
         scored = {path.parts[-4:-1] for path in out.glob("runs/*/*/*/*")}
-        known = [
-            one
-            for one in known_submissions(self.rules.root)
-            if one.folder == given.supersedes or astuple(one.place) in scored
-        ]
+        merged = known_submissions(self.rules.root)
+        old = replace(self.place, folder=given.supersedes or "")
+        if old not in [one.place for one in merged]:  # withdrawn since
+            given = given.model_copy(update={"supersedes": None})
+        known = [one for one in merged if one.place == old or astuple(one.place) in scored]
         found = check_names(given, self.place, known)
         return [one for one in found if isinstance(one, UserError)]
 
@@ -192,7 +222,8 @@ def _made_again(found: Rescored | None) -> MadeAgain | None:
         return None
     queries = sum(counts["queries"] for counts in found.evaluation.result.counts.values())
     seconds = float(f"{found.remade.seconds / queries:.3g}")
-    return MadeAgain(seconds_per_query=seconds, same_bytes=found.remade.same_bytes)
+    made = found.remade
+    return MadeAgain(seconds_per_query=seconds, same_bytes=made.same_bytes, alike=made.alike)
 
 
 def record_runs(branch: DataBranch, root: Path) -> list[str]:

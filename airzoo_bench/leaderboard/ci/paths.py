@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import re
 import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 
 from airzoo_bench.leaderboard.ci.git import Entry, RefusedError
+from airzoo_bench.leaderboard.names import fault_of_file_name
+from airzoo_bench.leaderboard.predictions_given import RENAME
 
 __all__ = ["check_entries", "checked_path", "shown_path"]
 
-_PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,119}")
 _DEPTH = 12
 _KINDS = {
     "120000": "a symbolic link",
     "160000": "a submodule",
     "100755": "an executable file",
-    "040000": "a folder that stands as a file",
+    "040000": "an empty folder",
 }
-_RENAME = "give it a name of A-Z, a-z, 0-9, _, . and -"
+_MEND = {"100755": "`git update-index --chmod=-x FILE`", "040000": "leave it out"}
 
 
 def shown_path(path: bytes) -> str:
@@ -40,11 +40,11 @@ def checked_path(path: bytes) -> str:
     try:
         text = path.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise RefusedError("the name is not UTF-8", where=shown_path(path), fix=_RENAME) from error
+        raise RefusedError("the name is not UTF-8", where=shown_path(path), fix=RENAME) from error
     parts = text.split("/")
-    for fault in (_fault_of_whole(text, parts), *map(_fault_of_part, parts)):
+    for fault in (_fault_of_whole(text, parts), *map(fault_of_file_name, parts)):
         if fault:
-            raise RefusedError(fault, where=shown_path(path), fix=_RENAME)
+            raise RefusedError(fault, where=shown_path(path), fix=RENAME)
     return text
 
 
@@ -52,22 +52,6 @@ def _fault_of_whole(text: str, parts: Sequence[str]) -> str:
     if text != unicodedata.normalize("NFC", text):
         return "the name is not in Unicode's normal form NFC"
     return f"lies in more than {_DEPTH} folders" if len(parts) > _DEPTH else ""
-
-
-def _fault_of_part(part: str) -> str:
-    if part in ("", ".", ".."):
-        return f"{part!r} is no name of a file"
-    if part.casefold() == ".gitattributes":
-        return "a .gitattributes could change what others read of these files"
-    faults = {
-        "begins with a dot": part[0] == ".",
-        "begins with a dash": part[0] == "-",
-        "has blanks or line breaks": any(c.isspace() for c in part),
-        "has characters that do not print": not part.isprintable(),
-        "is longer than 120 letters": len(part) > 120,
-        "has other characters than those of plain names": not _PLAIN.fullmatch(part),
-    }
-    return next((f"the name {fault}" for fault, there in faults.items() if there), "")
 
 
 def check_entries(entries: Sequence[Entry]) -> list[RefusedError]:
@@ -91,9 +75,7 @@ def _fault(entry: Entry) -> RefusedError | None:
             f"is {kind}",
             where=shown_path(entry.path),
             expected="a plain file (mode 100644)",
-            fix="`git update-index --chmod=-x FILE`"
-            if entry.mode == "100755"
-            else "commit the content itself",
+            fix=_MEND.get(entry.mode, "commit the content itself"),
         )
     try:
         checked_path(entry.path)

@@ -15,6 +15,7 @@ from airzoo_bench.leaderboard.ci.git import BoardError, Change, Entry, RefusedEr
 from airzoo_bench.leaderboard.ci.ledger import Line, owner
 from airzoo_bench.leaderboard.ci.paths import check_entries, checked_path, shown_path
 from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.predictions_given import MOST_FILES
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
 __all__ = [
@@ -30,10 +31,9 @@ __all__ = [
 HEAD, BASE = "refs/heads/head", "refs/heads/base"
 
 _ROOT = b"submissions/"
-_MOST_FILES = 2000
+_MOST_NAMED = 20
 _MOST_TOML_BYTES = 100_000
 _LFS = b"version https://git-lfs.github.com/spec/"
-_GONE = "000000"
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def touched(
     now, before = (repository.resolve(f"{commit}:submissions") for commit in (pull.head, base))
     if now == before:  # whatever else it changes is none of a board's business
         return None
-    place = _place_of(repository.changes(base, pull.head, _MOST_FILES))
+    place = _place_of(repository.changes(base, pull.head, _MOST_NAMED))
     _check_place(place, board)
     tree = repository.resolve(f"{pull.head}:{place.path}") or ""
     _check_owner(repository, place, pull, board, ledger)
@@ -126,31 +126,34 @@ def _merge_base(repository: Repository, pull: PullRequest) -> str:
 
 def _place_of(changes: Sequence[Change]) -> Place:
     """Return the one folder in which all changes lie."""
-    others = [shown_path(c.path) for c in changes if not c.path.startswith(_ROOT)]
+    others = [change for change in changes if not change.path.startswith(_ROOT)]
     if others:
         raise RefusedError(
-            f"changes other files than those of a submission: {first_of(others)}",
+            f"changes other files than those of a submission: {_named(others)}",
             expected="one folder below submissions/, and nothing else",
             fix="put the other changes into a pull request of their own",
         )
-    folders = dict.fromkeys(b"/".join(change.path.split(b"/")[:4]) for change in changes)
-    if len(folders) > 1:
-        shown = first_of([shown_path(folder) for folder in folders])
+    if len(changes) > 1:
         raise RefusedError(
-            f"changes more than one folder: {shown}",
+            f"changes more than one folder: {_named(changes)}",
             expected="one submission a pull request; a renamed folder counts as two",
             fix="make a pull request for each",
         )
-    path = next(iter(folders))
-    parts = checked_path(path).split("/")
-    if len(parts) != 4 or any(change.path == path for change in changes):
+    [change] = changes
+    parts = checked_path(change.path).split("/")
+    if len(parts) != 4 or not change.is_folder:
         raise RefusedError(
             "not the folder of a submission",
-            where=shown_path(path),
+            where=shown_path(change.path),
             expected="submissions/<benchmark>/<track>/<folder>/...",
             fix="`airzoo-bench submission new` makes the right folder",
         )
     return Place(*parts[1:])
+
+
+def _named(changes: Sequence[Change]) -> str:
+    text = first_of([shown_path(change.path) for change in changes])
+    return f"at least {text}" if len(changes) == _MOST_NAMED else text
 
 
 def _check_place(place: Place, board: Board) -> None:
@@ -234,7 +237,7 @@ def read_files(
     list of UserError
         What is wrong; then what was written is of no use.
     """
-    entries = repository.entries(head, place.path, _MOST_FILES)
+    entries = repository.entries(head, place.path, MOST_FILES)
     faults: list[UserError] = [*check_entries(entries)]
     faults = faults or _faults_of_sizes(repository, entries, place, limits)
     if faults:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import BenchmarkError, ProtocolError, UserError
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.ci.artifact import Artifact, problem_of
 from airzoo_bench.leaderboard.ci.data_branch import DataBranch
 from airzoo_bench.leaderboard.ci.event import PullRequest
-from airzoo_bench.leaderboard.ci.git import BoardError, RefusedError, Repository
-from airzoo_bench.leaderboard.ci.ledger import Line, owner
+from airzoo_bench.leaderboard.ci.git import BoardError, Repository
+from airzoo_bench.leaderboard.ci.ledger import Line
+from airzoo_bench.leaderboard.ci.others import Others
 from airzoo_bench.leaderboard.ci.rules import (
     BASE,
     Touched,
@@ -27,11 +27,10 @@ from airzoo_bench.leaderboard.ci.rules import (
     touched,
 )
 from airzoo_bench.leaderboard.ci.standing import standing_of
-from airzoo_bench.leaderboard.known import Known, Place, known_submissions
+from airzoo_bench.leaderboard.known import Place, check_brought_back, known_submissions
 from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.leaderboard.rescoring import rescore
 from airzoo_bench.leaderboard.runs import newest_runs, write_facts
-from airzoo_bench.leaderboard.submission import Submission
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
@@ -99,7 +98,7 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
         if found is None:
             return _artifact(pull, "nothing")
         if not found.tree:
-            return _artifact(pull, "withdrawn", **_of(found))
+            return _withdrawn(pull, found, rules, work)
         return _Submitted(pull, repository, branch, ledger, found, rules, work).artifact()
     except UserError as error:
         return _refused(pull, found, [error], work)
@@ -130,12 +129,13 @@ class _Submitted:
             known=known,
             fetch=True,
         )
-        faults = [*checked.errors, *self._foreign(checked), *self._crowd(checked, known)]
+        given, others = checked.submission, Others(self.pull, self.ledger, board, known)
+        faults = [*checked.errors, *(others.errors(given, place) if given else ())]
         if faults:
             return _refused(self.pull, self.found, faults, self.work)
-        given = checked.submission
         assert given is not None  # what has no errors was read
-        checked.take(self._strange_team(given, known))
+        # What concerns others comes first: a comment may be cut at its end.
+        checked.warnings[:0] = others.strange_team(given)
         more = {
             **_of(self.found),
             "update": self.repository.resolve(f"{BASE}:{place.path}") is not None,
@@ -146,55 +146,9 @@ class _Submitted:
         if is_sealed(board, place):
             _keep_fetched(checked, self.rules, self.work)
             return _artifact(self.pull, "sealed", **more)
-        return self._scored(checked, more)
+        return self._scored(checked, others, more)
 
-    def _strange_team(self, given: Submission, known: Sequence[Known]) -> Iterator[str]:
-        """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
-        theirs = [one for one in known if one.team == given.team]
-        accounts = {owner(self.ledger, one.place) for one in theirs}
-        if theirs and self.pull.account not in (*accounts, *self.rules.board.maintainers):
-            yield (
-                f"team {given.team!r} is on the board with {theirs[0].folder}, by another account: "
-                "the maintainers should know whether this is of the same team"
-            )
-
-    def _crowd(self, checked: CheckedSubmission, known: Sequence[Known]) -> Iterator[UserError]:
-        """Refuse one more than an account may show: clones would widen everybody's rank range."""
-        given, place, most = checked.submission, self.found.place, self.rules.board.limits.entries
-        if given is None or self.pull.account in self.rules.board.maintainers:
-            return
-        here = place.benchmark, place.track
-        table = [one for one in known if (one.benchmark, one.track) == here]
-        gone = {place.folder, given.supersedes, *(one.supersedes for one in table)}
-        shown = [one for one in table if one.folder not in gone]
-        own = [one for one in shown if owner(self.ledger, one.place) == self.pull.account]
-        if len(own) >= most:
-            yield RefusedError(
-                f"this account has {counted(len(own), 'submission')} in this table already",
-                where=f"{place.path}/submission.toml",
-                expected=f"at most {most} that are shown at once",
-                fix="let it supersede one of them, or withdraw one",
-            )
-
-    def _foreign(self, checked: CheckedSubmission) -> list[UserError]:
-        """Refuse to supersede what another account has submitted."""
-        if not checked.submission or not checked.submission.supersedes:
-            return []
-        place = self.found.place
-        old = Place(place.benchmark, place.track, checked.submission.supersedes)
-        known = self.repository.resolve(f"{BASE}:{old.path}") is not None
-        whose = owner(self.ledger, old)
-        if known and self.pull.account in (whose, *self.rules.board.maintainers):
-            return []
-        what = "belongs to another account" if known else "is not on the board"
-        return [RefusedError(
-            f"supersedes {old.folder}, which {what}",
-            where=f"{place.path}/submission.toml",
-            expected="a folder of the same benchmark and track that this account has submitted",
-            fix="leave supersedes out",
-        )]  # fmt: skip
-
-    def _scored(self, checked: CheckedSubmission, more: dict[str, Any]) -> Artifact:
+    def _scored(self, checked: CheckedSubmission, others: Others, more: dict[str, Any]) -> Artifact:
         rescored = rescore(checked, data=self.rules.data, resources=self.rules.resources)
         claimed = {
             "claimed": tuple(_without(line, self.work) for line in rescored.lines),
@@ -204,6 +158,9 @@ class _Submitted:
             return _refused(self.pull, self.found, rescored.errors, self.work, **(more | claimed))
         placed = self._placed(checked, rescored.evaluation)
         result = rescored.evaluation.result
+        table = self.work / "board" / "runs" / self.found.place.benchmark / self.found.place.track
+        copied = others.copied(more["team"], self.found.place, newest_runs(table))
+        more["warnings"] = (*copied, *more["warnings"])
         return _artifact(
             self.pull, "scored", **more, **claimed, **placed,
             columns=result.columns, notes=result.notes, truth=result.truth.fingerprint,
@@ -222,6 +179,13 @@ class _Submitted:
         save(evaluation, run)
         write_facts(run, checked.submission, self.pull.head, self.found.tree)
         return standing_of(place, home / "runs", self.work / "cache")
+
+
+def _withdrawn(pull: PullRequest, found: Touched, rules: Rules, work: Path) -> Artifact:
+    faults = [*check_brought_back(known_submissions(rules.root), found.place)]
+    if faults:
+        return _refused(pull, found, faults, work)
+    return _artifact(pull, "withdrawn", **_of(found))
 
 
 def is_sealed(board: Board, place: Place) -> bool:

@@ -104,7 +104,7 @@ def _standing(methods: Sequence[Scored], folder: str, cache: Path) -> Standing |
         return None
     own = ids.index(folder)
     column = headline_first(methods)[0]
-    ranked = rank(methods, column, cache)
+    ranked = rank(methods, [column], cache)[column.key]
     first, last = ranked.ranges[own].tolist()
     others = [n for n in range(len(methods)) if n != own and not ranked.apart[own, n]]
     return Standing(

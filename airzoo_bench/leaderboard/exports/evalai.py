@@ -17,7 +17,7 @@ from airzoo_bench.leaderboard.exports.evalai_worker import (
 )
 from airzoo_bench.leaderboard.exports.settings import ScoringSettings, fitted
 
-__all__ = ["ENTRIES", "export_evalai", "leaderboard_schema"]
+__all__ = ["ENTRIES", "export_evalai"]
 
 ENTRIES = ("challenge.zip", "worker")
 """What an export leaves in its folder."""
@@ -72,7 +72,7 @@ def _write_challenge(competition: Competition, folder: Path) -> None:
         name=fitted(protocol.title, 100),
         about=_ABOUT,
         split=protocol.name,
-        schema=leaderboard_schema(competition.settings),
+        schema=_leaderboard_schema(competition.settings),
         what="one prediction file, or an archive of a folder of prediction files",
     )
     script = folder / "evaluation_script"
@@ -81,7 +81,7 @@ def _write_challenge(competition: Competition, folder: Path) -> None:
     shutil.rmtree(script)
 
 
-def leaderboard_schema(settings: ScoringSettings) -> dict[str, Any]:
+def _leaderboard_schema(settings: ScoringSettings) -> dict[str, Any]:
     """Return EvalAI's description of a leaderboard: its labels, and which way each sorts."""
     columns = settings.columns
     titles = [column.title for column in columns]

@@ -13,6 +13,7 @@ from airzoo_bench.core.files import atomic_entries
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.exports.templates import rendered
+from airzoo_bench.leaderboard.fields import known_licence
 from airzoo_bench.results.comparable import check_comparable
 from airzoo_bench.results.files import method_names, result_paths
 from airzoo_bench.results.records import Scored, read_scored
@@ -36,6 +37,8 @@ _REPOSITORY = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,95}/[A-Za-z0-9][A-Za-z0-9
 _SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (10**6, "100K<n<1M"))
 _LARGER = "n>1M"
 _DIGITS = 4
+_OF_HUB = ("cc", "c-uda", "odbl", "odc-by", "openrail", "openrail++", "pddl", "other", "unknown")
+"""Licences of data that the hub calls otherwise than SPDX, or that have no id there."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class HubTarget:
     repository : str
         Of the dataset, ``ORGANISATION/NAME``.
     licence : str
-        Of the results, by an identifier of the hub, such as "cc-by-4.0".
+        Of the results: an id of SPDX, in any case, or one of the hub's own.
     framework : str
         The evaluation framework, which must be on the hub's list for ``eval.yaml`` to be taken.
     source : str or None
@@ -106,13 +109,14 @@ def export_huggingface(paths: Sequence[Path], out: Path, target: HubTarget) -> l
     ------
     UserError
         A result cannot be read; two of one protocol do not measure the same; the name of the
-        repository is none; the folder cannot be written.
+        repository or the licence is none; the folder cannot be written.
     """
     if not _REPOSITORY.match(target.repository):
         raise UsageError(
             f"--dataset {target.repository!r} is no dataset",
             expected="ORGANISATION/NAME, such as airzoo/leaderboard",
         )
+    target = replace(target, licence=_licence(target.licence))
     methods = _named(paths)
     tasks = _tasks(methods)
     with atomic_entries(out, ENTRIES) as staged:
@@ -179,6 +183,26 @@ def _write_dataset(
     for name in ("README.md", "eval.yaml"):
         text = rendered(f"huggingface/{name}", **values)
         (folder / name).write_text(text, encoding="utf-8")
+
+
+def _licence(given: str) -> str:
+    """Return a licence as the hub writes it, which has SPDX's ids in small letters."""
+    found = given.strip().lower()
+    if found in _OF_HUB:
+        return found
+    try:
+        known = known_licence(given)
+    except ValueError:
+        known = ""
+    if not known or " " in known or known.startswith("LicenseRef-"):
+        raise UsageError(
+            f"the hub knows no licence {given!r}",
+            where="--licence",
+            expected="one id of SPDX, such as cc-by-4.0, or of the hub's own: "
+            + ", ".join(_OF_HUB),
+            fix="name the licence of the results; `other` where it has no id",
+        )
+    return known.lower()
 
 
 def _rows(tasks: list[_Task]) -> pd.DataFrame:

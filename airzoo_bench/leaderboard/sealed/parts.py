@@ -18,7 +18,7 @@ from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, IDENTITY_COLUMNS, PRIOR_COLUMNS
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.rasters import raster_files
+from airzoo_bench.geometry.raster_files import raster_files
 from airzoo_bench.matching.maps import own_map
 from airzoo_bench.matching.truth import CROP_COLUMNS
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS

@@ -44,7 +44,7 @@ from airzoo_bench.leaderboard.sealed.photos import (
 )
 from airzoo_bench.protocol.lookup import load_protocol
 
-__all__ = ["Sealed", "new_salt", "seal"]
+__all__ = ["Sealed", "seal"]
 
 # All files of a public folder have one time: that of files on the host's disk tells when a photo
 # was taken or a scene was made.
@@ -60,7 +60,7 @@ class Sealed:
     counts: Counter[str]
 
 
-def new_salt() -> str:
+def _new_salt() -> str:
     """Return 256 random bits, in hexadecimal."""
     return secrets.token_hex(32)
 
@@ -72,7 +72,7 @@ def seal(
     to: Any,
     *,
     replace: bool = False,
-    make_salt: Callable[[], str] = new_salt,
+    make_salt: Callable[[], str] = _new_salt,
     progress: Progress = silent,
 ) -> Sealed:
     """Write a public folder without the truth, and an archive of the truth, both or neither.

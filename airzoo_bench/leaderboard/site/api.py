@@ -33,6 +33,7 @@ API = 1
 
 Kind = Literal["re-scored", "sealed", "reported", "floor"]
 Number = float | int | str | None
+_PLAIN = frozenset((str, int, bool, type(None)))
 
 
 @dataclass(frozen=True)
@@ -285,14 +286,14 @@ class MethodFile:
 
 def as_json(value: Any) -> Any:
     """Return what `json.dumps` can write: infinite numbers as text, as result.json has them."""
-    if value is None or isinstance(value, str | int):
+    if type(value) in _PLAIN:
         return value
     if isinstance(value, float):
         return ("Infinity" if value > 0 else "-Infinity") if math.isinf(value) else value
+    if type(value) in (tuple, list):
+        return [as_json(part) for part in value]
     if is_dataclass(value):
         return {name: as_json(part) for name, part in vars(value).items()}
     if isinstance(value, Mapping):
         return {str(key): as_json(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [as_json(part) for part in value]
     return value

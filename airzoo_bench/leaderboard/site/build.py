@@ -6,9 +6,12 @@ does again what it cannot find there, and gives the same bytes with and without 
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,8 @@ from airzoo_bench.core.files import (
 )
 from airzoo_bench.core.places import check_new_folder
 from airzoo_bench.core.temporaries import clear_abandoned, only_writer
-from airzoo_bench.leaderboard.site.api import as_json
+from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.leaderboard.site.api import TableFile, as_json
 from airzoo_bench.leaderboard.site.api_files import API_FOLDER, MARK, ApiFiles, Given
 from airzoo_bench.leaderboard.site.downloads import downloads
 from airzoo_bench.leaderboard.site.entries import (
@@ -30,15 +34,22 @@ from airzoo_bench.leaderboard.site.entries import (
 )
 from airzoo_bench.leaderboard.site.kept_pages import KeptPages
 from airzoo_bench.leaderboard.site.measured import Measured
-from airzoo_bench.leaderboard.site.measuring import measure_all
+from airzoo_bench.leaderboard.site.measuring import forget_others, measure_all
 from airzoo_bench.leaderboard.site.pages import render_pages
 from airzoo_bench.leaderboard.site.rows import Scored, slugs
 
 __all__ = ["build_board"]
 
+_OBJECTS = 500_000
+
 
 def build_board(
-    given: Given, out: Path, cache: Path, *, jobs: int = 1, note: Callable[[str], None] = print
+    given: Given,
+    out: Path,
+    cache: Path,
+    *,
+    engine: Engine = HERE,
+    note: Callable[[str], None] = print,
 ) -> Path:
     """Build the site, in place of an earlier one.
 
@@ -49,8 +60,8 @@ def build_board(
         The site's folder; only one that a build has made is replaced.
     cache : Path
         What is kept from build to build; safe to delete.
-    jobs : int
-        Processes. The bytes do not depend on them.
+    engine : Engine
+        Where results are measured. The bytes do not depend on it.
     note : callable
         Takes sentences for the maintainer, such as which submissions have no row yet.
 
@@ -60,11 +71,12 @@ def build_board(
         Something cannot stand on the board: all faults in one message.
     """
     check_new_folder(out, replace=True, mark=MARK)
+    out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with only_writer(out):
+        with only_writer(out), _few_collections():
             cache.mkdir(parents=True, exist_ok=True)
             clear_abandoned(cache)
-            files = _site(given, cache, jobs, note)
+            files = _site(given, cache, engine, note)
             with atomic_folder(out, replace=True, mark=MARK) as folder:
                 for path, content in files:
                     target = folder / path
@@ -77,26 +89,43 @@ def build_board(
     return out
 
 
+@contextmanager
+def _few_collections() -> Iterator[None]:
+    """Look for garbage less often: a board is a million objects, and nearly all of them stay."""
+    usual = gc.get_threshold()
+    gc.set_threshold(_OBJECTS, *usual[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
+
+
 def _site(
-    given: Given, cache: Path, jobs: int, note: Callable[[str], None]
+    given: Given, cache: Path, engine: Engine, note: Callable[[str], None]
 ) -> Iterator[tuple[str, bytes]]:
-    made = ApiFiles(given, _methods(given, cache, jobs, note), cache)
-    values, digests = {}, {}
+    made = ApiFiles(given, _methods(given, cache, engine, note), cache)
+    values: dict[str, Any] = {}
+    digests: dict[str, str] = {}
     for path, value in as_json(made.files).items():
         text = json.dumps(value, ensure_ascii=False, separators=(",", ":")) + "\n"
         below = path.removeprefix(API_FOLDER)
         values[below], digests[below] = value, hashlib.sha256(text.encode()).hexdigest()
         yield path, text.encode()
     yield "feed.xml", made.feed
-    for one in made.tables:
-        yield from downloads(one.table).items()
     kept = KeptPages(cache / "pages.zip", digests)
+    for one in made.tables:
+        digest = digests[f"tables/{one.table.id}/table.json"]
+        yield from kept.pages(["downloads", digest], partial(_downloads, one.table))
     yield from render_pages(values, kept).items()
     kept.save()
 
 
+def _downloads(table: TableFile) -> Iterable[tuple[str, bytes]]:
+    return downloads(table).items()
+
+
 def _methods(
-    given: Given, cache: Path, jobs: int, note: Callable[[str], None]
+    given: Given, cache: Path, engine: Engine, note: Callable[[str], None]
 ) -> list[tuple[Scored, list[tuple[Entry, Measured]]]]:
     """Read and measure everything; each shown method with its earlier versions."""
     faults = Faults()
@@ -105,7 +134,8 @@ def _methods(
     for line in waiting(given.submissions, entries):
         note(line)
     every = [one for entry in entries for one in (entry, *entry.older)]
-    found = measure_all(every, cache, jobs)
+    found = measure_all(every, cache, engine)
+    forget_others(every, cache)
     faults.found += [one for one in found if isinstance(one, UserError)]
     faults.refuse()
     by_digest = {

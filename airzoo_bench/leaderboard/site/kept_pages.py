@@ -11,6 +11,7 @@ from pathlib import Path
 
 from airzoo_bench.core.files import atomic_write, canonical_json
 from airzoo_bench.core.version import __version__
+from airzoo_bench.leaderboard.site.kept_files import NO_ARCHIVE
 
 __all__ = ["KeptPages"]
 
@@ -75,9 +76,11 @@ class KeptPages:
 
 def _read(file: Path) -> dict[str, list[tuple[str, bytes]]]:
     found: dict[str, list[tuple[str, bytes]]] = {}
-    if file.is_file():
+    try:
         with zipfile.ZipFile(file) as archive:
             for name in archive.namelist():
                 key, _, path = name.partition("/")
                 found.setdefault(key, []).append((path, archive.read(name)))
+    except NO_ARCHIVE:
+        return {}
     return found

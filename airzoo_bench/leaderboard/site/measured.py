@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,7 +36,7 @@ class Measured:
     conditions : list of dict
         ``by``, ``title``, ``labels``, ``counts`` and ``values`` by score.
     groups : list of (name, units)
-        What the columns of the values' array are of.
+        What the values of a headline score are of, in their order.
     queries : str
         Hash of the names of all records.
     """
@@ -73,39 +75,37 @@ class Measured:
             self.sealed,
         )
 
-    @property
+    @cached_property
     def score_columns(self) -> list[ScoreColumn]:
         """The scores, headline ones first."""
         found = [ScoreColumn(**column) for column in self.columns]
         return sorted(found, key=lambda column: not column.headline)
 
+    def by_medians(self, column: ScoreColumn) -> bool:
+        """Whether a score is averaged by the median of a scene's queries."""
+        return self.unit == "query" and column.average == "median"
+
     def place(self, key: str) -> int:
-        """Return the row of a headline score in the values' array."""
+        """Return which of the headline scores one is, in the order in which they are kept."""
         return [one["key"] for one in self.columns if one["headline"]].index(key)
 
 
-def sample_of(
-    measured: Sequence[Measured], arrays: Sequence[Floats], column: ScoreColumn
-) -> Sample:
+def sample_of(first: Measured, rows: Sequence[Floats], column: ScoreColumn) -> Sample:
     """Put one headline score of many methods into a sample, as `make_sample` would.
 
     Parameters
     ----------
-    measured : sequence of Measured
-        That measure the same.
-    arrays : sequence of (V, N) arrays
-        From `measure_all`.
+    first : Measured
+        Of any of them: they measure the same.
+    rows : sequence of (N,) arrays
+        From `measure_all`, a method each.
     column : ScoreColumn
         A headline score of all.
     """
-    first = measured[0]
-    rows = np.stack(
-        [array[one.place(column.key)] for one, array in zip(measured, arrays, strict=True)]
-    )
-    ends = np.cumsum([units for _, units in first.groups])[:-1]
+    ends = np.cumsum([0, *(units for _, units in first.groups)]).tolist()
     by_query = first.unit == "query"
-    medians = np.full(len(rows), by_query and column.average == "median")
+    medians = np.full(len(rows), first.by_medians(column))
     shares = np.full(len(rows), by_query and is_share(column))
     groups = tuple(name for name, _ in first.groups)
-    parts = tuple(np.ascontiguousarray(part) for part in np.split(rows, ends, axis=1))
+    parts = tuple(np.stack([row[start:end] for row in rows]) for start, end in pairwise(ends))
     return Sample(first.unit, groups, parts, medians, shares)

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.files import atomic_write, read_text
-from airzoo_bench.core.parallel import parallel_map
+from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import validated
 from airzoo_bench.core.version import __version__
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.site.entries import Entry
+from airzoo_bench.leaderboard.site.kept_files import keep_json, keep_rows, kept_json
 from airzoo_bench.leaderboard.site.measured import OVERALL, RESAMPLING, Measured
 from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.result import ScoreColumn, read_result
@@ -30,14 +31,15 @@ from airzoo_bench.tables.breakdown import (
     group_records,
 )
 
-__all__ = ["measure_all"]
+__all__ = ["forget_others", "measure_all"]
 
-_FORMAT = "1"
+_FORMAT = "2"
+_VALUES = ".values"
 _SPREAD = 32  # fewer are measured before another process has started
 
 
 def measure_all(
-    entries: Sequence[Entry], cache: Path, jobs: int = 1
+    entries: Sequence[Entry], cache: Path, engine: Engine = HERE
 ) -> list[tuple[Measured, Path] | SubmissionError]:
     """Measure entries, those that changed since the last build anew.
 
@@ -46,8 +48,8 @@ def measure_all(
     entries : sequence of Entry
     cache : Path
         A folder; what is missing in it is made again.
-    jobs : int
-        Processes.
+    engine : Engine
+        Where many are measured.
 
     Returns
     -------
@@ -56,33 +58,55 @@ def measure_all(
         not there of a sealed one; or what is wrong with it.
     """
     files = [cache / f"{_key(entry)}.json" for entry in entries]
+    known = {file: _load(file) for file in files}
     missing = [
-        (entry.file, file) for entry, file in zip(entries, files, strict=True) if not file.is_file()
+        (entry.file, file)
+        for entry, file in zip(entries, files, strict=True)
+        if known[file] is None
     ]
-    jobs = jobs if len(missing) >= _SPREAD else 1
+    used = engine if len(missing) >= _SPREAD else HERE
+    stored = used.map(
+        _store, missing, shared=None, stage="results", name=lambda asked: str(asked[0])
+    )
     failed = {
-        file: error
-        for (_, file), error in zip(missing, parallel_map(_store, missing, jobs), strict=True)
-        if error is not None
+        file: error for (_, file), error in zip(missing, stored, strict=True) if error is not None
     }
     return [
         SubmissionError(**failed[file])
         if file in failed
-        else (_load(file), file.with_suffix(".npy"))
+        else (known[file] or _measured(file), file.with_suffix(_VALUES))
         for file in files
     ]
+
+
+def forget_others(entries: Sequence[Entry], cache: Path) -> None:
+    """Remove what was kept of results that are not among these."""
+    kept = {_key(entry) for entry in entries}
+    for end in (".json", _VALUES):
+        for file in cache.glob(f"{'[0-9a-f]' * 64}{end}"):
+            if file.name.removesuffix(end) not in kept:
+                file.unlink()
 
 
 def _key(entry: Entry) -> str:
     return hashlib.sha256(f"{_FORMAT} {__version__} {entry.digest}".encode()).hexdigest()
 
 
-def _load(file: Path) -> Measured:
-    return Measured(**json.loads(file.read_text(encoding="utf-8")))
+def _measured(file: Path) -> Measured:
+    found = _load(file)
+    if found is None:
+        raise SubmissionError("was removed while a build needed it", where=file, fix="build again")
+    return found
 
 
-def _store(asked: tuple[Path, Path]) -> dict[str, Any] | None:
-    """Measure one and keep it; the error as what makes it, since it comes from another process."""
+def _load(file: Path) -> Measured | None:
+    found = kept_json(file)
+    return None if found is None else Measured(**found)
+
+
+def _store(shared: None, asked: tuple[Path, Path]) -> dict[str, Any] | None:
+    """Measure one and keep it; the error as a value, since all are told in one message."""
+    del shared
     path, file = asked
     try:
         found, values = _sealed(path) if path.name == "answer.json" else _open(path)
@@ -94,10 +118,8 @@ def _store(asked: tuple[Path, Path]) -> dict[str, Any] | None:
             "fix": error.fix,
         }
     if values is not None:
-        with atomic_write(file.with_suffix(".npy")) as stream:
-            np.save(stream, values, allow_pickle=False)
-    with atomic_write(file, "w") as stream:  # last: where it stands, both do
-        json.dump(asdict(found), stream)
+        keep_rows(file.with_suffix(_VALUES), values)
+    keep_json(file, asdict(found))  # last: where it stands, both do
     return None
 
 

@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.site.page_views import UNITS, Json, number
-from airzoo_bench.leaderboard.site.strangers import shown
+from airzoo_bench.leaderboard.site.strangers import plain_name, shown
 from airzoo_bench.report.packing import Blobs, page_json
 
 __all__ = ["compare_data", "pair_files"]
@@ -34,7 +35,11 @@ def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]
     names = [_name(row, alone=times[shown(row["method"])] == 1) for row in rows]
     scenes = files.get(f"tables/{table['id']}/scenes.json", {}).get("scenes", {})
     data = {
-        "methods": [{"id": row["id"], "name": name} for row, name in zip(rows, names, strict=True)],
+        "methods": [
+            {"id": row["id"], "name": name, "run": _run(table, row)}
+            for row, name in zip(rows, names, strict=True)
+        ],
+        "scene": table["scenes"][0]["id"] if table["scenes"] else "",
         "scenes": [shown(scene["title"]) for scene in table["scenes"]],
         "scores": [
             _score(column, pairs, blobs)
@@ -43,6 +48,13 @@ def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]
         ],
     }
     return page_json(data), blobs.texts
+
+
+def _run(table: Json, row: Json) -> str | None:
+    """Return where the data branch has what was scored; None of a result that is not of a run."""
+    if row["rescored"] is None:
+        return None
+    return f"runs/{table['benchmark']}/{table['track']}/{plain_name(row['id'])}/{row['version']}"
 
 
 def _name(row: Json, *, alone: bool) -> str:
@@ -75,8 +87,21 @@ def _score(column: Json, pairs: Json, blobs: Blobs) -> dict[str, Any]:
 def _coded(packed: str, unit: str, blobs: Blobs) -> dict[str, Any]:
     """Return numbers as codes into the list of the different ones."""
     values: Floats = np.frombuffer(base64.b64decode(packed), "<f4").astype(np.float64)
-    different, codes = np.unique(np.round(values, _DIGITS[unit]), return_inverse=True)
+    different, codes = _different(np.round(values, _DIGITS[unit]) + 0.0, _DIGITS[unit])
     return {"values": different.tolist(), "codes": blobs.array(codes)}
+
+
+def _different(values: Floats, digits: int) -> tuple[Floats, NDArray[np.intp]]:
+    """Return different values, ascending, and codes into them; by counting where all are small."""
+    if not (np.abs(values) <= 1).all():
+        return np.unique(values, return_inverse=True)
+    most = 10**digits
+    steps = np.rint(values * most).astype(np.intp) + most
+    found = np.zeros(2 * most + 1, np.bool_)
+    found[steps] = True
+    different = np.empty(len(found))
+    different[steps] = values
+    return different[found], (np.cumsum(found) - 1)[steps]
 
 
 def _scene_values(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from airzoo_bench.leaderboard.site.page_views import KINDS, ColumnView, Json, Notes, RowView
+from airzoo_bench.leaderboard.site.page_views import KINDS, ColumnView, Json, Note, Notes, RowView
 from airzoo_bench.leaderboard.site.strangers import shown
 
 __all__ = [
@@ -78,7 +78,7 @@ class Page:
     tab: str
     heading: str
     tables: Sequence[TableView]
-    notes: Sequence[Json]
+    notes: Sequence[Note]
     parts: Sequence[tuple[str, Sequence[Tab]]] = ()
 
 
@@ -97,9 +97,9 @@ def finding_text(finding: Json) -> str:
     return f"{shown(finding['printed'])}{source}: {why} (audit: {grade})"
 
 
-def finding_notes(row: Json, scene: str, table: Json, notes: Notes) -> dict[str, list[Json]]:
+def finding_notes(row: Json, scene: str, table: Json, notes: Notes) -> dict[str, list[Note]]:
     """Return by score what the audit says of a row's printed numbers."""
-    found: dict[str, list[Json]] = {}
+    found: dict[str, list[Note]] = {}
     if not row["findings"]:
         return found
     titles = {column["key"]: shown(column["title"]) for column in table["scores"]}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from airzoo_bench.leaderboard.site.page_parts import (
     Page,
@@ -15,14 +16,15 @@ from airzoo_bench.leaderboard.site.page_parts import (
 )
 from airzoo_bench.leaderboard.site.page_views import (
     UNITS,
+    CellView,
     ColumnView,
     Json,
+    Note,
     Notes,
     RowView,
-    cell_view,
+    column_cells,
     column_views,
     row_view,
-    score_at,
 )
 from airzoo_bench.leaderboard.site.strangers import shown
 
@@ -36,29 +38,44 @@ def scene_pages(table: Json, scenes: Json) -> list[Page]:
     ]
     by_scene = [Tab(f"scene-{n}.html", shown(s["title"])) for n, s in enumerate(table["scenes"], 1)]
     parts = (("Score, all scenes", by_score), ("One scene", by_scene))
+    cells = {
+        scene["id"]: {
+            c["key"]: column_cells(
+                c, scenes.get(scene["id"], {}).get(c["key"], {}), len(table["rows"])
+            )
+            for c in headline(table)
+        }
+        for scene in table["scenes"]
+    }
     pages = [
-        _scene_matrix(table, scenes, column, tab.href, parts)
+        _scene_matrix(table, cells, column, tab.href, parts)
         for column, tab in zip(headline(table), by_score, strict=True)
     ]
     return pages + [
-        _one_scene(table, scenes, scene, tab.href, parts)
+        _one_scene(table, cells[scene["id"]], scene, tab.href, parts)
         for scene, tab in zip(table["scenes"], by_scene, strict=True)
     ]
 
 
+def _with_notes(cell: CellView, notes: Sequence[Note]) -> CellView:
+    return replace(cell, notes=notes) if notes else cell
+
+
 def _scene_matrix(
-    table: Json, scenes: Json, column: Json, href: str, parts: Sequence[tuple[str, Sequence[Tab]]]
+    table: Json,
+    cells: Mapping[str, Mapping[str, Sequence[CellView]]],
+    column: Json,
+    href: str,
+    parts: Sequence[tuple[str, Sequence[Tab]]],
 ) -> Page:
-    notes = Notes()
+    notes, key = Notes(), column["key"]
 
     def made(place: int, row: Json) -> RowView:
-        cells = []
+        own = []
         for scene in table["scenes"]:
             marks = finding_notes(row, scene["id"], table, notes)
-            part = scenes.get(scene["id"], {}).get(column["key"], {})
-            found = score_at(column, part, place)
-            cells.append(cell_view(found, notes=marks.get(column["key"], ())))
-        return row_view(row, cells)
+            own.append(_with_notes(cells[scene["id"]][key][place], marks.get(key, ())))
+        return row_view(row, own)
 
     heads = [
         ColumnView(shown(scene["title"]), _queries(scene), _way(column))
@@ -73,18 +90,18 @@ def _scene_matrix(
 
 
 def _one_scene(
-    table: Json, scenes: Json, scene: Json, href: str, parts: Sequence[tuple[str, Sequence[Tab]]]
+    table: Json,
+    cells: Mapping[str, Sequence[CellView]],
+    scene: Json,
+    href: str,
+    parts: Sequence[tuple[str, Sequence[Tab]]],
 ) -> Page:
     notes, columns = Notes(), headline(table)
-    own = scenes.get(scene["id"], {})
 
     def made(place: int, row: Json) -> RowView:
         marks = finding_notes(row, scene["id"], table, notes)
-        cells = [
-            cell_view(score_at(c, own.get(c["key"], {}), place), notes=marks.get(c["key"], ()))
-            for c in columns
-        ]
-        return row_view(row, cells)
+        own = [_with_notes(cells[c["key"]][place], marks.get(c["key"], ())) for c in columns]
+        return row_view(row, own)
 
     rows, floors = method_rows(table, made)
     title = shown(scene["title"])
@@ -119,9 +136,11 @@ def condition_pages(table: Json, broken: Sequence[Json]) -> list[Page]:
 def _by_condition(
     table: Json, condition: Json, groups: Sequence[Json], column: Json, number: int
 ) -> TableView:
+    parts = [group.get(column["key"], {}) for group in groups]
+    cells = [column_cells(column, part, len(table["rows"])) for part in parts]
+
     def made(place: int, row: Json) -> RowView:
-        parts = [group.get(column["key"], {}) for group in groups]
-        return row_view(row, [cell_view(score_at(column, part, place)) for part in parts])
+        return row_view(row, [of_group[place] for of_group in cells])
 
     heads = [
         ColumnView(shown(label), f"{count} queries", _way(column))

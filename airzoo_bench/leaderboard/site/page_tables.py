@@ -24,6 +24,7 @@ from airzoo_bench.leaderboard.site.page_views import (
     CellView,
     ColumnView,
     Json,
+    Note,
     Notes,
     RowView,
     cell_view,
@@ -35,7 +36,7 @@ from airzoo_bench.leaderboard.site.page_views import (
 )
 from airzoo_bench.leaderboard.site.strangers import shown
 
-__all__ = ["page_tabs", "ranked_count", "table_pages"]
+__all__ = ["page_tabs", "table_pages"]
 
 
 def page_tabs(table: Json, files: Mapping[str, Any]) -> list[Tab]:
@@ -44,7 +45,7 @@ def page_tabs(table: Json, files: Mapping[str, Any]) -> list[Tab]:
     tabs = [Tab("index.html", "Results")]
     if not table["rows"]:
         return tabs
-    if ranked_count(table):
+    if _ranked_count(table):
         tabs.append(Tab("ranks.html", "Rank ranges"))
     if any(not column["headline"] for column in table["scores"]):
         tabs.append(Tab("scores.html", "All scores"))
@@ -57,7 +58,7 @@ def page_tabs(table: Json, files: Mapping[str, Any]) -> list[Tab]:
     return tabs
 
 
-def ranked_count(table: Json) -> int:
+def _ranked_count(table: Json) -> int:
     """Return how many rows have a rank range by the score that the table stands by."""
     lead = lead_score(table)["key"]
     return sum(score_of(row, lead).get("rank") is not None for row in table["rows"])
@@ -84,7 +85,7 @@ def _results(table: Json, files: Mapping[str, Any]) -> Page:
     columns = headline(table)
     scale = scale_of_scores([score_of(row, lead["key"]) for row in table["rows"]])
     chosen = _comparable(table, files)
-    count = ranked_count(table)
+    count = _ranked_count(table)
 
     def made(place: int, row: Json) -> RowView:
         marks = finding_notes(row, "", table, notes)
@@ -118,7 +119,7 @@ def _results(table: Json, files: Mapping[str, Any]) -> Page:
     return Page("index.html", "index.html", "", [view], notes.all())
 
 
-def _cell(row: Json, column: Json, lead: Json, marks: Mapping[str, list[Json]]) -> CellView:
+def _cell(row: Json, column: Json, lead: Json, marks: Mapping[str, list[Note]]) -> CellView:
     key = column["key"]
     return cell_view(score_of(row, key), lead=column is lead, notes=marks.get(key, ()))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 from airzoo_bench.leaderboard.site.drawings import (
@@ -14,16 +15,18 @@ from airzoo_bench.leaderboard.site.drawings import (
     rank_picture,
     scale_of,
 )
-from airzoo_bench.leaderboard.site.strangers import plain_name, safe_url, shown
+from airzoo_bench.leaderboard.site.strangers import plain_name, printed, safe_url, shown
 from airzoo_bench.tables.model import show_number
 
 __all__ = [
     "UNITS",
     "CellView",
     "ColumnView",
+    "Note",
     "Notes",
     "RowView",
     "cell_view",
+    "column_cells",
     "column_views",
     "number",
     "numbers_text",
@@ -31,14 +34,26 @@ __all__ = [
     "rank_text",
     "row_view",
     "scale_of_scores",
-    "score_at",
 ]
 
 UNITS = {"share": "%", "m": "m", "deg": "°"}
 KINDS = {"reported": "reported, not re-scored", "sealed": "sealed", "floor": "no method"}
-_DECIMALS = 2
+_DECIMALS, _MOST_TRAINING = 2, 4
 
 Json = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Note:
+    """A note below a page's tables; where a template prints it, the link to it."""
+
+    number: int
+    text: str
+
+    def __html__(self) -> str:
+        """Return the element of the link, by which Jinja knows what is not to be escaped."""
+        label = f"†{self.number}, note: {printed(shown(self.text))}"
+        return f'<a class="mark" href="#note-{self.number}" aria-label="{label}">†{self.number}</a>'
 
 
 class Notes:
@@ -47,14 +62,13 @@ class Notes:
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
 
-    def mark(self, text: str) -> dict[str, Any]:
-        """Return a note's number and text."""
-        number = self._numbers.setdefault(text, len(self._numbers) + 1)
-        return {"number": number, "text": text}
+    def mark(self, text: str) -> Note:
+        """Return the note of a text."""
+        return Note(self._numbers.setdefault(text, len(self._numbers) + 1), text)
 
-    def all(self) -> list[dict[str, Any]]:
+    def all(self) -> list[Note]:
         """Return all notes in the order of their numbers."""
-        return [{"number": number, "text": text} for text, number in self._numbers.items()]
+        return [Note(number, text) for text, number in self._numbers.items()]
 
 
 @dataclass(frozen=True)
@@ -70,14 +84,31 @@ class ColumnView:
 
 @dataclass(frozen=True)
 class CellView:
-    """A number as it is shown, and what it is sorted by."""
+    """A number as it is shown, and what it is sorted by.
+
+    Templates print it as an element: a macro of theirs takes ten times as long, and most of a board
+    is cells.
+    """
 
     text: str = ""
     sort: str = ""
     interval: str = ""
     lead: bool = False
-    notes: Sequence[Json] = ()
+    notes: Sequence[Note] = ()
     picture: str = ""
+
+    def __html__(self) -> str:
+        """Return the element of the cell, by which Jinja knows what is not to be escaped."""
+        return self._element
+
+    @cached_property
+    def _element(self) -> str:
+        kind = "num lead-score" if self.lead else "num"
+        text = printed(self.text) or '<span class="nothing">–</span>'
+        low = f'<span class="low">{printed(self.interval)}</span>' if self.interval else ""
+        marks = "".join(note.__html__() for note in self.notes)
+        start = f'<td class="{kind}" data-v="{printed(self.sort)}">'
+        return f"{start}{text}{self.picture}{marks}{low}</td>"
 
 
 @dataclass(frozen=True)
@@ -103,14 +134,47 @@ class RowView:
     cost: CellView = CellView()
     hardware: str = ""
     comparable: bool = False
-    notes: Sequence[Json] = ()
+    notes: Sequence[Note] = ()
+
+    @property
+    def facts(self) -> str:
+        """The attributes that filters read, as they stand in its element."""
+        found = {"id": self.id, "name": self.name, "source": self.kind}
+        found |= {"pipeline": self.pipeline} if self.pipeline else {}
+        found |= {"training": " ".join(self.training)} if self.training is not None else {}
+        found |= {"code": "yes"} if self.code else {}
+        found |= {"date": self.date} if self.date else {}
+        return _attributes(tuple(found.items()))
+
+    @property
+    def head(self) -> str:
+        """The element of its method."""
+        marks = "".join(note.__html__() for note in self.notes)
+        return _head(self.href, self.name, marks, self.team, self.tag)
 
     @property
     def training_text(self) -> str:
-        """What the method says that it was trained on."""
+        """What the method says that it was trained on; all of it stands on its own page."""
         if self.training is None:
             return "not stated"
-        return ", ".join(self.training) or "none"
+        more = len(self.training) - _MOST_TRAINING
+        listed = [*self.training[:_MOST_TRAINING], *([f"and {more} more"] if more > 0 else [])]
+        return ", ".join(listed) or "none"
+
+
+@lru_cache(maxsize=4096)  # a row stands on many pages
+def _attributes(found: tuple[tuple[str, str], ...]) -> str:
+    return " ".join(f'data-{name}="{printed(value)}"' for name, value in found)
+
+
+@lru_cache(maxsize=4096)
+def _head(href: str, name: str, marks: str, team: str, tag: str) -> str:
+    shown_name = f"<bdi>{printed(name)}</bdi>"
+    linked = f'<a href="{printed(href)}">{shown_name}</a>' if href else shown_name
+    who = f'<span class="who"><bdi>{printed(team)}</bdi></span>' if team else ""
+    words = ',</span> <span class="num">'.join(map(printed, tag.split(", ")))
+    tagged = f'<span class="who"><span class="num">{words}</span> </span>' if tag else ""
+    return f'<th scope="row" class="t stick">{linked}{marks}{who}{tagged}</th>'
 
 
 def number(value: Any) -> float | None:
@@ -125,17 +189,21 @@ def numbers_text(unit: str, *values: Any) -> list[str]:
     return ["" if v is None else show_number(scale * v, _DECIMALS) for v in found]
 
 
-def score_at(column: Json, part: Json, row: int) -> dict[str, Any]:
-    """Return a row's score of a scene or a group, in the shape of a row's own scores."""
-    value, low, high = (
-        part[key][row] if row < len(part.get(key, ())) else None for key in ("value", "low", "high")
-    )
-    text, *limits = numbers_text(column["unit"], value, low, high)
-    interval = f"{limits[0]} to {limits[1]}" if all(limits) else ""
-    return {"value": value, "text": text, "low": low, "high": high, "interval": interval}
+def column_cells(column: Json, part: Json, count: int) -> list[CellView]:
+    """Return a score of a scene or a group as cells, one for each of `count` rows."""
+    given = (list(part.get(key, ())) for key in ("value", "low", "high"))
+    padded = (numbers + [None] * (count - len(numbers)) for numbers in given)
+    return [_column_cell(column["unit"], *numbers) for numbers in zip(*padded, strict=True)]
 
 
-def cell_view(score: Json | None, *, lead: bool = False, notes: Sequence[Json] = ()) -> CellView:
+def _column_cell(unit: str, value: Any, low: Any, high: Any) -> CellView:
+    if value is None:
+        return CellView()
+    text, *limits = numbers_text(unit, value, low, high)
+    return CellView(text, f"{number(value):.9g}", " to ".join(limits) if all(limits) else "")
+
+
+def cell_view(score: Json | None, *, lead: bool = False, notes: Sequence[Note] = ()) -> CellView:
     """Return a score as a cell; none where the row has no such score."""
     if score is None or score["value"] is None:
         return CellView(notes=notes)
@@ -186,7 +254,7 @@ def row_view(
     lead: Json | None = None,
     scale: Scale | None = None,
     comparable: bool = False,
-    notes: Sequence[Json] = (),
+    notes: Sequence[Note] = (),
 ) -> RowView:
     """Return a row with what all tables show of a method."""
     training = row["training_data"]

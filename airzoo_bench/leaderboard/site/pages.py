@@ -6,8 +6,6 @@ to load what stands beside it; its policy allows these by their hashes and nothi
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -20,6 +18,7 @@ from airzoo_bench.leaderboard.site.page_method import MethodView, method_view, r
 from airzoo_bench.leaderboard.site.page_parts import filter_choices
 from airzoo_bench.leaderboard.site.page_tables import page_tabs, table_pages
 from airzoo_bench.leaderboard.site.strangers import host_of, plain_name, safe_url, shown, visible
+from airzoo_bench.report.policy import content_policy
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -172,7 +171,7 @@ class _Pages:
     ) -> tuple[str, str]:
         script = _script(scripts)
         page = {
-            "policy": _policy(script, _read("style.css")),
+            "policy": content_policy(script, _read("style.css")),
             "style": _read("style.css"),
             "script": script,
             "data": data,
@@ -238,17 +237,3 @@ def _script(names: Sequence[str]) -> str:
     if not names:
         return ""
     return '(function () {\n"use strict";\n' + "\n".join(map(_read, names)) + "})();\n"
-
-
-def _policy(script: str, style: str) -> str:
-    """Return the content security policy: this style, this script, and nothing is loaded."""
-    scripts = _hash(script) if script else "'none'"
-    return (
-        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {scripts}; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def _hash(text: str) -> str:
-    digest = hashlib.sha256(text.encode()).digest()
-    return f"'sha256-{base64.b64encode(digest).decode()}'"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.site.api import API, Pairs
+from airzoo_bench.leaderboard.site.kept_pairs import ScoreOfAll, tested_pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
 from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.pair_intervals import pair_limits
 from airzoo_bench.statistics.pair_tests import (
-    pair_draws,
-    pair_p_values,
     resamples_for,
 )
-from airzoo_bench.statistics.pairs import wanted_pairs
+from airzoo_bench.statistics.pairs import Places
 from airzoo_bench.statistics.rank_ranges import (
     correct_pairs,
     rank_ranges,
@@ -103,36 +99,61 @@ def headline_first(
 
 
 def rank(
-    methods: Sequence[Scored],
-    column: ScoreColumn,
-    cache: Path,
-) -> Ranked:
-    """Rank methods by one headline score.
+    methods: Sequence[Scored], columns: Sequence[ScoreColumn], cache: Path
+) -> dict[str, Ranked]:
+    """Rank methods by each of some headline scores.
 
     Parameters
     ----------
     methods : sequence of Scored
         Of one protocol and truth, see `check_alike`.
-    column : ScoreColumn
+    columns : sequence of ScoreColumn
     cache : Path
         Keeps the methods' draws, and what is known of pairs.
+
+    Returns
+    -------
+    dict of str to Ranked
+        By score.
     """
-    ids, measured = [one.id for one in methods], [one.measured for one in methods]
+    scores = {column.key: _of_all(methods, column) for column in columns}
     stems = np.array([one.array.stem for one in methods])
-    resampling = ResamplingConfig(resamples_for(len(ids)))
-    sample = sample_of(measured, [one.values for one in methods], column)
-    p_values, *limits = _tested(sample, stems, column.key, resampling, cache)
+    resampling = ResamplingConfig(resamples_for(len(methods)))
+    tested = tested_pairs(scores, stems, resampling, cache, of=repr(methods[0].measured.measures))
+    return {
+        column.key: _ranked(methods, column, tested[column.key], resampling) for column in columns
+    }
+
+
+def _of_all(methods: Sequence[Scored], column: ScoreColumn) -> ScoreOfAll:
+    first = methods[0].measured
+
+    def sample(places: Places) -> Sample:
+        rows = [methods[place].values(column.key) for place in places.tolist()]
+        return sample_of(first, rows, column)
+
+    groups = tuple(name for name, _ in first.groups)
+    return ScoreOfAll(first.unit, groups, first.by_medians(column), sample)
+
+
+def _ranked(
+    methods: Sequence[Scored],
+    column: ScoreColumn,
+    tested: Floats,
+    resampling: ResamplingConfig,
+) -> Ranked:
+    p_values, *limits = tested
     corrected = correct_pairs(p_values)
-    values = np.array([one.values[OVERALL][column.key] for one in measured])
+    values = np.array([one.measured.values[OVERALL][column.key] for one in methods])
     ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
     apart = told_apart(values, corrected)
-    if len(ids) < 2:
+    if len(methods) < 2:
         return Ranked(ranges, apart, None)
-    upper = np.triu_indices(len(ids), 1)
+    upper = np.triu_indices(len(methods), 1)
     pairs = Pairs(
         API,
         column.key,
-        tuple(ids),
+        tuple(one.id for one in methods),
         tuple(values.tolist()),
         _packed(limits[0][upper]),
         _packed(limits[1][upper]),
@@ -140,88 +161,19 @@ def rank(
         _packed(corrected[upper]),
         len(upper[0]),
         resampling.resamples,
-        _about(sample, resampling),
+        _about(methods[0].measured, column, resampling),
     )
     return Ranked(ranges, apart, pairs)
 
 
-def _tested(
-    sample: Sample, stems: NDArray[np.str_], key: str, resampling: ResamplingConfig, cache: Path
-) -> Floats:
-    """Return p, low and high of row minus column, (3, V, V): what was known before and the rest.
-
-    Pairs are taken in the order of their hashes. A pair then has the same to the last bit whatever
-    the other methods are and wherever they stand, so that known ones and new ones fit together.
-    """
-    order = np.argsort(stems)
-    ordered = _part(sample, order)
-    name = f"pairs {key} {resampling.resamples} {resampling.seed} {sample.unit} {sample.groups}"
-    file = cache / f"{hashlib.sha256(name.encode()).hexdigest()}.npz"
-    sums = cache / f"{hashlib.sha256(f'draws of {name}'.encode()).hexdigest()}.npz"
-    found, new = _known(file, stems[order])
-    if len(new):
-        draws = _draws(ordered, stems[order], resampling, sums)
-        p_values = pair_p_values(ordered, resampling, draws, new)
-        limits = pair_limits(ordered, resampling, new)
-        fresh = np.stack([np.triu(p_values, 1), *limits])
-        found = np.where(wanted_pairs(len(stems), new), fresh, found)
-        with atomic_write(file) as stream:
-            write_npz(stream, {"stems": stems[order], "pairs": found})
-    p_values, low, high = found
-    low, high = (
-        np.where(np.tri(len(stems), k=-1) > 0, -b.T, a) for a, b in ((low, high), (high, low))
-    )
-    p_values = np.triu(p_values, 1) + np.triu(p_values, 1).T + np.eye(len(stems))
-    place = np.argsort(order)
-    return np.stack([p_values, low, high])[:, place[:, None], place]
-
-
-def _known(file: Path, stems: NDArray[np.str_]) -> tuple[Floats, NDArray[np.intp]]:
-    """Return what an earlier build found of pairs, and which methods it did not have."""
-    found = np.full((3, len(stems), len(stems)), np.nan)
-    if not file.is_file():
-        return found, np.arange(len(stems))
-    with np.load(file, allow_pickle=False) as kept:
-        _, here, there = np.intersect1d(stems, kept["stems"], return_indices=True)
-        found[:, here[:, None], here] = kept["pairs"][:, there[:, None], there]
-    return found, np.setdiff1d(np.arange(len(stems)), here)
-
-
-def _draws(
-    sample: Sample, stems: NDArray[np.str_], resampling: ResamplingConfig, file: Path
-) -> Floats:
-    """Return the draws of all methods, those that no earlier build has made made now."""
-    kept, known = None, np.zeros(len(stems), np.bool_)
-    if file.is_file():
-        with np.load(file, allow_pickle=False) as archive:
-            _, here, there = np.intersect1d(stems, archive["stems"], return_indices=True)
-            kept, known[here] = np.asarray(archive["draws"], np.float64)[there], True
-    if known.all() and kept is not None:
-        return kept
-    made = pair_draws(_part(sample, np.flatnonzero(~known)), resampling)
-    draws = np.empty((len(stems), made.shape[1]))
-    draws[~known] = made
-    if kept is not None:
-        draws[known] = kept  # both in the order of their hashes
-    with atomic_write(file) as stream:
-        write_npz(stream, {"stems": stems, "draws": draws})
-    return draws
-
-
-def _part(sample: Sample, rows: NDArray[np.intp]) -> Sample:
-    values = tuple(part[rows] for part in sample.values)
-    shares = None if sample.shares is None else sample.shares[rows]
-    return replace(sample, values=values, medians=sample.medians[rows], shares=shares)
-
-
-def _about(sample: Sample, resampling: ResamplingConfig) -> str:
+def _about(measured: Measured, column: ScoreColumn, resampling: ResamplingConfig) -> str:
     number = f"{resampling.resamples:,}"
     test = (
         f"bootstrap of the difference of medians, {number} resamples"
-        if sample.medians.any()
+        if measured.by_medians(column)
         else f"paired permutation test, exact where {number} patterns are all there are"
     )
-    units = "scenes" if sample.unit == "scene" else "queries within scenes"
+    units = "scenes" if measured.unit == "scene" else "queries within scenes"
     return f"{test}, over {units}; p for these two alone, and by Holm for all pairs of the column"
 
 

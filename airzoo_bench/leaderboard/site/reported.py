@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from airzoo_bench.audit.audit import audit
-from airzoo_bench.core.files import atomic_write, sha256_of
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.site.api import Finding
+from airzoo_bench.leaderboard.site.kept_files import keep_json, kept_json
 from airzoo_bench.leaderboard.site.measured import OVERALL
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.method_table import MethodRow, MethodTable
-from airzoo_bench.tables.printed.table import read_published
 from airzoo_bench.tables.published import (
     PublishedTable,
     published_sources,
@@ -112,8 +110,13 @@ def _audited(path: Path, cache: Path) -> list[tuple[str, str, str, Finding]]:
     source = read_source_file(path)
     numbers = path.with_name(source.data)
     kept = cache / f"audit-{__version__}-{sha256_of(path)[:32]}-{sha256_of(numbers)[:32]}.json"
-    if not kept.is_file():
-        found = [
+    listed = kept_json(kept)
+    if listed is None:
+        # A build that has the findings needs neither.
+        from airzoo_bench.audit.audit import audit
+        from airzoo_bench.tables.printed.table import read_published
+
+        listed = [
             [
                 source.benchmarks.get(cell.benchmark, ""),
                 cell.track,
@@ -133,7 +136,5 @@ def _audited(path: Path, cache: Path) -> list[tuple[str, str, str, Finding]]:
             for one in audit(read_published(numbers)).findings
             for cell in [one.cell]
         ]
-        with atomic_write(kept, "w") as stream:
-            json.dump(found, stream)
-    listed = json.loads(kept.read_text(encoding="utf-8"))
+        keep_json(kept, listed)
     return [(b, t, m, Finding(**finding)) for b, t, m, finding in listed]

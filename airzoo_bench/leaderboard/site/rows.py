@@ -8,19 +8,20 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.site.api import Finding, Row, Score
 from airzoo_bench.leaderboard.site.entries import Entry
+from airzoo_bench.leaderboard.site.kept_files import kept_row
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
-from airzoo_bench.report.standings import score_texts
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.method_table import MethodRow
+from airzoo_bench.tables.wording import score_texts
 
 __all__ = [
     "Scored",
@@ -51,10 +52,23 @@ class Scored:
     measured: Measured
     array: Path
 
-    @cached_property
-    def values(self) -> Floats:
-        """The array (V, N) of headline scores, read where it is used."""
-        return np.asarray(np.load(self.array, mmap_mode="r", allow_pickle=False))
+    def values(self, key: str) -> Floats:
+        """Return the values (N,) of a headline score.
+
+        Raises
+        ------
+        SubmissionError
+            What a build has kept is not what it wrote.
+        """
+        place, count = self.measured.place(key), sum(units for _, units in self.measured.groups)
+        found = kept_row(self.array, place, count)
+        if found is None:
+            raise SubmissionError(
+                "is damaged: a build kept it",
+                where=self.array,
+                fix=f"delete the folder {self.array.parent}; all in it is made again",
+            )
+        return found
 
     @property
     def method(self) -> str:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 from urllib.parse import urlsplit
 
-__all__ = ["host_of", "plain_name", "safe_url", "shown", "visible"]
+__all__ = ["host_of", "plain_name", "printed", "safe_url", "shown", "visible"]
 
 _MOST = 300
 _MARKS = 3  # on one letter: no script of today needs more, and a pile of them covers other lines
@@ -17,6 +17,7 @@ _HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 _BLANK = frozenset("\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0")
 _URL = re.compile(r"https://[^\s<>\"'`\\]+")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_MARKUP = frozenset("&<>\"'")
 _UNNAMED = "(no visible text)"
 
 
@@ -61,6 +62,15 @@ def visible(value: Any) -> Any:
         "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in _HIDDEN and c != "\n" else c
         for c in value
     )
+
+
+def printed(text: str) -> str:
+    """Return a text as a template prints it: `visible`, and escaped."""
+    if text.isprintable() and _MARKUP.isdisjoint(text):
+        return text
+    from markupsafe import escape  # of Jinja, without which no page is made
+
+    return str(escape(visible(text)))
 
 
 def safe_url(address: object) -> str | None:

@@ -48,6 +48,10 @@ _UNPAIRED = (
     "which are added as if no two methods erred alike: ranges are wider than paired tests would "
     "give. Holm's correction for all pairs of a column, 5 %."
 )
+_NO_ERROR = (
+    "A median that is a failure, or whose interval reaches one, has no standard error. What it may "
+    "be has no bound, so it is told from no other method, and its range is from 1 to N."
+)
 _SEALED = "95 % intervals: the rounded score and 1.96 rounded standard errors to each side."
 
 
@@ -156,7 +160,7 @@ def make_table(about: About, methods: Sequence[Scored], reported: Reported, cach
             Condition(c["by"], c["title"], tuple(c["labels"]), tuple(c["counts"]))
             for c in conditions
         ),
-        _RANKS + (_UNPAIRED if _is_sealed(methods) else _PAIRED) if methods else "",
+        _about_ranks(methods, columns),
         _about_intervals(methods),
         (*notes, *_version_notes(methods)),
         Links(f"{base}/scenes.json", f"{base}/conditions.json" if conditions else None, *downloads),
@@ -179,7 +183,7 @@ def _ranked(
     headline = [column for column in columns if column.headline and methods]
     if _is_sealed(methods):
         return {c.key: rank_sealed([one.measured for one in methods], c) for c in headline}
-    return {c.key: rank(methods, c, cache) for c in headline}
+    return rank(methods, headline, cache) if headline else {}
 
 
 def _scenes(about: About, methods: Sequence[Scored]) -> list[Scene]:
@@ -224,6 +228,17 @@ def _conditions(methods: Sequence[Scored]) -> list[dict[str, Any]]:
     return methods[0].measured.conditions if methods else []
 
 
+def _about_ranks(methods: Sequence[Scored], columns: Sequence[ScoreColumn]) -> str:
+    if not methods:
+        return ""
+    if not _is_sealed(methods):
+        return _RANKS + _PAIRED
+    errors = [one.measured.errors[OVERALL] for one in methods]
+    headline = [column.key for column in columns if column.headline]
+    all_known = all(key in known for known in errors for key in headline)
+    return _RANKS + (_UNPAIRED if all_known else f"{_UNPAIRED} {_NO_ERROR}")
+
+
 def _about_intervals(methods: Sequence[Scored]) -> str:
     if not methods:
         return ""
@@ -237,7 +252,7 @@ def _about_intervals(methods: Sequence[Scored]) -> str:
 
 def _version_notes(methods: Sequence[Scored]) -> list[str]:
     versions = sorted({one.measured.made_with for one in methods})
-    return [f"made with airzoo-bench {', '.join(versions)}"] if versions else []
+    return [f"scored by airzoo-bench {', '.join(versions)}"] if versions else []
 
 
 def table_id(protocol: str, measures: tuple[Any, ...], *, current: bool) -> str:

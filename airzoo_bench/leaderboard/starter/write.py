@@ -111,10 +111,13 @@ def next_steps(folder: Path, *, gitlab: bool) -> list[str]:
         f"pin all packages in {folder / _REQUIREMENTS}",
     ]
     if gitlab:
-        steps.append("do what the first lines of .gitlab-ci.yml say: a token, protected variables")
+        steps.append(
+            f"do what the first lines of {folder / '.gitlab-ci.yml'} say: a token, protected "
+            "variables"
+        )
     else:
         steps += [
-            "put your account into .github/CODEOWNERS",
+            f"put your account into {folder / '.github/CODEOWNERS'}",
             "GitHub, Settings > Environments: make submissions and sealed, each with you as the "
             "required reviewer and main as the only branch; the key goes into sealed, as "
             "AIRZOO_BENCH_KEY",

@@ -98,6 +98,9 @@ async function draw() {
     link.firstElementChild.textContent = method.name;
     link.setAttribute("href", `methods/${method.id}.html`);
   }
+  const command = document.getElementById("command");
+  command.hidden = !a.run || !b.run;
+  command.lastElementChild.textContent = `airzoo-bench compare ${a.run} ${b.run} --scene ${data.scene}`;
   const same = a === b;
   document.getElementById("found").hidden = same;
   const said = document.getElementById("said");

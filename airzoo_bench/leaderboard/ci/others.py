@@ -1,0 +1,110 @@
+"""What a submission has to do with those that other accounts have on the board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from filecmp import cmp
+from pathlib import Path
+
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.ci.event import PullRequest
+from airzoo_bench.leaderboard.ci.git import RefusedError
+from airzoo_bench.leaderboard.ci.ledger import Line, owner
+from airzoo_bench.leaderboard.known import Known, Place
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission
+from airzoo_bench.results.files import records_path
+
+__all__ = ["Others"]
+
+
+@dataclass(frozen=True)
+class Others:
+    """What is on the board, and whose.
+
+    Attributes
+    ----------
+    pull : PullRequest
+        The one that is looked at.
+    ledger : sequence of Line
+    board : Board
+    known : sequence of Known
+        All that is on the board.
+    """
+
+    pull: PullRequest
+    ledger: Sequence[Line]
+    board: Board
+    known: Sequence[Known]
+
+    def errors(self, given: Submission, place: Place) -> Iterator[UserError]:
+        """Yield why the account may not have this submission at its place."""
+        yield from self._foreign(given, place)
+        yield from self._crowd(given, place)
+
+    def strange_team(self, given: Submission) -> Iterator[str]:
+        """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
+        theirs = [one for one in self.known if one.team == given.team]
+        accounts = {owner(self.ledger, one.place) for one in theirs}
+        if theirs and self.pull.account not in (*accounts, *self.board.maintainers):
+            yield (
+                f"team {given.team!r} is on the board with {theirs[0].folder}, by another account: "
+                "the maintainers should know whether this is of the same team"
+            )
+
+    def copied(self, team: str, place: Place, newest: Mapping[str, Path]) -> Iterator[str]:
+        """Warn of answers that are another team's, whatever file they came in.
+
+        Parameters
+        ----------
+        team : str
+        place : Place
+        newest : mapping of str to Path
+            The newest run of each folder of the table, with that of the place.
+        """
+        records = {name: records_path(run / "result.json") for name, run in newest.items()}
+        own = records.pop(place.folder)
+        for one in self._table(place):
+            theirs = records.get(one.folder) if one.team != team else None
+            if theirs is not None and theirs.is_file() and cmp(own, theirs, shallow=False):
+                yield (
+                    f"every record is that of {one.method!r} of team {one.team!r}, in "
+                    f"{one.folder}: these are the same answers"
+                )
+
+    def _table(self, place: Place) -> list[Known]:
+        return [one for one in self.known if replace(one.place, folder=place.folder) == place]
+
+    def _crowd(self, given: Submission, place: Place) -> Iterator[UserError]:
+        """Refuse one more than an account may show: clones would widen everybody's rank range."""
+        if self.pull.account in self.board.maintainers:
+            return
+        table, most = self._table(place), self.board.limits.entries
+        gone = {place.folder, given.supersedes, *(one.supersedes for one in table)}
+        shown = [one for one in table if one.folder not in gone]
+        own = [one for one in shown if owner(self.ledger, one.place) == self.pull.account]
+        if len(own) >= most:
+            yield RefusedError(
+                f"this account has {counted(len(own), 'submission')} in this table already",
+                where=f"{place.path}/{SUBMISSION_FILE}",
+                expected=f"at most {most} that are shown at once",
+                fix="let it supersede one of them, or withdraw one",
+            )
+
+    def _foreign(self, given: Submission, place: Place) -> Iterator[UserError]:
+        """Refuse to supersede what another account has submitted."""
+        old = replace(place, folder=given.supersedes or "")
+        there = given.supersedes is None or any(one.place == old for one in self.known)
+        whose = owner(self.ledger, old)
+        allowed = given.supersedes is None or self.pull.account in (whose, *self.board.maintainers)
+        if there and allowed:
+            return
+        what = "belongs to another account" if there else "is not on the board"
+        yield RefusedError(
+            f"supersedes {old.folder}, which {what}",
+            where=f"{place.path}/{SUBMISSION_FILE}",
+            expected="a folder of the same benchmark and track that this account has submitted",
+            fix="leave supersedes out",
+        )
