@@ -8,8 +8,9 @@ from pathlib import Path
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.scene import BlindScene
 from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
+from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import data_root
+from airzoo_bench.storage.urls import is_url
 
 __all__ = ["BlindBenchmark", "load_benchmark"]
 
@@ -52,10 +53,12 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
             gallery = [(tile.id, tile.image) for tile in scene.tiles()]
             photos = [(photo.id, photo.image) for photo in scene.queries()]
     """
+    if is_url(name_or_path):
+        return BlindBenchmark.of(Benchmark.open(data_here(name_or_path), sealed=True))
     folder = path_of("name_or_path", name_or_path)
     if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
         return BlindBenchmark.of(Benchmark.open(folder, sealed=True))
-    root = data_root() if data is None else path_of("data", data)
+    root = data_here(data if data is None or is_url(data) else path_of("data", data))
     return BlindBenchmark.of(find_benchmark(str(name_or_path), root, sealed=True))
 
 

@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.results import comparison
 from airzoo_bench.results.comparable import check_same_queries
 from airzoo_bench.results.comparison import Pair
-from airzoo_bench.results.files import result_paths
+from airzoo_bench.results.files import result_paths, results_here
 from airzoo_bench.results.records import Scored, checked_records, read_scored
 from airzoo_bench.results.result import ScoreColumn, read_result
 from airzoo_bench.results.sampling import score_intervals
@@ -212,7 +212,7 @@ def _check(
 def _read(
     results: Sequence[Given], scores: Sequence[str], *, every: bool, every_column: bool
 ) -> list[Scored]:
-    paths = [Path(result) for result in results if not isinstance(result, Scored)]
+    paths = results_here([result for result in results if not isinstance(result, Scored)])
     read: list[Scored] = []
     if paths:
         first = read_result(result_paths(paths)[0])

@@ -13,18 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.api.arrays import in_order, path_of, text_of
-from airzoo_bench.api.labels import same_index
+from airzoo_bench.api.labels import in_axis_order, ranks_in_order, same_columns, same_index
 from airzoo_bench.api.results import Result
+from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.places import data_root
 from airzoo_bench.evaluation.check import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as run
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.results.records import checked_records
+from airzoo_bench.storage.here import here
+from airzoo_bench.storage.urls import is_url
 
 __all__ = ["Check", "check", "evaluate"]
+
+_DESCRIPTORS = ("query_descriptors", "gallery_descriptors")
+_RANKS = ("ranked_ids", "scores")
 
 Predictions = str | Path | Mapping[str, Any]
 
@@ -178,13 +183,15 @@ def check(
 
 
 def _folder(data: str | Path | None) -> Path:
-    return data_root() if data is None else path_of("data", data)
+    return data_here(data if data is None or is_url(data) else path_of("data", data))
 
 
 def _field(name: str, values: Any) -> NDArray[Any]:
     """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
+    ordered = in_order(name, values)
+    ordered = in_axis_order(ordered) if hasattr(ordered, "columns") else ordered
     try:
-        array = np.asarray(in_order(name, values))
+        array = np.asarray(ordered)
     except ValueError as error:
         raise ArgumentError(
             f"field {name!r} cannot be an array: {error}",
@@ -206,7 +213,7 @@ def _field(name: str, values: Any) -> NDArray[Any]:
 def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     """Give the path of predictions; arrays are written to a file first, as a user would."""
     if isinstance(predictions, str | Path):
-        yield Path(predictions)
+        yield here(predictions)
         return
     if not isinstance(predictions, Mapping):
         raise ArgumentError(
@@ -216,6 +223,9 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     of_gallery = {name: rows for name, rows in predictions.items() if name.startswith("gallery")}
     same_index({name: rows for name, rows in predictions.items() if name not in of_gallery})
     same_index(of_gallery)
+    same_columns({name: rows for name, rows in predictions.items() if name in _DESCRIPTORS})
+    for name in _RANKS:
+        ranks_in_order(name, predictions.get(name))
     fields = {name: _field(name, values) for name, values in predictions.items()}
     if protocol is None and "protocol" not in fields:
         raise ArgumentError(

@@ -30,8 +30,9 @@ from airzoo_bench.api.query_collectors import (
     RankedCollector,
 )
 from airzoo_bench.api.scene_collector import SceneCollector
+from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError
-from airzoo_bench.core.places import cannot_write, check_output_file, check_output_folder, data_root
+from airzoo_bench.core.places import cannot_write, check_output_file, check_output_folder
 from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.evaluation.prediction_files import check_npz
 from airzoo_bench.protocol.lookup import find_protocol
@@ -76,7 +77,7 @@ class PredictionWriter:
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
         self._path = path_of("path", path)
-        self._protocol = find_protocol(protocol, benchmark.folder if benchmark else data_root())
+        self._protocol = find_protocol(protocol, benchmark.folder if benchmark else data_here())
         opened = benchmark or load_benchmark(self._protocol.benchmark)
         if self._protocol.benchmark != opened.name:
             raise UsageError(

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.api.arrays import path_of
+from airzoo_bench.results.files import results_here
 from airzoo_bench.results.records import Scored, read_scored
+from airzoo_bench.storage.urls import is_url
 from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.model import Table
 from airzoo_bench.tables.render import render
@@ -100,5 +102,5 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     ...
     airzoo_bench.core.errors.ResultError: ...
     """
-    (found,) = read_scored([path_of("path", path)])
+    (found,) = read_scored(results_here([path if is_url(path) else path_of("path", path)]))
     return Result(found.name if name is None else name, found.result, found.records)

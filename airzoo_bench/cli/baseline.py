@@ -6,20 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
-from airzoo_bench.cli.common import (
-    DataOption,
-    JobsOption,
-    progress,
-    resolve_data,
-    say,
-    with_data,
-)
+from airzoo_bench.cli.common import JobsOption, say
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
+from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.engines.choose import EngineKind, chosen_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -29,6 +25,11 @@ __all__ = ["app"]
 
 class _BaselineGroup(BuiltGroup):
     registry = TRACKS
+    own_panel = "Method"
+    panels: ClassVar[dict[str, tuple[str, ...]]] = {
+        "Benchmark and predictions": ("data", "out"),
+        "Resources": ("jobs", "engine", "scheduler", "show_progress"),
+    }
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [name for name in TRACKS.names() if TRACKS.get(name).baseline is not None]
@@ -47,6 +48,9 @@ class _BaselineGroup(BuiltGroup):
             parameter("data", DataOption, None),
             *option_parameters(type(baseline.settings)),
             parameter("jobs", JobsOption, 2),
+            parameter("engine", EngineOption, EngineKind.LOCAL),
+            parameter("scheduler", SchedulerOption, None),
+            parameter("show_progress", ProgressOption, False),
         ]
         command = with_parameters(partial(_predict, thing), parameters, baseline.summary)
         return command, f"baseline {thing.name} {baseline.example}"
@@ -63,20 +67,33 @@ def _group() -> None:
 
 
 def _predict(
-    track: AnyTrack, protocol: str, out: Path, data: Path | None, jobs: int, **settings: Any
+    track: AnyTrack,
+    protocol: str,
+    out: Path,
+    data: str | None,
+    jobs: int,
+    engine: EngineKind,
+    scheduler: str | None,
+    show_progress: bool,
+    **settings: Any,
 ) -> None:
+    from airzoo_bench.engines.processes import Processes
     from airzoo_bench.evaluation.generate import run_baseline
     from airzoo_bench.evaluation.parts import Resources
 
     baseline: Any = track.baseline
-    run_baseline(
-        track.name,
-        protocol,
-        out,
-        data=resolve_data(data),
-        settings=replace(baseline.settings, **settings),
-        resources=Resources(jobs=jobs, progress=progress),
-        note=say,
-    )
+    with (
+        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
+        reported(place, show_progress=show_progress) as (used, shown),
+    ):
+        run_baseline(
+            track.name,
+            protocol,
+            out,
+            data=resolve_data(data),
+            settings=replace(baseline.settings, **settings),
+            resources=Resources(jobs=jobs, progress=shown, engine=used),
+            note=say,
+        )
     say(f"wrote {out}")
     say(f"next: airzoo-bench eval {track.name} {out}{with_data(data)}")

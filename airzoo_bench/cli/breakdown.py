@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, examples, show
+from airzoo_bench.cli.locations import ResultsArgument
 from airzoo_bench.core.errors import UsageError
 
 __all__ = ["EXAMPLES", "breakdown", "parse_bins"]
@@ -19,9 +19,7 @@ EXAMPLES = examples(
 
 
 def breakdown(
-    results: Annotated[
-        list[Path], typer.Argument(help="One or more result.json, or their folders.")
-    ],
+    results: ResultsArgument,
     by: Annotated[
         str, typer.Option("--by", help="A column of the records, such as weather or altitude_m.")
     ],
@@ -55,7 +53,7 @@ def breakdown(
     One result gives a column a score; several give a column a method, under each score.
     """
     from airzoo_bench.results.comparable import check_same_queries
-    from airzoo_bench.results.files import result_paths
+    from airzoo_bench.results.files import result_paths, results_here
     from airzoo_bench.results.records import read_records, read_scored
     from airzoo_bench.results.result import read_result
     from airzoo_bench.results.selection import choose_scores, score_keys
@@ -65,7 +63,7 @@ def breakdown(
 
     edges = None if bins is None else parse_bins(bins)
     wanted = score or []
-    paths = result_paths(results)
+    paths = result_paths(results_here(results))
     keys = score_keys(read_result(paths[0]), wanted)
     methods = read_scored(paths, {by, *keys})
     check_same_queries(methods)

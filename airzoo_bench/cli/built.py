@@ -26,7 +26,8 @@ _OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
 class BuiltGroup(LightGroup):
     """A group with a subcommand for each thing of a registry, made when it is asked for.
 
-    What is registered loads NumPy, which the help of all commands must not wait for.
+    What is registered may be another package's, whose import the help of all commands must not wait
+    for.
     """
 
     registry: Registry
@@ -35,8 +36,8 @@ class BuiltGroup(LightGroup):
     _listing = False
 
     @abstractmethod
-    def command_of(self, thing: Any) -> tuple[Callable[..., None], str]:
-        """Return the function of a thing's subcommand, and its example."""
+    def command_of(self, thing: Any) -> tuple[Callable[..., None], *tuple[str, ...]]:
+        """Return the function of a thing's subcommand, and its examples."""
 
     def summary_of(self, thing: Any) -> str:
         """Return what the list of subcommands says of a thing's."""
@@ -86,10 +87,10 @@ class BuiltGroup(LightGroup):
         thing = self.registry.get(cmd_name)
         if self._listing:
             return TyperCommand(cmd_name, help=self.summary_of(thing))
-        function, example = self.command_of(thing)
+        function, *calls = self.command_of(thing)
         app = typer.Typer(add_completion=False)
         grouped = in_panels(self.panels, self.own_panel)
-        app.command(name=cmd_name, cls=grouped, epilog=examples(example))(function)
+        app.command(name=cmd_name, cls=grouped, epilog=examples(*calls))(function)
         return typer.main.get_command(app)
 
 

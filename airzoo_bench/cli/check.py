@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from airzoo_bench.cli.common import (
-    DataOption,
     MemoryOption,
     NamesOption,
     ProtocolOption,
@@ -16,9 +14,9 @@ from airzoo_bench.cli.common import (
     examples,
     memory_bytes,
     put,
-    resolve_data,
     say,
 )
+from airzoo_bench.cli.locations import DataOption, predictions_here, resolve_data
 
 __all__ = ["EXAMPLES", "check"]
 
@@ -29,7 +27,11 @@ EXAMPLES = examples(
 
 def check(
     predictions: Annotated[
-        Path, typer.Argument(help="A prediction file, folder or archive of any track.")
+        str,
+        typer.Argument(
+            metavar="PREDICTIONS",
+            help="A prediction file, folder or archive of any track: a path or a URL.",
+        ),
     ],
     protocol: ProtocolOption = None,
     data: DataOption = None,
@@ -51,7 +53,7 @@ def check(
     from airzoo_bench.evaluation.parts import Resources
 
     checked = find_errors(
-        predictions,
+        predictions_here(predictions),
         data=resolve_data(data),
         protocol=protocol,
         resources=Resources(memory_bytes(max_memory)),

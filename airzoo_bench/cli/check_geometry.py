@@ -8,12 +8,25 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, examples, progress, put, say, show
+from airzoo_bench.cli.common import (
+    Format,
+    FormatOption,
+    JobsOption,
+    examples,
+    progress,
+    put,
+    say,
+    show,
+)
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
+from airzoo_bench.engines.choose import EngineKind, chosen_engine
 
 if TYPE_CHECKING:
+    from airzoo_bench.core.progress import Progress
     from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
     from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
+    from airzoo_bench.engines.engine import Engine
 
 __all__ = [
     "GEOMETRY_EXAMPLES",
@@ -31,6 +44,7 @@ GEOMETRY_PANELS = {
     "Cameras": ("scene", "poses", "images", "crs"),
     "Depth": ("depth", "depth_kind", "depth_scale", "pairs", "samples", "seed", "median_below"),
     "Output": ("out", "form"),
+    "Resources": ("jobs", "engine", "scheduler", "show_progress"),
 }
 
 DEPTH_FOLDER = "depth"
@@ -80,6 +94,10 @@ def check_geometry(
         typer.Option("--out", "-o", help="Folder for geometry.json, tables and the error curve."),
     ] = None,
     form: FormatOption = Format.TERMINAL,
+    jobs: JobsOption = 1,
+    engine: EngineOption = EngineKind.LOCAL,
+    scheduler: SchedulerOption = None,
+    show_progress: ProgressOption = False,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
     from airzoo_bench.core.places import check_output_folder
@@ -91,6 +109,7 @@ def check_geometry(
         report_values,
         save_report,
     )
+    from airzoo_bench.engines.processes import Processes
 
     if out is not None:
         check_output_folder(out, OUTPUT_NAMES)
@@ -98,7 +117,11 @@ def check_geometry(
     sampling = Sampling(samples, seed, DepthKind(depth_kind), depth_scale)
     scenes = _scenes(data, scene, poses, images, crs)
     rule = PairRule(pairs)
-    checked = [_checked(one, depth, sampling, rule, median_below) for one in scenes]
+    with (
+        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
+        reported(place, show_progress=show_progress) as where,
+    ):
+        checked = [_checked(one, depth, sampling, rule, median_below, where) for one in scenes]
     if form is Format.JSON:
         put(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
     else:
@@ -172,7 +195,12 @@ def _check_scale(scale: float | None) -> None:
 
 
 def _checked(
-    scene: PosedScene, depth: Path | None, sampling: Sampling, rule: PairRule, median_below: float
+    scene: PosedScene,
+    depth: Path | None,
+    sampling: Sampling,
+    rule: PairRule,
+    median_below: float,
+    where: tuple[Engine, Progress],
 ) -> SceneGeometry:
     from airzoo_bench.core.errors import UsageError
     from airzoo_bench.datasets.geometry_checks.depth_report import check_depth_consistency
@@ -199,7 +227,8 @@ def _checked(
             sampling=sampling,
             rule=rule,
             median_below=median_below,
-            progress=progress,
+            engine=where[0],
+            progress=where[1],
         )
         if has_depth
         else None

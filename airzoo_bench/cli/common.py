@@ -8,7 +8,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
@@ -17,7 +17,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import told
 from airzoo_bench.tables.model import Table
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from airzoo_bench.tables.latex_float import LatexStyle
 
 __all__ = [
-    "DataOption",
     "Format",
     "FormatOption",
     "JobsOption",
@@ -43,12 +41,10 @@ __all__ = [
     "printable",
     "progress",
     "put",
-    "resolve_data",
     "say",
     "say_replaced",
     "scores_of",
     "show",
-    "with_data",
     "working",
 ]
 
@@ -82,15 +78,6 @@ class LightGroup(TyperGroup):
 
 
 FormatOption = Annotated[Format, typer.Option("--format", "-f", help="How to print the table.")]
-DataOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--data",
-        help="The benchmark folder, or the folder that holds it (default: $AIRZOO_BENCH_DATA, "
-        "else a cache folder).",
-        show_default=False,
-    ),
-]
 ProtocolOption = Annotated[
     str | None,
     typer.Option("--protocol", help="Name or .toml file (default: what the file itself names)."),
@@ -129,39 +116,31 @@ def examples(*calls: str) -> str:
 def in_panels(panels: Mapping[str, Sequence[str]], rest: str | None = None) -> type[TyperCommand]:
     """Return a command class whose help shows options in panels, each a list of parameters.
 
-    Those of no panel stand in the panel `rest`, the second, where it has a name.
+    Other options stand in the panel `rest`, the second, where it has a name; arguments and --help
+    before all.
     """
     panel_of = {name: panel for panel, names in panels.items() for name in names}
     order = list(panel_of)
     second = len(next(iter(panels.values()), ())) - 0.5
 
-    def place(name: str) -> float:
-        if name in panel_of:
-            return order.index(name)
-        return -1 if rest is None or name == "help" else second
+    def is_first(one: Any) -> bool:
+        return rest is None or one.name == "help" or one.param_type_name == "argument"
+
+    def place(one: Any) -> float:
+        if one.name in panel_of:
+            return order.index(one.name)
+        return -1 if is_first(one) else second
 
     class Grouped(TyperCommand):
         def __init__(self, *args: Any, **settings: Any) -> None:
             super().__init__(*args, **settings)
             for parameter in self.params:
-                panel = panel_of.get(parameter.name, None if parameter.name == "help" else rest)
+                panel = panel_of.get(parameter.name, None if is_first(parameter) else rest)
                 if panel is not None:
                     parameter.rich_help_panel = panel  # type: ignore[attr-defined]
-            self.params.sort(key=lambda one: place(one.name))
+            self.params.sort(key=place)
 
     return Grouped
-
-
-def resolve_data(data: Path | None) -> Path:
-    """Return the folder named, else the configured data root."""
-    if data is not None and not data.is_dir():
-        raise UsageError(
-            "no such folder",
-            where=f"--data {data}",
-            expected="a benchmark folder, or the folder that holds some",
-            fix="make one with `airzoo-bench prepare`",
-        )
-    return data_root() if data is None else data
 
 
 def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()) -> None:
@@ -221,13 +200,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in text)
 
 
-def with_data(data: Path | None) -> str:
-    """Return the ``--data`` option for the command that is suggested next."""
-    return "" if data is None else f" --data {data}"
-
-
 def say(message: str) -> None:
-    """Print a message on stderr, so that a pipe stays clean."""
+    """Print a message on stderr, so that a pipe stays clean; mirrors are called by their URLs."""
+    if "airzoo_bench.storage.mirror" in sys.modules:
+        from airzoo_bench.storage.mirror import in_urls
+
+        message = in_urls(message)
     _write(printable(message) + "\n", sys.stderr)
 
 
@@ -266,20 +244,18 @@ def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
     if not sys.stderr.isatty():
         yield from told(items, label, total, say=say)
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
+    from airzoo_bench.cli.bars import bar
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeLeft())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield from bar.track(items, total=total, description=label)
+    yield from bar(items, printable(label), total)
 
 
 @contextmanager
 def working(label: str) -> Iterator[None]:
-    """Show on stderr, if it is a terminal, that something is under way."""
+    """Show on stderr that something is under way; without a terminal, a line if it takes long."""
     if not sys.stderr.isatty():
-        yield
+        with closing(told((None,), label, 1, say=say)) as step:
+            next(step)
+            yield
         return
     from rich.console import Console
     from rich.text import Text
@@ -290,9 +266,10 @@ def working(label: str) -> Iterator[None]:
 
 def scores_of(name: str) -> tuple[Protocol, list[ScoreColumn]]:
     """Return the protocol of a name, and all scores of its track."""
+    from airzoo_bench.benchmark.mirrored import data_here
     from airzoo_bench.core.registry import TRACKS
     from airzoo_bench.protocol.lookup import find_protocol
     from airzoo_bench.results.result import score_columns
 
-    protocol = find_protocol(name, data_root())
+    protocol = find_protocol(name, data_here())
     return protocol, list(score_columns(TRACKS.get(protocol.track).scores(protocol, ())))

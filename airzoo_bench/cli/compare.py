@@ -39,9 +39,11 @@ class IntervalMethod(StrEnum):
 
 def compare(
     results: Annotated[
-        list[Path] | None,
+        list[str] | None,
         typer.Argument(
-            help="Two or more result.json, or their folders; of one, its intervals are printed."
+            metavar="RESULTS",
+            help="Two or more result.json, or their folders; of one, its intervals are printed. "
+            "Paths or URLs.",
         ),
     ] = None,
     form: FormatOption = Format.TERMINAL,
@@ -98,11 +100,14 @@ def compare(
     ] = None,
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words."""
+    from airzoo_bench.results.files import results_here
+
     if printed is not None or queries is not None:
         show(_printed(results, printed, queries), form)
         return
-    paths, scores = results or [], score or []
-    _check(paths, every and bool(scores), reference or method, most_different)
+    given, scores = results or [], score or []
+    _check(given, every and bool(scores), reference or method, most_different)
+    paths = results_here(given)
     if most_different is not None:
         asked = (paths, scores, every, reference, method, scene)
         show(_differences(*asked, most_different), form)
@@ -125,7 +130,7 @@ def compare(
 
 
 def _printed(
-    results: list[Path] | None, printed: tuple[str, str] | None, queries: int | None
+    results: list[str] | None, printed: tuple[str, str] | None, queries: int | None
 ) -> Table:
     from airzoo_bench.tables.printed_comparison import bounds_table, printed_bounds
 
@@ -137,7 +142,7 @@ def _printed(
     return bounds_table(*printed, printed_bounds(*printed, queries))
 
 
-def _check(paths: list[Path], twice: bool, named: str | None, most_different: int | None) -> None:
+def _check(paths: list[str], twice: bool, named: str | None, most_different: int | None) -> None:
     """Refuse options that exclude each other; `twice` is --all with --score."""
     if not paths:
         raise UsageError(

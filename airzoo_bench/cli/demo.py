@@ -28,12 +28,15 @@ def demo(
     from airzoo_bench.benchmark.folder import Benchmark
     from airzoo_bench.core.places import check_output_folder, data_root
     from airzoo_bench.datasets.mini.demo import demo_benchmark, demo_tracks, run_track
+    from airzoo_bench.engines.processes import Processes
     from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.tables.layouts import scenes_table
 
     check_output_folder(out, ())
     say(f"AirZoo-Mini: a made-up city and a valley, kept in {data_root()}")
-    data = demo_benchmark(data_root(), seed=seed, jobs=jobs, progress=progress, note=say)
+    data = demo_benchmark(
+        data_root(), seed=seed, engine=Processes(jobs), progress=progress, note=say
+    )
     resources = Resources(jobs=jobs, progress=progress)
     for track, baseline in demo_tracks():
         say(f"{track.name}: {baseline.method}")

@@ -11,7 +11,7 @@ import typer
 
 from airzoo_bench.cli.common import examples, progress, put, say
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.plurals import counted, sized
 from airzoo_bench.core.registry import DATASETS
 
 if TYPE_CHECKING:
@@ -110,23 +110,16 @@ def _list_links(benchmark: str, about: About) -> None:
 def _ask(plan: Plan, *, yes: bool) -> None:
     text = (
         f"{counted(len(plan.lacking), 'file')} of {len(plan.files)} to fetch, "
-        f"{_bytes(plan.needed)}; {_bytes(plan.free)} are free for {plan.folder}"
+        f"{sized(plan.needed)}; {sized(plan.free)} are free for {plan.folder}"
     )
     say(text)
     if yes or not plan.lacking:
         return
     if plan.needed > plan.free:
         raise UsageError(
-            f"not enough room: {_bytes(plan.needed)} needed, {_bytes(plan.free)} free",
+            f"not enough room: {sized(plan.needed)} needed, {sized(plan.free)} free",
             where=plan.folder,
             fix="make room, or name another folder with --to; --yes tries all the same",
         )
     if sys.stdin.isatty():
         typer.confirm("Go on?", default=True, abort=True, err=True)
-
-
-def _bytes(count: int) -> str:
-    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= size:
-            return f"{count / size:.3g} {unit}"
-    return f"{count} bytes"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -12,23 +12,31 @@ import typer
 
 from airzoo_bench.cli.built import BuiltGroup, parameter, with_parameters
 from airzoo_bench.cli.common import (
-    DataOption,
     Format,
     FormatOption,
     JobsOption,
-    MemoryOption,
     NamesOption,
     ProtocolOption,
     ReaderOption,
     memory_bytes,
     progress,
     put,
-    resolve_data,
     say,
     show,
 )
+from airzoo_bench.cli.engines import (
+    EngineOption,
+    ReportOption,
+    ResumeOption,
+    SchedulerOption,
+    rated,
+    watched,
+)
+from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.results.files import RecordsKind
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -37,15 +45,35 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-OutOption = Annotated[
-    Path | None,
+RecordsOption = Annotated[
+    RecordsKind,
     typer.Option(
-        "--out", "-o", help="Folder for result.json and records.csv, in place of an earlier run's."
+        "--records",
+        help="As what the records are written into --out; all commands read both. Parquet is "
+        "smaller and faster where there are hundreds of thousands of queries.",
+    ),
+]
+OutOption = Annotated[
+    str | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="PATH|URL",
+        help="Folder for result.json and records.csv, in place of an earlier run's; at s3://, "
+        "gs:// or hf:// too.",
     ),
 ]
 MethodOption = Annotated[
     str | None,
     typer.Option(help="The method's name in tables (default: the name of --out, else the file's)."),
+]
+_MemoryOption = Annotated[
+    str,
+    typer.Option(
+        "--max-memory",
+        help="Memory for all of a file, such as 512M or 4G; with --engine dask, the limit of each "
+        "worker too.",
+    ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
@@ -55,16 +83,17 @@ class _EvalGroup(BuiltGroup):
     own_panel = "Figures and checks"
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Predictions": ("protocol", "data", "reader", "names"),
-        "Output": ("out", "method", "form", "every_score"),
-        "Resources": ("jobs", "max_memory"),
+        "Output": ("out", "records", "method", "form", "every_score"),
+        "Resources": ("jobs", "max_memory", "engine", "scheduler", "resume", "show_progress"),
     }
 
-    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str]:
+    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str, str]:
         parameters = [
-            parameter("predictions", Annotated[Path, typer.Argument(help=thing.argument)]),
+            parameter("predictions", Annotated[str, _predictions(thing.argument)]),
             parameter("protocol", ProtocolOption, None),
             parameter("data", DataOption, None),
             parameter("out", OutOption, None),
+            parameter("records", RecordsOption, RecordsKind.CSV),
             parameter("reader", ReaderOption, None),
             parameter("names", NamesOption, None),
             parameter("method", MethodOption, None),
@@ -72,10 +101,15 @@ class _EvalGroup(BuiltGroup):
             parameter("every_score", AllOption, False),
             *(parameter(one.name, _kind(one), one.default) for one in thing.options),
             parameter("jobs", JobsOption, thing.jobs),
-            parameter("max_memory", MemoryOption, "2G"),
+            parameter("max_memory", _MemoryOption, "2G"),
+            parameter("engine", EngineOption, EngineKind.LOCAL),
+            parameter("scheduler", SchedulerOption, None),
+            parameter("resume", ResumeOption, False),
+            parameter("show_progress", ReportOption, False),
         ]
         command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
-        return command, f"eval {thing.name} {thing.example}"
+        call = f"eval {thing.name} {thing.example}"
+        return command, call, f"{call} --engine dask --jobs 8 --progress"
 
 
 app = typer.Typer(
@@ -88,6 +122,10 @@ def _group() -> None:
     """Score predictions and print the per-scene table."""
 
 
+def _predictions(about: str) -> Any:
+    return typer.Argument(metavar="PREDICTIONS", help=f"{about} A path or a URL.")
+
+
 def _kind(one: EvalOption) -> Any:
     if isinstance(one.default, bool):
         return Annotated[bool, typer.Option(f"--{one.name}", help=one.help)]
@@ -96,10 +134,11 @@ def _kind(one: EvalOption) -> Any:
 
 def _evaluate(
     track: AnyTrack,
-    predictions: Path,
+    predictions: str,
     protocol: str | None,
-    data: Path | None,
-    out: Path | None,
+    data: str | None,
+    out: str | None,
+    records: RecordsKind,
     reader: str | None,
     names: Path | None,
     method: str | None,
@@ -107,48 +146,68 @@ def _evaluate(
     every_score: bool,
     jobs: int,
     max_memory: str,
+    engine: EngineKind,
+    scheduler: str | None,
+    resume: bool,
+    show_progress: bool,
     **extras: bool | int,
 ) -> None:
     from airzoo_bench.core.registry import resolve
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.given import ReadBy
     from airzoo_bench.evaluation.parts import Resources
-    from airzoo_bench.evaluation.run_files import save
+    from airzoo_bench.evaluation.run_files import kept_beside, only_run_at, run_folder, save
 
     asked = [one for one in track.options if extras[one.name] != one.default]
-    _refuse_without_folder(asked, out)
-    name = _named_after(out, method)
-    keep = any(one.needs_out for one in asked)
-    resources = Resources(memory_bytes(max_memory), jobs, progress, keep)
-    evaluation = evaluate(
-        predictions,
-        data=resolve_data(data),
-        track=track.name,
-        protocol=protocol,
-        method=name,
-        resources=resources,
-        read_by=ReadBy(reader, names),
-    )
-    if evaluation.given.reader is not None:
-        say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
-    written = [] if out is None else save(evaluation, out)
+    writing = [f"--{one.name}" for one in asked if one.needs_out]
+    as_table = ["--records"] * (records is not RecordsKind.CSV)
+    _refuse_without_folder([*writing, *as_table, *["--resume"] * resume], out)
+    inputs = [one for one in (predictions, protocol, data, names) if one is not None]
+    name = _named_after(out, method, inputs)
+    memory = memory_bytes(max_memory)
+    with (
+        only_run_at(out),
+        chosen_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
+        watched(
+            place, show_progress=show_progress, keep_for=kept_beside(out), resume=resume
+        ) as watching,
+    ):
+        threads = jobs if engine is EngineKind.LOCAL else 1
+        shown = rated if show_progress else progress
+        resources = Resources(memory, threads, shown, bool(writing), watching)
+        evaluation = evaluate(
+            predictions_here(predictions),
+            data=resolve_data(data),
+            track=track.name,
+            protocol=protocol,
+            method=name,
+            resources=resources,
+            read_by=ReadBy(reader, names),
+            begun=partial(_say_replaced, out),
+        )
+        if evaluation.given.reader is not None:
+            say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
+        report = watching.report if show_progress else None
 
-    def act(*, writing: bool) -> None:
-        for one in asked:
-            if one.needs_out == writing:
-                for line in resolve(one.act)(evaluation, extras[one.name], out, resources):
-                    say(line)
+        def act(folder: Path | None, *, writing: bool) -> None:
+            for one in asked:
+                if one.needs_out == writing:
+                    for line in resolve(one.act)(evaluation, extras[one.name], folder, resources):
+                        say(line)
 
-    act(writing=True)
-    _print_result(evaluation.result, form, every_score=every_score)
-    act(writing=False)
+        written: list[Path] = []
+        if out is not None:
+            with run_folder(out) as folder:
+                written = save(evaluation, folder, records, report)
+                act(folder, writing=True)
+        _print_result(evaluation.result, form, every_score=every_score)
+        act(None, writing=False)
     if method is None and name is not None:
         say(f"the method is called {name}, after --out; --method gives it another name")
     _print_next(written)
 
 
-def _refuse_without_folder(asked: list[EvalOption], out: Path | None) -> None:
-    writing = [f"--{one.name}" for one in asked if one.needs_out]
+def _refuse_without_folder(writing: list[str], out: str | None) -> None:
     if writing and out is None:
         needs = "needs" if len(writing) == 1 else "need"
         raise UsageError(
@@ -156,17 +215,26 @@ def _refuse_without_folder(asked: list[EvalOption], out: Path | None) -> None:
         )
 
 
-def _named_after(out: Path | None, method: str | None) -> str | None:
+def _named_after(out: str | None, method: str | None, inputs: Sequence[str | Path]) -> str | None:
     """Check the output folder, and return the method's name: as given, or the folder's."""
-    from airzoo_bench.evaluation.run_files import check_run_folder, earlier_run
+    from airzoo_bench.evaluation.run_files import check_run_folder
+    from airzoo_bench.storage.urls import url_of
 
     if out is None:
         return method
-    check_run_folder(out)
-    replaced = earlier_run(out)
+    refuse_one_slash(out)
+    check_run_folder(out, inputs)
+    url = url_of(out)
+    return method or (Path(out).resolve() if url is None else url).name or None
+
+
+def _say_replaced(out: str | None) -> None:
+    """Say which earlier run will go: once the predictions are known to be scored."""
+    from airzoo_bench.evaluation.run_files import earlier_run
+
+    replaced = None if out is None else earlier_run(out)
     if replaced is not None:
         say(replaced)
-    return method or out.resolve().name or None
 
 
 def _print_result(result: Result, form: Format, *, every_score: bool) -> None:

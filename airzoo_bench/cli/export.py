@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, examples, put, resolve_data, say
+from airzoo_bench.cli.common import examples, put, say
+from airzoo_bench.cli.locations import DataOption, resolve_data
 
 if TYPE_CHECKING:
     from airzoo_bench.leaderboard.exports.bundle import Competition
@@ -50,7 +51,7 @@ def _group() -> None:
 
 def _competition(
     protocol: str,
-    data: Path | None,
+    data: str | None,
     phases: list[str],
     sealed: bool,
     per_day: int,
@@ -135,7 +136,7 @@ def huggingface(
         list[Path], typer.Argument(help="Result files, or the folders that hold one.")
     ],
     dataset: Annotated[str, typer.Option(help="The dataset to be, ORGANISATION/NAME.")],
-    licence: Annotated[str, typer.Option(help="Of the results, as the hub calls it.")],
+    licence: Annotated[str, typer.Option(help="Of the results: an id of SPDX or of the hub.")],
     out: OutOption,
     title: Annotated[str, typer.Option(help="Of the dataset.")] = "AirZoo leaderboard",
     framework: Annotated[

@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Annotated, TypeVar, cast
 
 import typer
 
-from airzoo_bench.cli.common import (
-    DataOption,
-    JobsOption,
-    MemoryOption,
-    examples,
-    memory_bytes,
-    put,
-    resolve_data,
-    say,
-)
+from airzoo_bench.cli.common import JobsOption, MemoryOption, examples, memory_bytes, put, say
+from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -201,7 +193,10 @@ def rescore(
     max_memory: MemoryOption = "4G",
     jobs: JobsOption = 2,
 ) -> None:
-    """Score what was merged and has no run yet; exit code 1 if any of it cannot be scored."""
+    """Score what was merged and has no run, or one of an earlier protocol or truth.
+
+    Exit code 1 if any of it cannot be scored.
+    """
     from airzoo_bench.leaderboard.ci.merging import score_merged
 
     _check_empty(out)
@@ -209,7 +204,7 @@ def rescore(
     faulty = False
     for one in score_merged(remote, rules, out):
         faulty |= one.fault is not None
-        _say(f"{one.place.path}: {'scored' if one.fault is None else one.fault}")
+        _say(f"{one.place.path}: {one.said if one.fault is None else one.fault}")
     if faulty:
         raise typer.Exit(1)
 
@@ -230,7 +225,7 @@ def record(
             put(f"{path}\n")
 
 
-def _rules(root: Path, branch: str, data: Path | None, max_memory: str, jobs: int) -> Rules:
+def _rules(root: Path, branch: str, data: str | None, max_memory: str, jobs: int) -> Rules:
     from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
     from airzoo_bench.leaderboard.ci.scoring import Rules

@@ -7,16 +7,11 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import (
-    DataOption,
-    JobsOption,
-    examples,
-    put,
-    resolve_data,
-    say,
-    working,
-)
+from airzoo_bench.cli.common import JobsOption, examples, put, say, working
+from airzoo_bench.cli.engines import EngineOption, SchedulerOption
+from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.engines.choose import EngineKind, chosen_engine
 
 __all__ = ["BUILD_EXAMPLES", "SERVE_EXAMPLES", "build", "serve"]
 
@@ -51,12 +46,15 @@ def build(
     ] = None,
     data: DataOption = None,
     jobs: JobsOption = 2,
+    engine: EngineOption = EngineKind.LOCAL,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Make the static site of a board: tables, pages, feed, JSON. See docs/leaderboard-api.md.
 
     The board that stands is replaced in one step, when the new one is whole. A second build reads
     what the first has kept and takes seconds.
     """
+    from airzoo_bench.engines.processes import Processes
     from airzoo_bench.leaderboard.board import read_board
     from airzoo_bench.leaderboard.site.api_files import Given
     from airzoo_bench.leaderboard.site.build import build_board
@@ -68,6 +66,13 @@ def build(
             where=runs,
             fix="correct --runs, or leave it out where there are none",
         )
+    if next(runs.glob("runs/*/*/*/*/run.json"), None) is not None:
+        raise UsageError(
+            "the folder above that of the runs",
+            where=runs,
+            expected="benchmark/track/folder/number/ in it",
+            fix=f"--runs {runs / 'runs'}",
+        )
     stated = read_board(board) if board.is_file() or board != Path("leaderboard.toml") else None
     given = Given(
         runs,
@@ -78,8 +83,11 @@ def build(
         resolve_data(data),
     )
     kept = out.with_name(f"{out.name}.cache") if cache is None else cache
-    with working("building the board"):
-        build_board(given, out, kept, jobs=jobs, note=say)
+    with (
+        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
+        working("building the board"),
+    ):
+        build_board(given, out, kept, engine=place, note=say)
     put(f"{out / 'index.html'}\n")
 
 

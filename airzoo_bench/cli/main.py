@@ -11,7 +11,7 @@ import sys
 import traceback
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -19,6 +19,7 @@ from airzoo_bench.cli import (
     audit,
     baseline,
     breakdown,
+    cache,
     check,
     check_geometry,
     compare,
@@ -41,6 +42,7 @@ from airzoo_bench.cli import (
     template,
 )
 from airzoo_bench.cli.common import LightGroup, in_panels, say
+from airzoo_bench.cli.remedies import options_of, own_ways
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.version import __version__
 
@@ -100,6 +102,7 @@ app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.re
 app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download.download)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("manifest", epilog=manifest.EXAMPLES, rich_help_panel=DATA)(manifest.manifest)
+app.command("cache", epilog=cache.EXAMPLES, rich_help_panel=DATA)(cache.cache)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
@@ -146,15 +149,20 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except UserError as error:
-        say(f"airzoo-bench: {error}{_near_path(error)}")
-        sys.exit(_INPUT_IS_WRONG)
+        _refuse(error)
     except (OSError, MemoryError) as error:
-        say(f"airzoo-bench: {_fault_of_the_machine(error)}")
-        sys.exit(_INPUT_IS_WRONG)
+        _refuse(_fault_of_the_machine(error))
     except Exception:  # noqa: BLE001 - the one place where a bug is reported as a bug
         traceback.print_exc()
         say("airzoo-bench: this is a bug of the suite, not of your input: please report it")
         sys.exit(_BUG)
+
+
+def _refuse(error: UserError) -> NoReturn:
+    """Say what is wrong, and only such ways to mend it as the command has."""
+    error.fix = own_ways(error.fix, options_of(typer.main.get_command(app), sys.argv[1:]))
+    say(f"airzoo-bench: {error}{_near_path(error)}")
+    sys.exit(_INPUT_IS_WRONG)
 
 
 def _allow_every_letter() -> None:
@@ -176,7 +184,11 @@ def _near_path(error: UserError) -> str:
     return f"\n  nearest:  {path.parent / near[0]}" if near else ""
 
 
-def _fault_of_the_machine(error: OSError | MemoryError) -> str:
+def _fault_of_the_machine(error: OSError | MemoryError) -> UserError:
     if isinstance(error, OSError):
-        return f"{str(error.filename or 'a file')[:200]}: {error.strerror or error}"
-    return f"not enough memory ({error})\n  fix:      lower --max-memory or --jobs"
+        where = str(error.filename or "a file")[:200]
+        return UserError(error.strerror or str(error), where=where)
+    return UserError(
+        f"not enough memory ({error})",
+        fix="lower --max-memory, or lower --jobs, or run it on a machine with more memory",
+    )

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, LightGroup, examples, progress, put, say
+from airzoo_bench.cli.common import JobsOption, LightGroup, examples, in_panels, progress, put, say
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
 from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.engines.choose import EngineKind, chosen_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.mini.world.model import World
@@ -54,9 +56,12 @@ def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     from airzoo_bench.datasets.mini.flights.trajectory import allowed_box
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.world.model import REGIONS
+    from airzoo_bench.engines.processes import Processes
 
     regions = list(REGIONS.values())
-    folders = make_worlds(regions, data_root(), seed, jobs=jobs, progress=progress, note=say)
+    folders = make_worlds(
+        regions, data_root(), seed, engine=Processes(jobs), progress=progress, note=say
+    )
     for region, folder in zip(regions, folders, strict=True):
         west, south, east, north = allowed_box(region)
         put(f"{region.name}: longitude {west} to {east}, latitude {south} to {north}\n")
@@ -99,7 +104,17 @@ def trajectory(
     say(f"next: airzoo-bench mini render --trajectory {out} --region {region} --out frames")
 
 
-@app.command(epilog=examples("mini render --trajectory my.csv --region city -o frames"))
+_RENDER_PANELS = {
+    "What is rendered": ("trajectory", "region", "weather", "time_of_day", "seed"),
+    "Photos": ("out", "width", "height", "field"),
+    "Resources": ("jobs", "engine", "scheduler", "show_progress"),
+}
+
+
+@app.command(
+    cls=in_panels(_RENDER_PANELS),
+    epilog=examples("mini render --trajectory my.csv --region city -o frames"),
+)
 def render(
     trajectory: Annotated[Path, typer.Option(help="A .csv or .json; see `mini trajectory`.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write into.")],
@@ -117,6 +132,9 @@ def render(
     ] = 62.0,
     seed: SeedOption = 0,
     jobs: JobsOption = 2,
+    engine: EngineOption = EngineKind.LOCAL,
+    scheduler: SchedulerOption = None,
+    show_progress: ProgressOption = False,
 ) -> None:
     """Render a flight: photos, metric depth, and where each was taken.
 
@@ -130,6 +148,7 @@ def render(
     from airzoo_bench.datasets.mini.flights.trajectory_files import read_trajectory
     from airzoo_bench.datasets.mini.rendering.renderer import default_camera
     from airzoo_bench.datasets.mini.world.store import load_world
+    from airzoo_bench.engines.processes import Processes
 
     flown = read_trajectory(trajectory)
     frames = FrameList(
@@ -143,7 +162,12 @@ def render(
     folder = _folder(region, seed)
     made = _world(folder)
     check_inside(flown, made.region, made.dsm, trajectory)
-    counts = render_frames(frames, partial(load_world, folder), out, jobs=jobs, progress=progress)
+    load = partial(load_world, folder)
+    with (
+        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
+        reported(place, show_progress=show_progress) as (used, shown),
+    ):
+        counts = render_frames(frames, load, out, engine=used, progress=shown)
     were = agreeing(counts.kept, "was", "were")
     kept = f", {counts.kept} {were} there already" if counts.kept else ""
     say(f"rendered {counted(counts.rendered, 'frame')} into {out}{kept}")
@@ -169,7 +193,7 @@ def _folder(region: RegionName, seed: int) -> Path:
     from airzoo_bench.datasets.mini.world.model import REGIONS
 
     regions = [REGIONS[region]]
-    return make_worlds(regions, data_root(), seed, jobs=1, progress=progress, note=say)[0]
+    return make_worlds(regions, data_root(), seed, progress=progress, note=say)[0]
 
 
 def _world(folder: Path) -> World:

@@ -33,8 +33,11 @@ def _option(kind: Any, help_text: str, *names: str, **more: Any) -> Any:
 
 
 _RESULTS = Annotated[
-    list[Path] | None,
-    typer.Argument(metavar="RESULTS", help="One or more result.json, or their folders; required."),
+    list[str] | None,
+    typer.Argument(
+        metavar="RESULTS",
+        help="One or more result.json, or their folders: paths or URLs; required.",
+    ),
 ]
 _OUT = _option(Path | None, "The file to save: a .png, .svg or .pdf; required.", "--out", "-o")
 _FIRST = (parameter("results", _RESULTS, None), parameter("out", _OUT, None))
@@ -177,7 +180,7 @@ def plot(ctx: typer.Context) -> None:
 
 def _draw(
     kind: _Kind,
-    results: list[Path] | None,
+    results: list[str] | None,
     out: Path | None,
     width: str | None,
     height: str | None,
@@ -226,21 +229,23 @@ for _kind in _KINDS:
 
 
 def _checked(
-    kind: _Kind, results: list[Path] | None, out: Path | None, dpi: int | None
+    kind: _Kind, results: list[str] | None, out: Path | None, dpi: int | None
 ) -> tuple[list[Path], Path]:
     """Return results and output file, or raise an error that says what is missing."""
     from airzoo_bench.report.figures import check_ending
+    from airzoo_bench.results.files import results_here
 
     if not results or out is None:
         needed = {"results": results, "-o, the file to save": out}
         raise _lacking(kind.name, *(what for what, value in needed.items() if not value))
-    check_output(out, results)
+    paths = results_here(results)
+    check_output(out, paths)
     if check_ending(out) != "png" and dpi is not None:
         raise UsageError(
             f"--dpi is for .png, and {out} is drawn in lines and letters",
             fix="leave it out, or save a .png",
         )
-    return results, out
+    return paths, out
 
 
 def parse_length(text: str | None, option: str = "--width") -> float | None:

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from enum import StrEnum
 from functools import partial
+from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
-from airzoo_bench.cli.common import JobsOption, progress, put, say, with_data
+from airzoo_bench.cli.common import MOST_JOBS, progress, put, say, working
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
+from airzoo_bench.cli.locations import with_data
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS, TRACKS
+from airzoo_bench.engines.choose import EngineKind, chosen_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.about import About
     from airzoo_bench.datasets.dataset import Dataset, Prepared, SceneSummary
 
 __all__ = ["app"]
+
+
+_GETTING_READY = "getting ready"
 
 
 class Parts(StrEnum):
@@ -49,6 +57,17 @@ AddToOption = Annotated[
     Path | None,
     typer.Option("--add-to", help="Add the scenes to this benchmark folder, made by `prepare`."),
 ]
+JobsOption = Annotated[
+    int,
+    typer.Option(
+        "--jobs",
+        "-j",
+        min=1,
+        max=MOST_JOBS,
+        help="Processes to work with, each on a scene (of airzoo-mini on a photo); own photos are "
+        "one scene.",
+    ),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the folder.")]
 
 
@@ -66,6 +85,7 @@ class _PrepareGroup(BuiltGroup):
             *("tile_size", "tile_size_m", "rule", "iou_above", "plane_height"),
         ),
         "Output": ("out", "tiles", "crops", "copy", "add_to", "force"),
+        "Resources": ("jobs", "engine", "scheduler", "show_progress"),
     }
 
     def command_of(self, thing: Dataset[Any]) -> tuple[Callable[..., None], str]:
@@ -77,10 +97,19 @@ class _PrepareGroup(BuiltGroup):
             parameter("copy", CopyOption, False),
             parameter("add_to", AddToOption, None),
             parameter("force", ForceOption, False),
-            *([] if thing.jobs is None else [parameter("jobs", JobsOption, thing.jobs)]),
+            *([] if thing.jobs is None else _spread(thing.jobs)),
         ]
         command = with_parameters(partial(_prepare, thing), parameters, _help_of(thing))
         return command, f"prepare {thing.example}"
+
+
+def _spread(jobs: int) -> list[Parameter]:
+    return [
+        parameter("jobs", JobsOption, jobs),
+        parameter("engine", EngineOption, EngineKind.LOCAL),
+        parameter("scheduler", SchedulerOption, None),
+        parameter("show_progress", ProgressOption, False),
+    ]
 
 
 def _help_of(dataset: Dataset[Any]) -> str:
@@ -110,13 +139,18 @@ def _prepare(
     add_to: Path | None,
     force: bool,
     jobs: int = 1,
+    engine: EngineKind = EngineKind.LOCAL,
+    scheduler: str | None = None,
+    show_progress: bool = False,
     **options: Any,
 ) -> None:
     from airzoo_bench.core.places import check_new_folder
     from airzoo_bench.datasets.dataset import PrepareSettings
+    from airzoo_bench.engines.processes import Processes
 
     chosen, root = dataset.options(**options), data_root()
-    folder = add_to or out or root / dataset.folder_name(chosen, root)
+    with working(_GETTING_READY):
+        folder = add_to or out or root / dataset.folder_name(chosen, root)
     settings = PrepareSettings(
         folder,
         root,
@@ -125,19 +159,24 @@ def _prepare(
         copy=copy,
         replace=force,
         add_to=add_to,
-        jobs=jobs,
         progress=progress,
         note=say,
     )
     if add_to is not None and out is not None:
         raise UsageError("--add-to names the folder, and so does --out", fix="leave out --out")
-    if add_to is None and not force and dataset.is_prepared(chosen, settings):
+    with working(_GETTING_READY):
+        there = add_to is None and not force and dataset.is_prepared(chosen, settings)
+    if there:
         put(f"{folder}\n")
         say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
         return
     if add_to is None:
         check_new_folder(folder, replace=force)
-    prepared = dataset.prepare(chosen, settings)
+    with (
+        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
+        reported(place, show_progress=show_progress) as (used, shown),
+    ):
+        prepared = dataset.prepare(chosen, replace(settings, engine=used, progress=shown))
     _print_prepared(dataset.about, dataset.reasons(chosen), prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"

@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import (
-    DataOption,
-    Format,
-    FormatOption,
-    examples,
-    put,
-    resolve_data,
-    say,
-    show,
-)
+from airzoo_bench.cli.common import Format, FormatOption, examples, put, say, show
+from airzoo_bench.cli.locations import DataOption, resolve_data
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.about import About

@@ -7,16 +7,8 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import (
-    DataOption,
-    JobsOption,
-    check_output,
-    examples,
-    progress,
-    resolve_data,
-    say,
-    say_replaced,
-)
+from airzoo_bench.cli.common import JobsOption, check_output, examples, progress, say, say_replaced
+from airzoo_bench.cli.locations import DataOption, ResultsArgument, resolve_data
 from airzoo_bench.core.errors import UsageError
 
 __all__ = ["EXAMPLES", "report"]
@@ -28,9 +20,7 @@ EXAMPLES = examples("report results/*/result.json -o report.html")
 
 
 def report(
-    results: Annotated[
-        list[Path], typer.Argument(help="One or more result.json, or their folders.")
-    ],
+    results: ResultsArgument,
     out: Annotated[Path, typer.Option("--out", "-o", help="The .html to write.")] = Path(
         "report.html"
     ),
@@ -48,12 +38,14 @@ def report(
     """
     from airzoo_bench.core.files import atomic_write
     from airzoo_bench.report.page import make_report
+    from airzoo_bench.results.files import results_here
 
-    check_output(out, results, (".html", ".htm"))
+    paths = results_here(results)
+    check_output(out, paths, (".html", ".htm"))
     _check_replaced(out)
     say_replaced(out)
     made = make_report(
-        results,
+        paths,
         data=resolve_data(data),
         data_was_named=data is not None,
         title=title,

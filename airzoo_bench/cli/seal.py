@@ -8,17 +8,18 @@ from typing import Annotated
 import typer
 
 from airzoo_bench.cli.common import (
-    DataOption,
     Format,
     JobsOption,
+    MemoryOption,
     NamesOption,
     ReaderOption,
     examples,
+    memory_bytes,
     progress,
     put,
-    resolve_data,
     say,
 )
+from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.plurals import counted
 
 __all__ = [
@@ -113,6 +114,7 @@ def seal_score(
     reader: ReaderOption = None,
     names: NamesOption = None,
     jobs: JobsOption = 2,
+    max_memory: MemoryOption = "2G",
 ) -> None:
     """Score predictions against a sealed truth, and print what a submitter may be told, as JSON.
 
@@ -131,6 +133,6 @@ def seal_score(
         read_key(key),
         data=resolve_data(data),
         read_by=ReadBy(reader, names),
-        resources=Resources(jobs=jobs, progress=progress),
+        resources=Resources(memory_bytes(max_memory), jobs, progress),
     )
     put(answer.model_dump_json(by_alias=True, indent=2) + "\n", Format.JSON)

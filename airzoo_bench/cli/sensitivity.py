@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from airzoo_bench.cli.common import (
-    DataOption,
     Format,
     FormatOption,
     check_output,
     examples,
     progress,
-    resolve_data,
     say,
     show,
 )
+from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -48,7 +47,10 @@ PANELS = {
 def sensitivity(
     benchmark: Annotated[str, typer.Argument(help="A benchmark folder's name in the data root.")],
     results: Annotated[
-        list[Path], typer.Argument(help="Results on it: result.json, or their folders.")
+        list[str],
+        typer.Argument(
+            metavar="RESULTS", help="Results on it: result.json, or their folders; paths or URLs."
+        ),
     ],
     field_of_view: Annotated[
         float | None, typer.Option(min=0, max=0.9, help="Share of the angle, either way.")
@@ -84,6 +86,7 @@ def sensitivity(
     """
     from airzoo_bench.benchmark.folder import find_benchmark
     from airzoo_bench.results.comparable import check_same_queries
+    from airzoo_bench.results.files import results_here
     from airzoo_bench.results.records import read_scored
     from airzoo_bench.results.selection import check_score
     from airzoo_bench.results.sensitivity import write_noise_floor
@@ -91,9 +94,10 @@ def sensitivity(
     from airzoo_bench.retrieval.sensitivity import sensitivity as measured
     from airzoo_bench.tables.sensitivity_layout import sensitivity_table
 
+    paths = results_here(results)
     if out is not None:
-        check_output(out, results)
-    methods = read_scored(results)
+        check_output(out, paths)
+    methods = read_scored(paths)
     check_same_queries(methods)
     if out is not None and len(methods) < 2:
         raise UsageError(
@@ -137,7 +141,7 @@ def _about(name: str) -> About | None:
 
 
 def _protocol_of(
-    methods: Sequence[Scored], benchmark: Benchmark, data: Path | None
+    methods: Sequence[Scored], benchmark: Benchmark, data: str | None
 ) -> RetrievalProtocol:
     from airzoo_bench.protocol.lookup import find_protocol
     from airzoo_bench.retrieval.settings import RetrievalProtocol

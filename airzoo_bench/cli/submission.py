@@ -7,15 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.common import (
-    DataOption,
-    examples,
-    in_panels,
-    put,
-    resolve_data,
-    say,
-    with_data,
-)
+from airzoo_bench.cli.common import examples, in_panels, put, say
+from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.cli.submission_check import BoardOption, check
 
 __all__ = ["app"]

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from airzoo_bench.cli.common import (
-    DataOption,
     Format,
     JobsOption,
     MemoryOption,
@@ -17,10 +16,10 @@ from airzoo_bench.cli.common import (
     printable,
     progress,
     put,
-    resolve_data,
     say,
     show,
 )
+from airzoo_bench.cli.locations import DataOption, resolve_data
 
 if TYPE_CHECKING:
     from airzoo_bench.leaderboard.checks import CheckedSubmission

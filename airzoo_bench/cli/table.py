@@ -35,7 +35,10 @@ PANELS = {
 
 def table(
     results: Annotated[
-        list[Path] | None, typer.Argument(help="One or more result.json, or their folders.")
+        list[str] | None,
+        typer.Argument(
+            metavar="RESULTS", help="One or more result.json, or their folders: paths or URLs."
+        ),
     ] = None,
     form: FormatOption = Format.TERMINAL,
     layout: Annotated[
@@ -150,10 +153,11 @@ def table(
 ) -> None:
     """Print one result by scene, or several side by side by method."""
     from airzoo_bench.cli.table_making import make_table
+    from airzoo_bench.results.files import results_here
     from airzoo_bench.tables.latex_float import LatexStyle, check_style, options_of
 
     request = TableRequest(
-        results=tuple(results or ()),
+        results=tuple(results_here(results or ())),
         protocol=protocol,
         layout=layout,
         scene=scene,

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import DataOption, examples, resolve_data, say, with_data
+from airzoo_bench.cli.common import examples, say
+from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 
 __all__ = ["EXAMPLES", "template"]
 

@@ -1,0 +1,94 @@
+"""Options and arguments that are paths or URLs, and what lies there as a path of this machine."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from airzoo_bench.cli.common import working
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.places import data_location, data_root
+from airzoo_bench.storage.urls import SCHEMES, is_url
+
+__all__ = [
+    "DataOption",
+    "ResultsArgument",
+    "predictions_here",
+    "refuse_one_slash",
+    "resolve_data",
+    "with_data",
+]
+
+DataOption = Annotated[
+    str | None,
+    typer.Option(
+        "--data",
+        metavar="PATH|URL",
+        help="The benchmark folder, or the folder that holds it; or where it lies in a storage, "
+        "such as s3://bucket/name (default: $AIRZOO_BENCH_DATA, else a cache folder).",
+        show_default=False,
+    ),
+]
+ResultsArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="RESULTS", help="One or more result.json, or their folders: paths or URLs."
+    ),
+]
+
+
+_ONE_SLASH = re.compile(rf"({'|'.join(SCHEMES)}):/(?!/)", re.IGNORECASE)
+
+
+def refuse_one_slash(location: str) -> None:
+    """Refuse what was meant as a URL and would be taken for a path.
+
+    Raises
+    ------
+    UsageError
+        It begins as ``s3:/`` does, and no such path is there.
+    """
+    found = _ONE_SLASH.match(location)
+    if found is not None and not Path(location).exists():
+        raise UsageError(
+            "a URL lacks a slash",
+            where=f"{found[0]}…",  # what follows may hold a password
+            fix=f"write {found[1]}://…",
+        )
+
+
+def resolve_data(data: str | None) -> Path:
+    """Return the folder named, else the configured data root; what lies at a URL is mirrored."""
+    refuse_one_slash("" if data is None else data)
+    if is_url(data_location() if data is None else data):
+        from airzoo_bench.benchmark.mirrored import data_here
+
+        with working("fetching the benchmark"):
+            return data_here(data)
+    if data is not None and not Path(data).is_dir():
+        raise UsageError(
+            "no such folder",
+            where=f"--data {data}",
+            expected="a benchmark folder, or the folder that holds some",
+            fix="make one with `airzoo-bench prepare`",
+        )
+    return data_root() if data is None else Path(data)
+
+
+def predictions_here(location: str) -> Path:
+    """Return predictions as a path of this machine; what lies at a URL is mirrored."""
+    refuse_one_slash(location)
+    if not is_url(location):
+        return Path(location)
+    from airzoo_bench.storage.here import here
+
+    with working("fetching the predictions"):
+        return here(location)
+
+
+def with_data(data: str | Path | None) -> str:
+    """Return the ``--data`` option for the command that is suggested next."""
+    return "" if data is None else f" --data {data}"

@@ -1,0 +1,76 @@
+"""Ways to mend a fault, as far as the command at hand has them.
+
+Library code is called by many commands, and says how to mend a fault in all of them: "raise
+--max-memory, or sample the mesh".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+__all__ = ["options_of", "own_ways"]
+
+# Options that library code names, and that not every command has which calls it.
+_SHARED = {
+    *(
+        "--data",
+        "--depth",
+        "--engine",
+        "--force",
+        "--jobs",
+        "--max-memory",
+        "--names",
+        "--out",
+        "--protocol",
+    ),
+    *("--reader", "--resume", "--scheduler"),
+}
+_OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+_OTHER_CALL = re.compile(r"`[^`]*`(?: with --\w+)?")
+_OR = ", or "
+
+
+def options_of(root: Any, words: Sequence[str]) -> set[str]:
+    """Return the options of the command that words of a command line name.
+
+    Parameters
+    ----------
+    root : TyperGroup
+        The command line's.
+    words : sequence of str
+        Without the program's name.
+    """
+    return {name for one in _command(root, iter(words)).params for name in one.opts}
+
+
+def _command(group: Any, words: Iterator[str]) -> Any:
+    if not hasattr(group, "get_command"):
+        return group
+    found = group.get_command(None, next(words, ""))
+    return group if found is None else _command(found, words)
+
+
+def own_ways(fix: str | None, options: set[str]) -> str | None:
+    """Leave out ways to mend a fault by options that a command does not have.
+
+    Parameters
+    ----------
+    fix : str or None
+        Ways with ", or " between them; calls of other commands stand in backticks.
+    options : set of str
+        Of the command.
+
+    Returns
+    -------
+    str or None
+        None where nothing is left.
+    """
+    foreign = _SHARED - options
+    ways = [
+        way
+        for way in (fix or "").split(_OR)
+        if foreign.isdisjoint(_OPTION.findall(_OTHER_CALL.sub("", way)))
+    ]
+    return _OR.join(ways) or None
