@@ -1,6 +1,6 @@
-"""Nearest distances between two clouds both ways, beside Open3D and SciPy.
+"""Nearest distances between two clouds both ways, beside Open3D and Depth Anything 3's evaluator.
 
-Usage: ``python benchmarks/bench_distances.py [--points N] [--growth N ...] [--blocks N]``
+Usage: ``python benchmarks/bench_distances.py [--points N ...] [--threads N ...] [--profile]``
 
 The clouds are unsorted samples of one hilly surface, ten centimetres apart; of the first, as of a
 prediction, 5 % of the points lie far outside, up to ten times the surface's side. Every line is a
@@ -8,6 +8,11 @@ process of its own that makes the same seeded clouds. Only the search is timed; 
 the whole process, and stands beside the memory of the two clouds (48 bytes a pair of points).
 `--growth` repeats ours with other sizes and prints the exponent between the first and the last;
 `--blocks` works clouds that are not in memory, made piece by piece, under a limit of its data.
+Open3D takes all threads there are. Depth Anything 3's evaluator asks SciPy's KDTree as it comes, in
+one thread; it is asked for one in `--share` of the points, and the time of asking is multiplied.
+
+`--profile` times the steps of one way in one thread. What it shows is where the next factor of two
+would have to come from: README.md beside this file has the figures and what follows from them.
 """
 
 from __future__ import annotations
@@ -24,13 +29,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.reconstruction.distances.boxes import gather, morton_order
 from airzoo_bench.reconstruction.distances.clouds import block_distances
-from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
+from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
 
 Floats = NDArray[np.float64]
 Both = tuple[Floats, Floats]
@@ -42,7 +50,7 @@ MEGABYTE = 1 << 20
 LABELS = {
     "ours": "mutual_distances",
     "open3d": "Open3D compute_point_cloud_distance",
-    "scipy": "SciPy KDTree, default",
+    "scipy": "Depth Anything 3: SciPy KDTree, default",
 }
 
 
@@ -106,12 +114,53 @@ def open3d(first: Floats, second: Floats, threads: int) -> Search:
     return search
 
 
-def scipy(first: Floats, second: Floats, threads: int) -> Search:
-    """Both ways as Depth Anything 3's benchmark does it, in one thread."""
-    del threads
+def scipy(first: Floats, second: Floats, share: int) -> dict[str, float]:
+    """Time both ways as Depth Anything 3's benchmark does it, asking for one point in so many."""
     from scipy.spatial import KDTree
 
-    return lambda: (KDTree(second).query(first)[0], KDTree(first).query(second)[0])
+    clocks = time.perf_counter, time.process_time
+    begun = [clock() for clock in clocks]
+    trees = KDTree(second), KDTree(first)
+    built = [clock() for clock in clocks]
+    for tree, points in zip(trees, (first, second), strict=True):
+        tree.query(points[::share])
+    wall, cpu = (
+        (then - start) + share * (clock() - then)
+        for clock, start, then in zip(clocks, begun, built, strict=True)
+    )
+    return {"wall_s": wall, "cpu_s": cpu, "peak_mb": _peak_mb(), "sum": math.nan}
+
+
+def profile(points: int) -> None:
+    """Print the CPU seconds of each step of one way, in one thread."""
+    first, second = made(points, 0), made(points, 1)
+    total = 0.0
+
+    def step(label: str, act: Callable[[], Any], *, counts: bool = True) -> Any:
+        nonlocal total
+        begun = time.process_time()
+        result = act()
+        spent = time.process_time() - begun
+        total += spent if counts else 0.0
+        print(f"  {label:58} {spent:8.2f}{'' if counts else '   (not a step)'}", flush=True)
+        return result
+
+    print(f"one way, {points:,} points, one thread {'CPU s':>29}")
+    orders = step("Morton order of both", lambda: (morton_order(first), morton_order(second)))
+    ours, others = step(
+        "points moved into it", lambda: (gather(first, orders[0]), gather(second, orders[1]))
+    )
+    search = step("copies looked for, tree built", lambda: NeighbourSearch(others))
+    step("asked for two, ties decided", lambda: search.squared(ours, jobs=1))
+    print(f"  {'all':58} {total:8.2f}")
+    tree = step("pykdtree: tree", lambda: KDTree(others, leafsize=16), counts=False)
+    for count in (1, 2):
+        label = f"pykdtree: {count} nearest"
+        step(label, lambda k=count: tree.query(ours, k=k, sqr_dists=True), counts=False)
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def in_blocks(count: int, block_points: int, threads: int) -> Both:
@@ -123,38 +172,40 @@ def in_blocks(count: int, block_points: int, threads: int) -> Both:
 CONTENDERS: dict[str, Callable[[Floats, Floats, int], Search]] = {
     "ours": ours,
     "open3d": open3d,
-    "scipy": scipy,
 }
 
 
 def run(name: str, options: argparse.Namespace) -> dict[str, float]:
     """Time one contender, in this process."""
+    (points,), (threads,) = options.points, options.threads
     if options.limit_mb:
         limit = options.limit_mb * MEGABYTE
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     if name == "blocks":
-        search: Search = partial(in_blocks, options.points, options.block_points, options.threads)
+        search: Search = partial(in_blocks, points, options.block_points, threads)
     else:
-        clouds = made(options.points, 0), made(options.points, 1)
-        search = CONTENDERS[name](*clouds, options.threads)
+        clouds = made(points, 0), made(points, 1)
+        if name == "scipy":
+            return scipy(*clouds, options.share)
+        search = CONTENDERS[name](*clouds, threads)
     wall, used = time.perf_counter(), time.process_time()
     ways = search()
     wall, used = time.perf_counter() - wall, time.process_time() - used
     return {
         "wall_s": wall,
         "cpu_s": used,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        "peak_mb": _peak_mb(),
         "sum": math.fsum(ways[0]) + math.fsum(ways[1]),
     }
 
 
 def measured(
-    name: str, points: int, options: argparse.Namespace, limit_mb: int = 0
+    name: str, points: int, threads: int, options: argparse.Namespace, limit_mb: int = 0
 ) -> dict[str, float]:
     """Time one contender, in a process of its own."""
     command = [sys.executable, str(Path(__file__)), "--only", name, "--points", str(points)]
-    command += ["--threads", str(options.threads), "--block-points", str(options.block_points)]
-    command += ["--limit-mb", str(limit_mb)]
+    command += ["--threads", str(threads), "--block-points", str(options.block_points)]
+    command += ["--limit-mb", str(limit_mb), "--share", str(options.share)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     figures: dict[str, float] = json.loads(done.stdout)
     return figures
@@ -164,38 +215,31 @@ def row(label: str, points: int, figures: dict[str, float]) -> None:
     """Print one line."""
     clouds = points * 48 / MEGABYTE
     print(
-        f"{label:36} {points:>11,} {figures['wall_s']:9.1f} {figures['cpu_s']:9.1f}"
+        f"{label:52} {points:>11,} {figures['wall_s']:9.1f} {figures['cpu_s']:9.1f}"
         f" {figures['peak_mb']:8,.0f} {figures['peak_mb'] / clouds:7.2f}  {figures['sum']!r}",
         flush=True,
     )
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--points", type=int, default=4_000_000, help="of each cloud")
-    parser.add_argument("--growth", type=int, nargs="*", default=[1_000_000, 16_000_000])
-    parser.add_argument("--blocks", type=int, default=10_000_000, help="of each cloud; 0 for none")
-    parser.add_argument("--block-points", type=int, default=1_000_000)
-    parser.add_argument("--limit-mb", type=int, default=0, help="of memory, for --blocks")
-    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--without", nargs="*", default=[], choices=sorted(CONTENDERS))
-    parser.add_argument("--only", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.only:
-        print(json.dumps(run(options.only, options)))
-        return
-    print(
-        f"{'both ways':36} {'points':>11} {'wall s':>9} {'CPU s':>9} {'peak MB':>8} {'clouds':>7}"
-    )
-    names = [name for name in LABELS if name not in options.without]
-    figures = {name: measured(name, options.points, options) for name in names}
-    for name in names:
-        row(LABELS[name], options.points, figures[name])
-    for name in names[1:]:
-        ratio = figures[name]["wall_s"] / figures["ours"]["wall_s"]
-        print(f"  {LABELS[name]}: {ratio:.1f} times ours")
-    grown = [(points, measured("ours", points, options)) for points in options.growth]
+def beside(points: int, options: argparse.Namespace) -> None:
+    """Print ours by threads and the others, at one size, with ratios."""
+    names = [name for name in LABELS if name not in (*options.without, "ours")]
+    lines = [("ours", threads) for threads in options.threads]
+    lines += [(name, 1 if name == "scipy" else max(options.threads)) for name in names]
+    figures = [measured(name, points, threads, options) for name, threads in lines]
+    for (name, threads), found in zip(lines, figures, strict=True):
+        row(f"{LABELS[name]} ({threads})", points, found)
+    mine = dict(zip(options.threads, figures, strict=False))
+    for (name, threads), found in zip(lines, figures, strict=True):
+        if name != "ours" and threads in mine:
+            wall, cpu = (found[clock] / mine[threads][clock] for clock in ("wall_s", "cpu_s"))
+            print(f"  {LABELS[name]}: {wall:.1f} times ours by the clock, {cpu:.1f} by CPU")
+
+
+def grow(options: argparse.Namespace) -> None:
+    """Print ours by size, and the exponent of its growth."""
+    threads = max(options.threads)
+    grown = [(points, measured("ours", points, threads, options)) for points in options.growth]
     for points, result in grown:
         row(LABELS["ours"], points, result)
     if len(grown) > 1:
@@ -203,8 +247,39 @@ def main() -> None:
         for clock in ("wall_s", "cpu_s"):
             power = math.log(much[clock] / little[clock]) / math.log(many / few)
             print(f"  grows as n^{power:.2f} ({clock})")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--points", type=int, nargs="+", default=[4_000_000], help="of each cloud")
+    parser.add_argument("--growth", type=int, nargs="*", default=[1_000_000, 16_000_000])
+    parser.add_argument("--blocks", type=int, default=10_000_000, help="of each cloud; 0 for none")
+    parser.add_argument("--block-points", type=int, default=1_000_000)
+    parser.add_argument("--limit-mb", type=int, default=0, help="of memory, for --blocks")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, os.cpu_count() or 1])
+    parser.add_argument("--share", type=int, default=50, help="SciPy is asked for one in so many")
+    parser.add_argument("--without", nargs="*", default=[], choices=sorted(LABELS))
+    parser.add_argument("--profile", action="store_true", help="only the steps of one way")
+    parser.add_argument("--only", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.only:
+        print(json.dumps(run(options.only, options)))
+        return
+    if options.profile:
+        for points in options.points:
+            profile(points)
+        return
+    print(
+        f"{'both ways (threads)':52} {'points':>11} {'wall s':>9} {'CPU s':>9}"
+        f" {'peak MB':>8} {'clouds':>7}"
+    )
+    for points in options.points:
+        beside(points, options)
+    grow(options)
+    threads = max(options.threads)
     if options.blocks:
-        result = measured("blocks", options.blocks, options, limit_mb=options.limit_mb)
+        result = measured("blocks", options.blocks, threads, options, limit_mb=options.limit_mb)
         row(f"block_distances, {options.block_points:,} a block", options.blocks, result)
 
 

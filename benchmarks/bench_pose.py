@@ -5,7 +5,7 @@ options and shifted points ready-made, and nothing is done with their answers; r
 ways alternate, and the ratios are those of the fastest rounds. The share of the machine that was
 idle just before is printed, for with less than all of it the second worker has nothing to run on.
 
-Usage: python benchmarks/bench_pose.py [--small]
+Usage: python benchmarks/bench_pose.py [--small | --hardest]
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, world_to_pixel
 from airzoo_bench.matching.lifting import lift
+from airzoo_bench.matching.maps import ReferenceMap
 from airzoo_bench.matching.pose import PoseProblem, PoseSettings, solve_poses
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import score_scene
@@ -48,6 +49,8 @@ SETTINGS: PoseSettings = {
     "max_trials": 100_000,
     "confidence": 0.9999,
     "seed": 0,
+    "max_matches": 20_000,
+    "max_trials_times_matches": 500_000_000,
 }
 
 
@@ -159,7 +162,7 @@ def track(n_queries: int) -> None:
     """Print a row: the whole track (lifting, solving, records) beside bare calls on its points."""
     with tempfile.TemporaryDirectory() as folder:
         truth, predicted = made_scene(Path(folder), n_queries)
-        lifted = lift(predicted.map_xy, truth.dom, truth.dsm, jobs=1)
+        lifted = lift(predicted.map_xy, truth.maps[0].dom, truth.maps[0].dsm, jobs=1)
         cameras, parts = truth.cameras, predicted.parts()
         problems = [
             PoseProblem(cameras.take(row), predicted.query_xy[part], lifted.points[part])
@@ -207,18 +210,36 @@ def made_scene(folder: Path, n_queries: int) -> tuple[MatchingTruth, ScenePredic
     names = [f"scene/q{number}" for number in range(n_queries)]
     photos = query_table(names, names, cameras, poses, poses)
     crops = np.tile([0, 0, side, side], (n_queries, 1))
-    truth = MatchingTruth("scene", photos, crops, info, folder / "dsm.tif", "", photos.iloc[:0])
+    maps = (ReferenceMap(info, folder / "dsm.tif", ""),)
+    truth = MatchingTruth("scene", photos, crops, maps, photos.iloc[:0])
     offsets = np.concatenate([[0], np.cumsum(counts)])
     query_xy = np.concatenate([problem.query_xy for problem in problems])
     answered = np.ones(n_queries, np.bool_)
     return truth, ScenePredictions(answered, offsets, query_xy, map_xy, np.zeros((0, 3)), None)
 
 
+def hardest(name: str) -> None:
+    """Print the processor time of a query at the limits, whose matches are all random."""
+    random, count = np.random.default_rng(0), SETTINGS["max_matches"]
+    query_xy = random.random((count, 2)) * (4000.0, 3000.0)
+    points = random.uniform((-300.0, -300.0, 0.0), (300.0, 300.0, 25.0), (count, 3)) + OFFSET
+    problem = PoseProblem(make_problem(0, LENSES[name]).camera, query_xy, points)
+    start = time.process_time()
+    solve_poses([problem], jobs=1, **SETTINGS)
+    print(f"{name}, {count} random matches: {time.process_time() - start:.1f} s CPU", flush=True)
+
+
 def main() -> None:
     """Parse, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--small", action="store_true", help="a tenth of the queries")
-    shrink = 10 if parser.parse_args().small else 1
+    parser.add_argument("--hardest", action="store_true", help="only queries at the limits")
+    given = parser.parse_args()
+    if given.hardest:
+        for name in LENSES:
+            hardest(name)
+        return
+    shrink = 10 if given.small else 1
     print(
         f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.2f}, {N_MATCHES} matches a query"
     )

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import pytest
+import typer
 from hypothesis import HealthCheck, Phase, settings
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.main import app
+from airzoo_bench.core.progress import told
 from tests.support import BRIGHTON, MadeScene, made_protocol, write_benchmark
 
 # Tests never assert times: a busy machine is no fault.
@@ -21,9 +25,60 @@ settings.load_profile("any machine")
 # Under mutmut: the same cases for each mutant, and no search for the smallest that kills it.
 settings.register_profile("mutants", derandomize=True, phases=(Phase.explicit, Phase.generate))
 
+# Files that take longest, begun first: one that began last would keep a single worker busy.
+LONGEST = (
+    "cli/all_tracks/test_tables.py",
+    "hostile/test_fuzz.py",
+    "cli/all_tracks/test_differences.py",
+    "cli/all_tracks/test_pictures_and_pages.py",
+    "datasets/mini/test_prepare.py",
+    "engines/test_tracks.py",
+    "leaderboard/ci/test_walk_through.py",
+    "retrieval/test_ranked_descriptors.py",
+    "leaderboard/ci/test_hostile_pull_requests.py",
+    "engines/test_lost_scheduler.py",
+    "datasets/mini/test_scores.py",
+)
+PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
+
 # What a shell starts in its background ignores Ctrl-C, and so would the processes that tests stop.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let pytest-xdist keep the order of the files; by itself it begins with many short tests."""
+    if missing := [str(path) for path in PLACES if not path.is_file()]:
+        raise pytest.UsageError(f"tests/conftest.py: LONGEST: no such file: {', '.join(missing)}")
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: PLACES.get(item.path, len(PLACES)))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _nothing_takes_long() -> Iterator[None]:
+    """Leave out lines that name what takes over two seconds: that depends on the machine."""
+    with mock.patch.dict(told.__kwdefaults__, first_s=1e6):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _commands_built_once() -> Iterator[None]:
+    """Build the tree of commands once: typer does it for every call, in 50 ms."""
+    build = typer.main.get_command
+    tree = build(app)
+
+    def built(one: typer.Typer) -> Any:
+        return tree if one is app else build(one)
+
+    with (
+        mock.patch("typer.main.get_command", built),
+        mock.patch("typer.testing._get_command", built),
+    ):
+        yield
 
 
 @pytest.fixture(scope="session")

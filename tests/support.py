@@ -15,15 +15,16 @@ import pandas as pd
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import load_protocol, protocol_for, shipped_protocols
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
+from tests.own_options import foreign_options
 
 BRIGHTON = Path(__file__).resolve().parents[1] / ".." / "shared" / "real" / "brighton"
+HANGS_S = 300.0
+"""Seconds after which a process hangs: what is merely slow ends before, on a busy machine too."""
+
 PAPER = Path(__file__).resolve().parents[1] / ".." / "shared" / "paper"
 # Every number of the paper's result tables, as it travels with the package.
 PUBLISHED = Path(__file__).resolve().parents[1] / "protocols" / "published" / "airzoo-paper.csv"
@@ -108,7 +109,6 @@ def write_benchmark(folder: Path, chosen: RetrievalProtocol, scenes: list[MadeSc
 
 def made_truth(scene: MadeScene) -> RetrievalTruth:
     """Return the truth of a made scene; every footprint's centre is that of tile 0."""
-    n = len(scene.positives)
     lon = 113 + np.arange(scene.n_tiles) * TILE_SIZE_DEG
     tiles = pd.DataFrame(
         {
@@ -129,7 +129,7 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
     queries = pd.DataFrame(
         {
             "id": scene.query_ids,
-            "image": [f"q{q:05d}.jpg" for q in range(n)],
+            "image": [one.split("/", 1)[1] + ".jpg" for one in scene.query_ids],
             **scene.conditions,
         }
     )
@@ -275,30 +275,25 @@ def files_below(folder: Path) -> set[str]:
 
 
 def run_main(*arguments: object) -> int:
-    """Run the command line as its entry point does, and return the exit code."""
-    from airzoo_bench.cli.main import main
+    """Run the command line as its entry point does, and return the exit code.
 
-    with mock.patch.object(sys, "argv", ["airzoo-bench", *map(str, arguments)]):
+    No message may name an option that the command does not have.
+    """
+    from airzoo_bench.cli import main as entry
+
+    words, say = [*map(str, arguments)], entry.say
+
+    def checked(message: str) -> None:
+        assert not foreign_options(words, message), message
+        say(message)
+
+    main = entry.main
+    with (
+        mock.patch.object(sys, "argv", ["airzoo-bench", *words]),
+        mock.patch.object(entry, "say", checked),
+    ):
         try:
             main()
         except SystemExit as done:
             return int(done.code or 0)
     return 0
-
-
-def photo_protocols(
-    name: str, tile_sizes_px: tuple[int, ...], ground_truth: dict[str, Any] | None = None
-) -> BenchmarkProtocols:
-    """Return the protocols that `prepare photos` would start from, for a benchmark of that name."""
-    shipped = shipped_protocols()
-    tracks = ("retrieval", "matching", "reconstruction")
-    retrieval, matching, reconstruction = (load_protocol(shipped[f"photos-{t}"]) for t in tracks)
-    assert isinstance(retrieval, RetrievalProtocol)
-    assert isinstance(matching, MatchingProtocol)
-    assert isinstance(reconstruction, ReconstructionProtocol)
-    changes = {"gallery": {"tile_sizes_px": tile_sizes_px}, "ground_truth": ground_truth or {}}
-    return BenchmarkProtocols(
-        protocol_for(retrieval, name, changes),
-        protocol_for(matching, name, {}),
-        protocol_for(reconstruction, name, {}),
-    )

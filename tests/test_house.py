@@ -102,9 +102,45 @@ def test_the_table_has_every_room() -> None:
     assert set(floors()) == rooms
 
 
-def test_files_are_short() -> None:
-    lengths = {name: len(path.read_text().splitlines()) for name, path in modules(HOME).items()}
-    assert [(name, count) for name, count in lengths.items() if count > 300] == []
+def long_files(folder: Path) -> list[tuple[str, int]]:
+    """Return the files of Python below a folder that have over 300 lines, and how many."""
+    lengths = {path: len(path.read_text().splitlines()) for path in sorted(folder.rglob("*.py"))}
+    return [(path.relative_to(folder).as_posix(), n) for path, n in lengths.items() if n > 300]
+
+
+@pytest.mark.parametrize("folder", [PACKAGE, "tests", "benchmarks"])
+def test_files_are_short(folder: str) -> None:
+    assert long_files(HOME / folder) == []
+
+
+def test_files_of_over_300_lines_are_seen(tmp_path: Path) -> None:
+    (tmp_path / "tests").mkdir()
+    for count in (300, 301):
+        (tmp_path / "tests" / f"test_{count}.py").write_text("\n" * count)
+    assert long_files(tmp_path) == [("tests/test_301.py", 301)]
+
+
+def borrowed(folder: Path) -> list[str]:
+    """Return the imports of test files, whose helpers belong into files of their own."""
+    return [
+        f"{path.relative_to(folder).as_posix()}: {node.module}"
+        for path in sorted(folder.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom)
+        and node.module is not None
+        and node.module.startswith("tests.")
+        and node.module.rpartition(".")[2].startswith("test_")
+    ]
+
+
+def test_no_test_imports_another_test_file() -> None:
+    assert borrowed(HOME / "tests") == []
+
+
+def test_imports_of_test_files_are_seen(tmp_path: Path) -> None:
+    (tmp_path / "test_a.py").write_text("from tests.core.test_b import x\n")
+    (tmp_path / "a.py").write_text("from tests.core.b import test_x\n")
+    assert borrowed(tmp_path) == ["test_a.py: tests.core.test_b"]
 
 
 @pytest.fixture

@@ -53,6 +53,12 @@ def test_scores_of_arrays_need_no_reader_and_no_solver() -> None:
     assert loaded.isdisjoint({"open3d", "faiss", "rasterio", "matplotlib", "pycolmap"})
 
 
+def test_scores_of_tracks_are_named_without_maps_and_tables() -> None:
+    tracks = ("retrieval", "matching", "reconstruction")
+    loaded = modules_after("\n".join(f"import airzoo_bench.{track}.scores" for track in tracks))
+    assert loaded.isdisjoint({"pyproj", "rasterio", "pandas", "scipy", "boto3"})
+
+
 def test_all_the_lazy_table_and_what_type_checkers_see_agree() -> None:
     seen = {
         alias.name: node.module
@@ -135,7 +141,7 @@ def imports_of(path: Path) -> set[str]:
 def test_imports_point_one_way() -> None:
     # The face stands above tracks, statistics and tables; only the command line may call it.
     allowed = {"api", "core", "geometry", "formats", "retrieval", "matching", "reconstruction"}
-    allowed |= {"results", "statistics", "tables", "evaluation", "benchmark", "protocol"}
+    allowed |= {"results", "statistics", "tables", "evaluation", "benchmark", "protocol", "storage"}
     for path in (ROOT / "api").glob("*.py"):
         assert imports_of(path) <= allowed, path
     for path in ROOT.rglob("*.py"):

@@ -73,3 +73,12 @@ def only(found: Audit, check: str) -> Finding:
 
 def percent(count: int, total: int, decimals: int = 2) -> str:
     return decimal_text(Fraction(100 * count, total), decimals)
+
+
+SCENES = (817, 1071, 768, 738, 473, 338, 26, 1033, 444, 144, 590)
+COUNTS = ",".join(
+    [
+        *(f"Scene {i}={n}" for i, n in enumerate(SCENES, 1)),
+        "City=161,Rural=190,AerialExtreMatch/overall=264",
+    ]
+)

@@ -14,20 +14,12 @@ import pytest
 from typer.testing import Result
 
 from airzoo_bench.tables.render import FORMATS
-from tests.audit.support import csv_text, row, rows_of
+from tests.audit.support import COUNTS, SCENES, csv_text, row, rows_of
 from tests.support import PUBLISHED, run_main
 
 Command = Callable[..., Result]
 
 ROOT = Path(__file__).parents[2]
-
-SCENES = (817, 1071, 768, 738, 473, 338, 26, 1033, 444, 144, 590)
-COUNTS = ",".join(
-    [
-        *(f"Scene {i}={n}" for i, n in enumerate(SCENES, 1)),
-        "City=161,Rural=190,AerialExtreMatch/overall=264",
-    ]
-)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from airzoo_bench.core.errors import UserError
 from airzoo_bench.tables.printed.table import read_published
 from tests.audit.paper_source import paper_latex
 from tests.support import PUBLISHED
-from tests.tables.printed.test_inputs import LAYOUTS, WHOLE, WIDE
+from tests.tables.printed.typed import LAYOUTS, WHOLE, WIDE
 
 PAPERS = Path(__file__).parents[1] / "tables" / "printed" / "papers"
 

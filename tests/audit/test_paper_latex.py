@@ -12,7 +12,7 @@ import pytest
 from typer.testing import Result
 
 from tests.audit.paper_source import paper_latex
-from tests.audit.test_command import COUNTS
+from tests.audit.support import COUNTS
 from tests.support import PAPER, PUBLISHED
 
 Command = Callable[..., Result]

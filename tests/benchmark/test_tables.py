@@ -62,6 +62,30 @@ def test_numbers_are_rounded_correctly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_table(path, ("id",))["x"], numbers)
 
 
+def test_names_of_digits_stay_what_they_are(tmp_path: Path) -> None:
+    """The sequences 007 and 7 are two, as are the commits 1e5 and 100000."""
+    path = tmp_path / "queries.csv"
+    path.write_text(
+        "id,sequence,commit,wind,share,gusts,fog,serial\n"
+        "a,007,1e5,.5,1e-5,,True,0\nb,7,100000,2,0.25,3,False,10\n"
+    )
+    table = read_table(path, ("id",))
+    assert table["sequence"].tolist() == ["007", "7"]
+    assert table["commit"].tolist() == ["1e5", "100000"]
+    assert table["wind"].tolist() == [0.5, 2.0]
+    assert table["share"].tolist() == [1e-5, 0.25]
+    assert np.isnan(table["gusts"][0])
+    assert table["fog"].tolist() == [True, False]
+    assert table["serial"].tolist() == [0, 10]
+
+
+def test_a_column_that_stands_twice(tmp_path: Path) -> None:
+    path = tmp_path / "crops.csv"
+    path.write_text("id,crop_x,crop_x\na,3,4\n")
+    with pytest.raises(BenchmarkError, match="the column 'crop_x' stands twice"):
+        read_table(path, ("id", "crop_x"))
+
+
 def test_ids_in_parquet_are_text(tmp_path: Path) -> None:
     path = tmp_path / "tiles.parquet"
     pd.DataFrame({"id": [b"a\xff", b"b"]}).to_parquet(path)

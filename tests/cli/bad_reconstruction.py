@@ -3,163 +3,34 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
+import pytest
 
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply import write_ply
+from tests.cli.spoilt_clouds import (
+    Make,
+    at_one_point,
+    backwards,
+    cameras,
+    clouds,
+    cut_laz,
+    edited,
+    inverted,
+    lying_ply,
+    nan_at,
+    other,
+    taken,
+    with_file,
+    yard,
+)
 from tests.reconstruction.world import (
-    PROTOCOL,
     World,
-    camera_poses,
     matrix_of_maps,
-    predict_clouds,
-    save,
-    true_points,
 )
 
-Make = Callable[[World, Path], Path]
-
-
-RIGHT = ("yard", "lot")
-
-
-def clouds(cameras: bool = True, **scenes: Any) -> Make:
-    """Predict the true clouds but for some, given as points or as what changes them."""
-
-    def make(world: World, folder: Path) -> Path:
-        points = {scene: true_points(scene) for scene in RIGHT}
-        for scene, given in scenes.items():
-            points[scene] = given(points[scene]) if callable(given) else given
-        return predict_clouds(world, folder, points, cameras)
-
-    return make
-
-
-def yard(**changes: Any) -> Make:
-    """Predict exact depth maps, those of the yard with some fields changed."""
-
-    def make(world: World, folder: Path) -> Path:
-        found = {k: v(world) if callable(v) else v for k, v in changes.items()}
-        save(folder / "yard.npz", world.views("yard", **found))
-        save(folder / "lot.npz", world.views("lot"))
-        (folder / "protocol.txt").write_text(PROTOCOL)
-        return folder
-
-    return make
-
-
-def cameras(**changes: Any) -> Make:
-    """Predict the true clouds with other cameras of the yard."""
-
-    def make(world: World, folder: Path) -> Path:
-        clouds()(world, folder)
-        found = {k: v(world) if callable(v) else v for k, v in changes.items()}
-        save(folder / "yard.cameras.npz", world.cameras("yard", **found))
-        return folder
-
-    return make
-
-
-def with_file(name: str, write: Callable[[Path], object]) -> Make:
-    """Predict the true clouds, with a file instead of the yard's cloud."""
-
-    def make(world: World, folder: Path) -> Path:
-        clouds()(world, folder)
-        (folder / "yard.ply").unlink()
-        (folder / name).parent.mkdir(exist_ok=True)
-        write(folder / name)
-        return folder
-
-    return make
-
-
-def write_laz(path: Path, points: Any) -> None:
-    header = laspy.LasHeader(point_format=3, version="1.2")
-    header.offsets, header.scales = points.min(axis=0), np.full(3, 0.001)
-    file = laspy.LasData(header)
-    file.x, file.y, file.z = points.T
-    file.write(path)
-
-
-def cut_laz(path: Path) -> None:
-    random = np.random.default_rng(0)
-    write_laz(path, random.uniform(0, 50, (120_000, 3)) + true_points("yard").mean(axis=0))
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
-
-
-def lying_ply(promised: int) -> Callable[[Path], None]:
-    def write(path: Path) -> None:
-        write_ply(path, Cloud(true_points("yard")))
-        content = path.read_bytes()
-        count = f"element vertex {len(true_points('yard'))}\n".encode()
-        assert count in content
-        path.write_bytes(content.replace(count, f"element vertex {promised}\n".encode()))
-
-    return write
-
-
-def taken(count: int) -> Callable[[World], Any]:
-    """Return the extrinsics of the yard with so many poses, NaN in the others."""
-
-    def poses(world: World) -> Any:
-        found = world.cameras("yard")["extrinsics"].copy()
-        found[count:] = np.nan
-        return found
-
-    return poses
-
-
-def inverted(world: World) -> Any:
-    poses = camera_poses("yard")
-    local = poses.centres - poses.centres.mean(axis=0)
-    return np.concatenate([poses.rotation.swapaxes(1, 2), local[..., None]], axis=2)
-
-
-def at_one_point(world: World) -> Any:
-    found = world.cameras("yard")["extrinsics"].copy()
-    found[..., 3] = 0.0
-    return found
-
-
-def backwards(world: World) -> Any:
-    """Return true orientations with centres on a line that runs against the flight."""
-    poses = camera_poses("yard")
-    local = poses.centres - poses.centres.mean(axis=0)
-    along = np.linalg.svd(local)[2][0]
-    centres = -(local @ along)[:, None] * along
-    return np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
-
-
-def nan_at(rows: Any) -> Callable[[Any], Any]:
-    def change(points: Any) -> Any:
-        changed = points.copy()
-        changed[rows, 1] = np.nan
-        return changed
-
-    return change
-
-
-def other(matrix: Any) -> Any:
-    return lambda world: np.tile(matrix, (6, 1, 1))
-
-
-def edited(make: Make, edit: Callable[[Path], object]) -> Make:
-    def made_and_edited(world: World, folder: Path) -> Path:
-        path = make(world, folder)
-        edit(path)
-        return path
-
-    return made_and_edited
-
-
 FAULTS: dict[str, tuple[Make, list[str]]] = {
-    "nothing there": (lambda _, folder: folder, ["p: no such predictions", "a folder, or an arch"]),
+    "nothing there": (lambda _, folder: folder, ["p: no such predictions", "a folder, an arch"]),
     "an empty folder": (
         lambda _, folder: (folder.mkdir(), folder)[1],
         ["p: holds no cloud, mesh or npz", "school.ply", "name the files by their scenes"],
@@ -294,9 +165,21 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
         ),
         ["scene yard: has no image_names, and its cameras do not fit", "image_names=names"],
     ),
+    "camera-to-world": (
+        yard(extrinsics=inverted),
+        [
+            "scene yard: the extrinsics look inverted (camera-to-world for world-to-camera",
+            "degrees off the truth as they stand, 0.0 once inverted",
+            "fix:      invert them: R.T and -R.T @ t",
+        ],
+    ),
     "no names and camera-to-world": (
         yard(extrinsics=inverted, image_names=None),
-        ["p, scene yard: has no image_names, and its cameras do not fit", "look camera-to-world"],
+        [
+            "p, scene yard: has no image_names, and its cameras do not fit",
+            "look inverted",
+            "fix:      invert the extrinsics",
+        ],
     ),
     "two cameras": (
         yard(extrinsics=taken(2)),
@@ -324,3 +207,6 @@ FAULTS: dict[str, tuple[Make, list[str]]] = {
 def square(world: World) -> Any:
     rows = np.tile([[[0.0, 0.0, 0.0, 1.0]]], (6, 1, 1))
     return np.concatenate([world.cameras("yard")["extrinsics"], rows], axis=1)
+
+
+Capture = pytest.CaptureFixture[str]

@@ -1,23 +1,18 @@
-"""Three methods a track, made of the truth and noise, and what their commands print, read back."""
+"""Three methods a track, made of the truth and noise."""
 
 from __future__ import annotations
 
-import csv
-import html
-import io
-import json
-import re
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 from unittest import mock
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
+import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets.dataset import PrepareSettings
@@ -31,12 +26,17 @@ from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
-from tests.support import photo_protocols, run_main
+from tests.datasets.mini.prepared import made_worlds
+from tests.own_protocols import photo_protocols
+from tests.shared import made_once
+from tests.support import BRIGHTON, run_main
 
+BENCHMARKS = ("airzoo-mini", "brighton")
 TRACKS = ("retrieval", "matching", "reconstruction")
 # From bad to good, with what formats must escape.
 NAMES = ("weak_1 & co", "fair #2", "good 90 %")
-FORMATS = ("terminal", "latex", "csv", "markdown", "html", "json")
+
+FEW = ("--resamples", "500")
 
 _MEMORY = 1 << 30
 
@@ -44,14 +44,18 @@ _MEMORY = 1 << 30
 # --- benchmarks ------------------------------------------------------------------------------
 
 
-def sparse_mini(root: Path) -> Path:
-    """Prepare AirZoo-Mini with every sixth photo of the surveys, every second of the rolls.
+def sparse_mini(factory: pytest.TempPathFactory) -> Path:
+    """Return AirZoo-Mini with every sixth photo of the surveys, every second of the rolls.
 
     Each weather and time of day is there once, as in the whole one twice.
     """
-    with mock.patch.object(airzoo_mini, "mini_photos", _every_few):
-        settings = PrepareSettings(root / "airzoo-mini", root, jobs=2)
-        return airzoo_mini.prepare_airzoo_mini(0, settings).folder
+
+    def make(root: Path) -> None:
+        shutil.copytree(made_worlds(factory), root, dirs_exist_ok=True)
+        with mock.patch.object(airzoo_mini, "mini_photos", _every_few):
+            airzoo_mini.prepare_airzoo_mini(0, PrepareSettings(root / "airzoo-mini", root))
+
+    return made_once(factory, "sparse-mini", make) / "airzoo-mini"
 
 
 def _every_few(*given: Any) -> Photos:
@@ -73,19 +77,22 @@ def _taken(frames: FrameList, rows: list[int]) -> FrameList:
     )
 
 
-def real_scene(root: Path, home: Path) -> Path:
-    """Prepare Brighton Beach."""
-    sources = PhotoOptions(
-        "brighton",
-        home / "images",
-        home / "poses.json",
-        home / "dom_10cm.tif",
-        dsm=home / "dsm_10cm.tif",
-        cloud=home / "model.laz",
-    )
-    settings = PrepareSettings(root / "brighton", root)
-    prepare_photos(sources, photo_protocols("brighton", (256, 128)), settings)
-    return root / "brighton"
+def real_scene(factory: pytest.TempPathFactory) -> Path:
+    """Return Brighton Beach, prepared."""
+
+    def make(root: Path) -> None:
+        sources = PhotoOptions(
+            "brighton",
+            BRIGHTON / "images",
+            BRIGHTON / "poses.json",
+            BRIGHTON / "dom_10cm.tif",
+            dsm=BRIGHTON / "dsm_10cm.tif",
+            cloud=BRIGHTON / "model.laz",
+        )
+        settings = PrepareSettings(root / "brighton", root)
+        prepare_photos(sources, photo_protocols("brighton", (256, 128)), settings)
+
+    return made_once(factory, "brighton", make) / "brighton"
 
 
 # --- results ---------------------------------------------------------------------------------
@@ -118,18 +125,25 @@ class Scored:
         return list(read_result(self.paths[0]).scenes)[-1]
 
 
-def score_methods(benchmark: Path, track: str, out: Path) -> Scored:
+ScoresOf = Callable[[str, str], Scored]
+
+
+def score_methods(factory: pytest.TempPathFactory, benchmark: str, track: str) -> Scored:
     """Write predictions of growing quality and score them as a user does."""
+    folder = {"airzoo-mini": sparse_mini, "brighton": real_scene}[benchmark](factory)
     write = {"retrieval": _rank, "matching": _pose, "reconstruction": _cloud}[track]
-    paths = []
-    for quality, name in enumerate(NAMES):
-        home = out / str(quality)
-        home.mkdir(parents=True)
-        predictions = write(Benchmark.open(benchmark), quality, home)
-        ask = ("eval", track, predictions, "--data", benchmark, "--method", name, "--out", home)
-        assert run_main(*ask) == 0
-        paths.append(home / "result.json")
-    return Scored(benchmark, track, tuple(paths))
+
+    def make(out: Path) -> None:
+        for quality, name in enumerate(NAMES):
+            given = out / f"predictions-{quality}"
+            given.mkdir()
+            predictions = write(Benchmark.open(folder), quality, given)
+            ask = ("eval", track, predictions, "--data", folder, "--method", name)
+            assert run_main(*ask, "--out", out / str(quality)) == 0
+
+    made = made_once(factory, f"{benchmark}-{track}", make)
+    paths = tuple(made / str(quality) / "result.json" for quality in range(len(NAMES)))
+    return Scored(folder, track, paths)
 
 
 def _scenes(benchmark: Benchmark) -> list[str]:
@@ -197,156 +211,3 @@ def _cloud(benchmark: Benchmark, quality: int, home: Path) -> Path:
 def _true_points(path: Path) -> NDArray[np.float64]:
     cloud = open_cloud(path, limit_bytes=_MEMORY, sampling=None)
     return np.concatenate([piece.points for piece in cloud.pieces(1 << 20)])
-
-
-# --- what was printed ------------------------------------------------------------------------
-
-
-def strict_json(text: str) -> Any:
-    """Read JSON as the standard has it: without NaN and Infinity."""
-
-    def refuse(constant: str) -> NoReturn:
-        raise AssertionError(f"{constant} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A printed table: cells by the column's name, group before title."""
-
-    columns: tuple[str, ...]
-    rows: tuple[Mapping[str, Any], ...]
-
-    def column(self, name: str) -> list[Any]:
-        return [row[name] for row in self.rows]
-
-    def where(self, **cells: Any) -> Grid:
-        """Return the rows that have these cells."""
-        kept = [row for row in self.rows if cells.items() <= row.items()]
-        return Grid(self.columns, tuple(kept))
-
-    def one(self, **cells: Any) -> Mapping[str, Any]:
-        (row,) = self.where(**cells).rows
-        return row
-
-
-def json_grid(text: str) -> Grid:
-    table = strict_json(text)
-    names = tuple(f"{c.get('group', '')} {c['title']}".strip() for c in table["columns"])
-    return Grid(names, tuple(dict(zip(names, row, strict=True)) for row in table["rows"]))
-
-
-def csv_grid(text: str) -> Grid:
-    names, *rows = csv.reader(io.StringIO(text))
-    return Grid(tuple(names), tuple(dict(zip(names, row, strict=True)) for row in rows))
-
-
-def number(cell: Any) -> float | None:
-    """Return a cell's number, infinite ones too, or None where it has none."""
-    try:
-        return None if isinstance(cell, bool) or cell is None else float(cell)
-    except ValueError:
-        return None
-
-
-def plain(text: str, form: str) -> str:
-    """Return a table's words without the marks and escapes of its format."""
-    if form == "latex":
-        text = text.replace(r"$-$", "-").replace(r"$^\circ$", "°").replace("{[}", "[")
-        text = re.sub(r"\\(?:textbf|underline|multicolumn\{\d+\}\{\w\})\{([^{}]*)\}", r"\1", text)
-    if form in ("latex", "markdown"):
-        text = re.sub(r"\\(\W|_)", r"\1", text).replace("**", "")
-    if form == "html":
-        text = re.sub(r"<[^>]*>", " ", text)
-    if form in ("html", "markdown"):
-        text = html.unescape(text)
-    if form == "json":
-        text = json.dumps(strict_json(text), ensure_ascii=False)
-    return " ".join(text.split())
-
-
-def shown_numbers(text: str) -> list[str]:
-    """Return numbers of two decimals, in order, as all formats print scores."""
-    return re.findall(r"(?<![\w.])-?\d+\.\d\d(?![\d%])", text)
-
-
-def says_not_a_number(text: str) -> bool:
-    return re.search(r"\bnan\b", text, re.IGNORECASE) is not None
-
-
-@dataclass(frozen=True)
-class Said:
-    """What a command printed."""
-
-    out: str
-    err: str
-
-
-def check_cell(exact: Any, shown: str) -> None:
-    """Hold what CSV prints to the number that JSON holds."""
-    value = number(exact)
-    if value is None:
-        return
-    printed = float(shown)
-    digits = len(shown.partition(".")[2]) if "e" not in shown else 17
-    assert printed == value or abs(printed - value) <= 0.5 * 10.0**-digits + 1e-9
-
-
-def as_shown(column: ScoreColumn, value: float) -> float:
-    return value * 100 if column.unit == "share" else value
-
-
-def with_unit(column: ScoreColumn) -> str:
-    return f"{column.title} [{'%' if column.unit == 'share' else column.unit}]"
-
-
-def same(one: Any, other: float) -> bool:
-    found = number(one)
-    return found is not None and (found == other or bool(np.isclose(found, other, rtol=1e-9)))
-
-
-def conditions(scored: Scored) -> list[str]:
-    """Return the columns that are conditions; a scene of reconstruction has its counts only."""
-    records = scored.records[NAMES[0]]
-    if scored.track == "reconstruction":
-        return ["scene", "answered", "points"]
-    known = ("altitude_m", "pitch_deg", "weather", "time_of_day", "sequence")
-    return ["scene", *(name for name in known if name in records.columns)]
-
-
-def check_picture(path: Path) -> None:
-    if path.suffix == ".png":
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("L"))
-        # Letters and lines take some of the page; a picture without data is nearly white.
-        assert 0.01 < (pixels < 200).mean() < 0.9
-        rows, columns = (pixels < 200).any(axis=1).mean(), (pixels < 200).any(axis=0).mean()
-        assert min(rows, columns) > 0.6
-    elif path.suffix == ".svg":
-        root = ElementTree.parse(path).getroot()
-        assert root.tag.endswith("svg")
-        assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 10
-    else:
-        content = path.read_bytes()
-        assert content.startswith(b"%PDF-")
-        assert content.rstrip().endswith(b"%%EOF")
-
-
-def check_averages(result: Result, headline: list[ScoreColumn], table: str) -> None:
-    for column in headline:
-        value = as_shown(column, result.overall[column.key])
-        assert f"{value:.2f}" in table
-
-
-def check_section(one: Scored, section: dict[str, Any], table: str) -> None:
-    # The best first.
-    assert [method["name"] for method in section["methods"]] == list(NAMES)[::-1]
-    titles = {score["title"] for score in section["scores"]}
-    assert {column.title for column in one.headline} <= titles
-    assert len(section["scenes"]) == len(one.results[NAMES[0]].scenes)
-    assert section["figures"]
-    by_query = one.track != "reconstruction"
-    assert bool(section["maps"]) == bool(section["hardest"]) == bool(section["queries"]) == by_query
-    for result in one.results.values():
-        check_averages(result, one.headline, table)

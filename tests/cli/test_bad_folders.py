@@ -12,10 +12,7 @@ import pytest
 import tomli_w
 
 from airzoo_bench.core.files import fingerprint
-from tests.cli.test_bad_predictions import (
-    Arrays,
-    changed,
-)
+from tests.cli.bad_predictions import Arrays, changed
 from tests.support import files_below, run_main
 
 GOOD = "GOOD"  # stands for a good prediction file
@@ -41,8 +38,20 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
         [".: a folder, as predictions of the reconstruction track are", ".npz"],
     ),
     "another ending": (
+        ["eval", "retrieval", "p.dat"],
+        ["unknown kind of prediction file '.dat'", ".npz"],
+    ),
+    "no file and no ending, to be checked": (
+        ["check", "nothing", "--protocol", "made-retrieval"],
+        ["nothing: no such prediction file"],
+    ),
+    "ending of another track": (
         ["eval", "retrieval", "p.csv"],
-        ["unknown kind of prediction file '.csv'", ".npz or"],
+        ["p.csv: a .csv file, as predictions of the reconstruction track are"],
+    ),
+    "a file that is not there": (
+        ["eval", "retrieval", "q.dat"],
+        ["q.dat: no such prediction file"],
     ),
     "output below a file": (
         ["eval", "retrieval", GOOD, "--out", "p.npz/deep/out"],
@@ -104,6 +113,8 @@ def test_bad_options(
     arguments, fragments = OPTIONS[case]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.npz").mkdir()
+    for other in ("p.dat", "p.csv"):
+        (tmp_path / other).touch()
     changed()(tmp_path / "p.npz", {k: arrays[k] for k in ("query_ids", "ranked_ids")})
     before = files_below(tmp_path)
     assert run_main(*("p.npz" if a is GOOD else a for a in arguments)) == 2

@@ -11,15 +11,8 @@ import pytest
 
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from tests.cli.bad_reconstruction import (
-    FAULTS,
-    clouds,
-    cut_laz,
-    lying_ply,
-    nan_at,
-    with_file,
-    yard,
-)
+from tests.cli.bad_reconstruction import FAULTS, Capture
+from tests.cli.spoilt_clouds import clouds, cut_laz, lying_ply, nan_at, with_file, yard
 from tests.reconstruction.world import (
     PROTOCOL,
     World,
@@ -29,8 +22,6 @@ from tests.reconstruction.world import (
     true_points,
 )
 from tests.support import files_below, run_main
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("case", list(FAULTS))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.test_bad_predictions import (
-    CASES,
+from tests.cli.bad_prediction_cases import CASES
+from tests.cli.bad_predictions import (
     Arrays,
     changed,
     described,

@@ -59,6 +59,14 @@ def test_many_options_stand_in_panels(name: str) -> None:
         assert len(panels) > 2
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_arguments_stand_before_options(name: str) -> None:
+    params = COMMANDS[name].params
+    arguments = [one for one in params if one.param_type_name == "argument"]
+    assert params[: len(arguments)] == arguments or params[1 : len(arguments) + 1] == arguments
+    assert all(getattr(one, "rich_help_panel", None) is None for one in arguments)
+
+
 def test_panels_of_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_main("table", "--help") == 0
     said = capsys.readouterr().out

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.results.result import write_result
-from tests.cli.test_main import environment
-from tests.results.test_result import result
+from tests.cli.environment import environment
+from tests.results.made import result
 from tests.statistics.support import made_method, write_method
 from tests.support import files_below, run_main
 

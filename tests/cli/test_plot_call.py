@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import io
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from airzoo_bench.cli.common import working
+from airzoo_bench.cli import common
+from airzoo_bench.cli.common import progress, working
+from airzoo_bench.cli.engines import rated
+from airzoo_bench.core.progress import told
 from tests.support import run_main, write_predictions
 
 KINDS = "recall, errors, thresholds, intervals, scenes, condition"
@@ -66,6 +70,42 @@ def test_work_is_told_to_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> Non
         with working("drawing [red]\x07.png"):
             pass
         assert ("drawing [red]\\x07.png" in stream.getvalue()) is is_told
+
+
+def test_work_that_takes_long_is_named_in_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr("sys.stderr", io.StringIO())
+    monkeypatch.setattr(common, "say", said.append)
+    monkeypatch.setitem(told.__kwdefaults__, "first_s", 0.01)
+    with working("drawing"):
+        until = time.monotonic() + 30
+        while not said and time.monotonic() < until:
+            time.sleep(0.01)
+    assert said == ["drawing ..."]
+    monkeypatch.setitem(told.__kwdefaults__, "first_s", 0.2)
+    with pytest.raises(KeyError), working("fetching"):
+        raise KeyError
+    time.sleep(0.4)
+    assert said == ["drawing ..."]  # nothing is named any more that has failed
+
+
+def test_work_within_work_is_shown_below_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one display: some versions of rich refuse a second."""
+    monkeypatch.setattr("sys.stderr", Terminal())
+    displays = []
+    monkeypatch.setattr("rich.progress.Progress.start", lambda self: displays.append(self))
+    for scene in progress(("one", "two"), "scenes", 2):
+        assert list(progress(range(3), f"photos of {scene}", 3)) == [0, 1, 2]
+        (shown,) = displays
+        assert [task.description for task in shown.tasks] == ["scenes"]
+    assert shown.tasks == []
+    rows = []
+    for scene in rated((piece for piece in ("one",)), "learning [words]", 1):
+        rows = [(task.description, task.total) for task in displays[-1].tasks]
+        assert scene == "one"
+    assert rows == [("learning [words]", None)]  # one piece is not half done: its bar pulses
+    assert list(progress(range(1), "scenes", 1)) == [0]
+    assert len(displays) == 3
 
 
 OWN = {

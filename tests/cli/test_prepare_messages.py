@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import os
+import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from airzoo_bench.cli import common
+from airzoo_bench.core.progress import told
 from airzoo_bench.datasets import scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
@@ -90,3 +95,36 @@ def test_a_missing_file_of_noise_floors_says_how_it_is_made(
     assert run_main("eval", "retrieval", template, "--protocol", protocol, "--out", result) == 0
     said = said_by(capsys, 2, "table", result, "--noise-floor", tmp_path / "nowhere.json")
     assert "make it with `airzoo-bench sensitivity" in said
+
+
+SILENT = [
+    ("airzoo_bench.datasets.native_prepare.chosen_scenes", "getting ready"),
+    ("airzoo_bench.datasets.native_prepare.is_prepared", "getting ready"),
+    ("airzoo_bench.datasets.scene_run.scene_keys", "looking through the source"),
+    ("airzoo_bench.datasets.scene_run._is_as_written", "looking through earlier runs"),
+    ("airzoo_bench.datasets.native_prepare.write_folder_files", "writing the folder"),
+]
+
+
+@pytest.mark.parametrize(("step", "label"), SILENT)
+def test_a_step_that_takes_long_is_named(
+    step: str, label: str, source: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steps before and after the scenes, on a machine that takes seconds for them."""
+
+    def slow(*arguments: Any, **named: Any) -> Any:
+        if line not in named_while:
+            until = time.monotonic() + 30
+            while line not in said and time.monotonic() < until:
+                time.sleep(0.01)
+            named_while.extend(said)
+        return real(*arguments, **named)
+
+    line, said, named_while = f"{label} ...", [], []
+    module, _, name = step.rpartition(".")
+    real = getattr(importlib.import_module(module), name)
+    monkeypatch.setattr(step, slow)
+    monkeypatch.setattr(common, "say", said.append)
+    monkeypatch.setitem(told.__kwdefaults__, "first_s", 0.01)
+    assert run_main("prepare", "uav-visloc", "--source", source, "--scene", "01", "--jobs", 1) == 0
+    assert line in named_while

@@ -16,7 +16,7 @@ from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.retrieval.truth import read_truth
-from tests.support import photo_protocols
+from tests.own_protocols import photo_protocols
 
 
 @pytest.fixture(scope="module")

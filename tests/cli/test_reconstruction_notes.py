@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cli.bad_reconstruction import (
+from tests.cli.bad_reconstruction import Capture
+from tests.cli.spoilt_clouds import (
     Make,
     cameras,
     clouds,
@@ -22,7 +23,6 @@ from tests.cli.bad_reconstruction import (
     with_file,
     yard,
 )
-from tests.cli.test_bad_reconstruction import Capture
 from tests.reconstruction.world import (
     World,
     matrix_of_maps,
@@ -98,9 +98,11 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
         ["scene yard: coordinates such as 5200060 are kept to float32 only, steps of 0.5 m"],
     ),
     "Gaussians": (with_file("yard.ply", splats), ["scene yard: ", "aussian"]),
-    "camera-to-world": (
-        cameras(extrinsics=inverted),
-        ["scene yard: the extrinsics look camera-to-world: between two cameras"],
+    "camera-to-world, of few cameras": (
+        cameras(
+            extrinsics=lambda w: np.where(np.arange(6)[:, None, None] < 4, inverted(w), np.nan)
+        ),
+        ["scene yard: the extrinsics look inverted (camera-to-world for world-to-camera"],
     ),
     "a scene that the protocol lacks": (
         edited(clouds(), lambda p: shutil.copy(p / "lot.ply", p / "plaza.ply")),

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_main import environment
+from tests.cli.environment import environment
+from tests.support import HANGS_S
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -34,7 +35,7 @@ main()
 # LAPACK takes minutes for this, and does not return to the interpreter at a signal.
 _DEEP = "import numpy as np; np.linalg.eigvals(np.random.default_rng(0).random((6000, 6000)))"
 _SLEEP = "import time; time.sleep(600)"
-# Unwinds for longer than is waited for, and has a process that must be killed.
+# Unwinds slowly, and has a process that must be killed.
 _SLOW_TO_STOP = """
         import time, signal
         from multiprocessing import Process
@@ -43,12 +44,20 @@ _SLOW_TO_STOP = """
         def stay():
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            time.sleep(60)
+            time.sleep(600)
         Process(target=stay).start()
         try:
             time.sleep(600)
         finally:
             time.sleep(0.8)
+"""
+# Unwinds for ever: a library that waits for its threads.
+_NEVER_STOPS = """
+        import time
+        try:
+            time.sleep(600)
+        finally:
+            time.sleep(600)
 """
 
 _SOLVED = """
@@ -70,7 +79,7 @@ def test_solving_leaves_sigterm_to_the_command() -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("wait", [_SLEEP, _DEEP, _SLOW_TO_STOP])
+@pytest.mark.parametrize("wait", [_SLEEP, _DEEP, _SLOW_TO_STOP, _NEVER_STOPS])
 def test_a_command_ends_in_time(wait: str, number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", _STUCK.replace("{wait}", wait), str(tmp_path)],
@@ -82,8 +91,12 @@ def test_a_command_ends_in_time(wait: str, number: int, code: int, tmp_path: Pat
     assert process.stdout.readline() == b"ready\n"
     time.sleep(0.5)
     process.send_signal(number)
-    # Of a hang, not of speed: the library would take minutes.
-    _, message = process.communicate(timeout=30)
+    from resource import RUSAGE_CHILDREN, getrusage
+
+    before = getrusage(RUSAGE_CHILDREN)
+    _, message = process.communicate(timeout=HANGS_S)
+    # LAPACK would have taken minutes of a processor.
+    assert getrusage(RUSAGE_CHILDREN).ru_utime - before.ru_utime < 60.0
     assert process.returncode == code
     assert message == b"airzoo-bench: stopped; nothing was left half-written\n"
     assert list(tmp_path.iterdir()) == []

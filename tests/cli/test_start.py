@@ -9,8 +9,10 @@ from typing import get_args
 import pytest
 
 from airzoo_bench.cli import check_geometry
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule
 from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
+from tests.support import HANGS_S
 
 HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "rasterio", "pyproj", "faiss", "pydantic")
 RUN = """
@@ -29,12 +31,14 @@ print(*sorted(sys.modules), file=sys.stderr)
     "call",
     [
         *("--help", "--version", "table --help", "check -h", "plot -h", "plot recall -h"),
+        *("eval --help", *(f"eval {track} -h" for track in TRACKS.names())),
+        *("baseline --help", *(f"baseline {track} -h" for track in TRACKS.names())),
         *("prepare --help", "prepare photos -h", "prepare uav-visloc -h", "mini render -h"),
     ],
 )
 def test_help_loads_nothing_heavy(call: str) -> None:
     command = [sys.executable, "-c", RUN, *call.split()]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=HANGS_S)
     loaded = {name.partition(".")[0] for name in done.stderr.split()}
     assert "airzoo_bench" in loaded
     assert loaded.isdisjoint(HEAVY), loaded.intersection(HEAVY)

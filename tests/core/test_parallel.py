@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.parallel import parallel_map
+from tests.support import HANGS_S
 
 SCRIPT = """
 import sys, time
@@ -32,6 +33,11 @@ if __name__ == "__main__":
 
 
 def square(number: int) -> int:
+    return number * number
+
+
+def slow_square(number: int) -> int:
+    time.sleep(0.02)
     return number * number
 
 
@@ -65,6 +71,14 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ending_early_leaves_the_workers_of_others_alone() -> None:
+    ended, other = (parallel_map(slow_square, range(60), 2) for _ in range(2))
+    assert next(other) == 0
+    assert next(ended) == 0
+    ended.close()
+    assert list(other) == [number**2 for number in range(1, 60)]
+
+
 def test_workers_that_hand_over_large_results_end_too(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(LARGE)
@@ -80,7 +94,7 @@ def test_workers_that_hand_over_large_results_end_too(tmp_path: Path) -> None:
         for _ in range(lines):
             process.stdout.readline()
         os.killpg(process.pid, signal.SIGINT)
-        process.communicate(timeout=60)
+        process.communicate(timeout=HANGS_S)
         assert process.returncode != 0
 
 
@@ -102,7 +116,7 @@ def test_an_interrupt_ends_all_at_once_and_leaves_nothing(tmp_path: Path) -> Non
     while len(list(out.glob(".*"))) < 2:  # both workers are in the middle of a file
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does it, to all of them
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=HANGS_S)
     assert process.returncode != 0
     assert "KeyboardInterrupt" in errors
     assert "InvalidStateError" not in errors

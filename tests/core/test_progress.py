@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from threading import Event, Timer
+from typing import Any, TypeVar
 
-from airzoo_bench.core.progress import told
+import pytest
+
+from airzoo_bench.core import progress
+from airzoo_bench.core.progress import Headed, shown, told
+from tests.support import HANGS_S
+
+T = TypeVar("T")
 
 
 def clock(*seconds: float) -> Iterator[float]:
@@ -33,3 +41,39 @@ def test_minutes_and_hours() -> None:
         said: list[str] = []
         list(told("ab", "cells", 2, say=said.append, clock=lambda times=times: next(times)))
         assert said == [f"cells: 1 of 2, about {words} left"]
+
+
+def test_work_under_way_is_named_before_its_first_item_is_done() -> None:
+    said: list[str] = []
+    named = Event()
+
+    def say(line: str) -> None:
+        said.append(line)
+        named.set()
+
+    def slowly() -> bool:
+        return named.wait(HANGS_S)
+
+    def soon(items: Iterable[T], label: str, total: int) -> Iterator[T]:
+        return told(items, label, total, say=say, first_s=0.01)
+
+    assert shown(slowly, "learning the words", Headed("city", soon))
+    assert said == ["city: learning the words ..."]
+
+
+def test_work_that_was_given_up_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    timers: list[Timer] = []
+
+    def kept(*given: Any) -> Timer:
+        timers.append(Timer(*given))
+        return timers[-1]
+
+    monkeypatch.setattr(progress, "Timer", kept)
+    said: list[str] = []
+    begun = told("ab", "poses", 2, say=said.append, first_s=2 * HANGS_S)
+    next(begun)
+    begun.close()
+    (timer,) = timers
+    timer.join(HANGS_S)
+    assert not timer.is_alive()
+    assert said == []

@@ -7,11 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.datasets.tagged import LEVEL, NAMES, tag
-from tests.support import (
-    Place,
-    make_place,
-    write_raster,
-)
+from tests.support import Place, make_place, write_raster
 
 
 @pytest.fixture

@@ -36,17 +36,19 @@ REFUSING = {
     "Heights": ["geometry/vertical", "datasets/height_systems"],
     "Priors": ["datasets/priors", "matching/prepare"],
     "Map and surface model": [
-        *("geometry/rasters", "geometry/colours", "datasets/raster_checks", "datasets/map_facts"),
+        *("geometry/rasters", "geometry/raster_files", "geometry/colours"),
+        *("datasets/raster_checks", "datasets/map_facts"),
         "retrieval/gallery",
     ],
     "Cloud": ["datasets/cloud_checks"],
     "All together": [
         *("datasets/photos", "datasets/photos_dataset", "datasets/scene_content"),
         *("datasets/native_prepare", "datasets/scene_run", "datasets/scene_additions"),
+        "datasets/scene_tasks",
     ],
 }
 # Which argument of a function that refuses is the message.
-MESSAGE = {"refuse_cameras": 1, "_refuse_names": 1, "_refuse": 2}
+MESSAGE = {"refuse_cameras": 1, "_refuse_names": 1, "_refuse": 2, "unseen": 0, "only_run": 1}
 # Of calls that `prepare photos` does not make.
 INTERNAL = ("shape", "window", "inset", "quaternion")
 

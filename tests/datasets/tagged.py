@@ -10,13 +10,8 @@ from PIL import Image
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import to_lonlat
-from tests.datasets.test_photo_metadata import packet
-from tests.support import (
-    MAP_SIZE_M,
-    NORTH_WEST,
-    PLACE_CRS,
-    Place,
-)
+from tests.datasets.xmp import packet
+from tests.support import MAP_SIZE_M, NORTH_WEST, PLACE_CRS, Place
 
 LEVEL = np.full((1, MAP_SIZE_M, MAP_SIZE_M), 100, np.float32)
 

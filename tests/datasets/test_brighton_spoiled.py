@@ -19,7 +19,7 @@ from airzoo_bench.datasets.facts_lines import plausibility_warnings
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.scene_facts import SceneFacts
-from tests.support import photo_protocols
+from tests.own_protocols import photo_protocols
 
 GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"
 

@@ -30,18 +30,11 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_
 from airzoo_bench.protocol.model import ProtocolScene
 from airzoo_bench.retrieval.assumptions import AssumedRanges
 from tests.datasets.parts import hold_tiles
-from tests.support import (
-    DOWN,
-    NORTH_WEST,
-    PLACE_CRS,
-    PLACE_PHOTOS,
-    Place,
-    make_place,
-    photo_protocols,
-    run_main,
-)
+from tests.own_protocols import photo_protocols
+from tests.support import DOWN, NORTH_WEST, PLACE_CRS, PLACE_PHOTOS, Place, make_place, run_main
 
-SHARED = {"out", "tiles", "crops", "copy", "add-to", "force", "jobs"}
+SHARED = {"out", "tiles", "crops", "copy", "add-to", "force"}
+SPREAD = {"jobs", "engine", "scheduler"}
 
 
 # --- a dataset of another package ------------------------------------------------------------
@@ -134,11 +127,12 @@ def test_it_says_what_the_command_line_asks(
     said = capsys.readouterr().out
     for field in fields(dataset.options):
         (option,) = get_args(hints[field.name])[1:]
-        assert option.name not in SHARED
+        assert option.name not in SHARED | SPREAD
         assert f"--{option.name}" in said
         assert field.default is not MISSING or f"--{option.name} " in dataset.example + " "
-    assert all(f"--{one}" in said for one in SHARED - {"jobs"})
-    assert ("--jobs" in said) == (dataset.jobs is not None)
+    assert all(f"--{one}" in said for one in SHARED)
+    assert all((f"--{one}" in said) == (dataset.jobs is not None) for one in SPREAD)
+    assert (dataset.jobs is None) == (name == "level")
 
 
 @pytest.mark.parametrize("name", DATASETS.names())

@@ -12,6 +12,7 @@ import pytest
 import tomli_w
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.files import sha256_of
 from tests.datasets.tagged import NAMES, tag
 from tests.support import make_place, run_main, write_raster
 
@@ -70,6 +71,35 @@ def test_a_changed_surface_model_gets_a_new_checksum_only_if_that_is_asked(
     assert (folder / "benchmark.toml").read_text() == before
     assert run_main("manifest", folder, "--force") == 0
     assert (folder / "benchmark.toml").read_text() != before
+
+
+@pytest.mark.parametrize("name", ["error_m", "within_5m", "failed", "scene", "recall@1", "tile@9"])
+def test_a_condition_called_as_another_column_of_the_records(
+    folder: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Averages would be those of both columns."""
+    table = folder / "scenes" / "park" / "queries.csv"
+    pd.read_csv(table).assign(**{name: 0.0, "wind": 1.5}).to_csv(table, index=False)
+    assert run_main("manifest", folder, "--force") == 2
+    said = capsys.readouterr().err
+    assert f"condition {name} is called as what" in said
+    assert "queries.csv" in said
+    pd.read_csv(table).drop(columns=name).to_csv(table, index=False)
+    assert run_main("manifest", folder, "--force") == 0
+
+
+def test_eval_refuses_such_a_condition_too(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "template.npz"
+    assert run_main("template", "park-retrieval", "--data", folder, "--out", out) == 0
+    table = folder / "scenes" / "park" / "queries.csv"
+    pd.read_csv(table).assign(map=0.0).to_csv(table, index=False)
+    values = tomllib.loads((folder / "benchmark.toml").read_text())
+    values["checksums"]["scenes/park/queries.csv"] = sha256_of(table)
+    (folder / "benchmark.toml").write_text(tomli_w.dumps(values))
+    assert run_main("eval", "retrieval", out, "--data", folder) == 2
+    assert "condition map is called" in capsys.readouterr().err
 
 
 def test_footprints_far_from_all_tiles_are_refused(

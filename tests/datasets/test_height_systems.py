@@ -58,7 +58,7 @@ def test_altitudes_of_photos_are_converted_too(
     given = {"priors-vertical": "EPSG:4979", "dsm-vertical": "EPSG:3855"}
     assert run_main(*place.arguments(**given)) == 0
     said = capsys.readouterr()
-    assert "altitudes of the photos are converted likewise, by -44.81 m" in said.err
+    assert "altitudes of the photos are converted to the surface model's, by -44.81 m" in said.err
     assert "warning" not in said.err
     assert "priors          4, off by 2.9 m" in said.out
     np.testing.assert_allclose(queries(place)["prior_z"], 202.0, atol=0.01)

@@ -15,6 +15,7 @@ from PIL.TiffImagePlugin import IFDRational
 from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.geometry.rotations import rotation_angle_deg
+from tests.datasets.xmp import packet
 
 GPS = {
     1: "N",
@@ -24,7 +25,6 @@ GPS = {
     5: b"\0",
     6: 198.309,
 }
-DJI = 'xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/"'
 ANGLES = (
     'drone-dji:GimbalYawDegree="+45.00" drone-dji:GimbalPitchDegree="-89.90" '
     'drone-dji:GimbalRollDegree="-0.00" drone-dji:RelativeAltitude="+39.80"'
@@ -39,17 +39,6 @@ PRIOR = PhotoPrior(
     roll_deg=0.0,
     relative_altitude_m=39.8,
 )
-
-
-def packet(attributes: str = "", elements: str = "", before: str = "") -> bytes:
-    text = (
-        '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>'
-        f'{before}<x:xmpmeta xmlns:x="adobe:ns:meta/">'
-        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-        f'<rdf:Description rdf:about="" {DJI} {attributes}>{elements}</rdf:Description>'
-        '</rdf:RDF></x:xmpmeta>\n   <?xpacket end="w"?>\0'
-    )
-    return text.encode()
 
 
 def jpg(gps: dict[int, Any] | None = None, xmp: bytes | None = None) -> bytes:

@@ -105,6 +105,24 @@ def test_refused(case: str, tmp_path: Path) -> None:
     assert caught.value.expected
 
 
+@pytest.mark.parametrize("key", ["K", "images", "a.jpg", "center"])
+def test_a_key_that_stands_twice(key: str, tmp_path: Path) -> None:
+    """Readers of JSON take the last one, without a word."""
+    path = json_file(tmp_path)
+    text = path.read_text()
+    read_poses(path, SIZES)
+    path.write_text(text.replace(f'"{key}": ', f'"{key}": 0, "{key}": ', 1))
+    with pytest.raises(CameraError, match=f"key '{key}' stands twice"):
+        read_poses(path, SIZES)
+
+
+@pytest.mark.parametrize("number", ["1e5", "12", True])
+def test_numbers_that_are_none(number: object, tmp_path: Path) -> None:
+    images = {name: {"R_w2c": DOWN, "center": [number, 2, 3]} for name in CENTRES}
+    with pytest.raises(CameraError, match=r"images\.a\.jpg\.center\.0"):
+        read_poses(json_file(tmp_path, images=images), SIZES)
+
+
 @pytest.mark.parametrize(
     ("rotation", "message"),
     [

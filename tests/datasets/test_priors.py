@@ -16,10 +16,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from tests.datasets.tagged import NAMES, tag
 from tests.geometry.support import quick, seeds
-from tests.support import (
-    Place,
-    run_main,
-)
+from tests.support import Place, run_main
 
 
 def test_priors_from_a_table(place: Place, capsys: pytest.CaptureFixture[str]) -> None:
@@ -46,6 +43,8 @@ def test_priors_from_a_table(place: Place, capsys: pytest.CaptureFixture[str]) -
         ("image,heading\na.jpg,1\n", "expected: image, and some of lon, lat"),
         ("image,yaw_deg\na.jpg,1,2\n", "has the columns None, image, yaw_deg"),
         ("image,yaw_deg\na.jpg,1\na.jpg,2\n", "named twice: 1 ('a.jpg')"),
+        ("image,yaw_deg,yaw_deg\na.jpg,1,2\n", "has the columns image, yaw_deg, yaw_deg"),
+        ("image,yaw_deg\na.jpg,1_0\n", "column yaw_deg, line 2: '1_0'"),
         ("image,yaw_deg\nz.jpg,1\n", "no photos: 1 ('z.jpg')"),
         ("image,yaw_deg\na.jpg,north\n", "column yaw_deg, line 2: 'north'"),
         ("image,yaw_deg\na.jpg,nan\n", "column yaw_deg, line 2: 'nan'"),

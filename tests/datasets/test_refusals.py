@@ -12,14 +12,7 @@ import rasterio
 from rasterio import Affine
 
 from tests.datasets.tagged import LEVEL
-from tests.support import (
-    MAP_SIZE_M,
-    NORTH_WEST,
-    PLACE_CRS,
-    Place,
-    run_main,
-    write_raster,
-)
+from tests.support import MAP_SIZE_M, NORTH_WEST, PLACE_CRS, Place, run_main, write_raster
 
 
 def feet_above(place: Place) -> None:
@@ -30,6 +23,14 @@ def untagged(place: Place) -> None:
     heights = LEVEL.copy()
     heights[0, :64] = -9999
     write_raster(place.dsm, heights)
+
+
+def untagged_in_feet(place: Place) -> None:
+    heights = LEVEL / 0.3048
+    heights[0, :64] = -9999
+    write_raster(place.dsm, heights)
+    with rasterio.open(place.dsm, "r+") as raster:
+        raster.units = ("ft",)
 
 
 def mostly_zero(place: Place) -> None:
@@ -76,6 +77,10 @@ REFUSED: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
         ["every camera is below the surface: they are at 200.0 m", "is at 328.1 m", "be 100.0 m"],
     ),
     "-9999 untagged": (untagged, ["25.0% of its heights are no", "from -9999 to 100 m", "-9999"]),
+    "-9999 ft untagged": (
+        untagged_in_feet,
+        ["they go from -3047.6952 to ", "gdal_edit.py -a_nodata -9999"],
+    ),
     "nothing to ask": (
         mostly_zero,
         ["does not overlap the surface model"],

@@ -14,6 +14,7 @@ from typer.testing import Result
 import airzoo_bench as ab
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.registry import READERS
+from airzoo_bench.evaluation.near_places import place_meant
 from airzoo_bench.evaluation.prediction_files import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.retrieval.predictions import RankedIds
@@ -164,3 +165,44 @@ def test_what_a_reader_refuses_is_an_error_of_the_check(ranked: Path) -> None:
 def test_readers_are_listed(toy: None, command: Callable[..., Result]) -> None:
     ran = command("readers", "--format", "json")
     assert "ranked lists of Toy" in ran.stdout
+
+
+class FolderToy(Toy):
+    title = "a folder of Toy"
+
+    def recognise(self, path: Path) -> float:
+        return 0.9 * (path / "toy.txt").is_file()
+
+
+class TestFoldersNearby:
+    """A folder that holds no predictions: the message names the one that was meant."""
+
+    @pytest.fixture
+    def run(self, tmp_path: Path) -> Iterator[Path]:
+        run = tmp_path / "home" / "runs" / "first"
+        (run / "images").mkdir(parents=True)
+        (run / "toy.txt").touch()
+        (tmp_path / "home" / "aside").mkdir()
+        (tmp_path / "home" / "aside" / "loop").symlink_to(tmp_path / "home")
+        READERS.add("folder-toy", FolderToy())
+        yield run
+        READERS.remove("folder-toy")
+
+    @pytest.mark.parametrize("given", ["..", "../..", "images"])
+    @pytest.mark.parametrize("command", [["check"], ["eval", "retrieval"]])
+    def test_one_above_or_below(
+        self,
+        run: Path,
+        given: str,
+        command: list[str],
+        data: Path,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:
+        place = (run / given).resolve()
+        assert run_main(*command, place, "--protocol", "made-retrieval") == 2
+        assert f"fix:      {run} holds a folder of Toy: name that" in capsys.readouterr().err
+
+    def test_of_another_track_is_none(self, run: Path) -> None:
+        assert place_meant(run.parent, "retrieval") is not None
+        assert place_meant(run.parent, "matching") is None
+        assert place_meant(run.parents[1] / "aside", "retrieval") is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from datetime import date
 from pathlib import Path
@@ -11,26 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import write_template
-from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.results.result import Result, read_result, write_result
+from tests.evaluation.scored import score
 from tests.statistics.support import made_method, write_method
-from tests.support import (
-    MadeScene,
-    files_below,
-    made_protocol,
-    run_main,
-    write_benchmark,
-    write_predictions,
-)
-
-MEMORY = 1 << 30
-
-
-def score(path: Path, data: Path, **options: Any) -> Evaluation:
-    return evaluate(path, track="retrieval", data=data, **options)
+from tests.support import MadeScene, files_below, run_main, write_predictions
 
 
 def test_perfect_predictions_score_one(data: Path, tmp_path: Path, perfect: dict[str, Any]) -> None:
@@ -89,148 +77,6 @@ def test_the_order_of_the_file_does_not_matter(
     back = score(write_predictions(tmp_path / "q.npz", "made-retrieval", **turned), data)
     pd.testing.assert_frame_equal(there.records, back.records)
     assert there.result.overall == back.result.overall
-
-
-def test_a_constant_scorer_scores_nothing(data: Path, tmp_path: Path, scenes: Any) -> None:
-    # Without the tie rule, gallery order would give q00000 its tile 0 at rank 1.
-    arrays = {
-        "query_ids": [q for s in scenes for q in s.query_ids],
-        "query_descriptors": np.ones((10, 3), np.float32),
-        "gallery_ids": [t for s in scenes for t in s.tile_ids],
-        "gallery_descriptors": np.ones((20, 3), np.float32),
-    }
-    result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays), data).result
-    assert result.overall["recall@5"] == 0.0
-    assert result.counts["east"]["tie_dependent"] == 6
-
-
-N_TIED = 300
-
-
-def constant_predictions(scene: MadeScene) -> dict[str, dict[str, Any]]:
-    """Every way of saying the same of all tiles, with the tile that answers in the first place."""
-    random = np.random.default_rng(0)
-    n = len(scene.positives)
-    lists = [[scene.tile(t) for t in [q, *range(q), *range(q + 1, N_TIED)]] for q in range(n)]
-    ids = {"query_ids": scene.query_ids}
-    predictions = {}
-    for listed in (5, 20, 100, 101, N_TIED):
-        ranked = [row[:listed] for row in lists]
-        predictions[f"ids {listed}"] = ids | {"ranked_ids": ranked, "scores": np.ones((n, listed))}
-    short = [[*row[:3], "", ""] for row in lists]
-    predictions["ids 3"] = ids | {"ranked_ids": short, "scores": np.ones((n, 5))}
-    described = ids | {"gallery_ids": scene.tile_ids}
-    for name, rows in {
-        "equal": np.ones((N_TIED, 8)),
-        "multiples": np.outer(random.uniform(0.1, 9, N_TIED), random.standard_normal(8)),
-    }.items():
-        for dtype in (np.float16, np.float32, np.float64):
-            queries = random.standard_normal((n, 8)).astype(dtype)
-            predictions[f"{name} {dtype.__name__}"] = described | {
-                "query_descriptors": queries,
-                "gallery_descriptors": rows.astype(dtype),
-            }
-    return predictions
-
-
-@pytest.mark.parametrize("form", constant_predictions(MadeScene("s", [[0]], N_TIED)))
-def test_constant_scorers_of_every_form_score_exactly_nothing(form: str, tmp_path: Path) -> None:
-    scene = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
-    chosen = made_protocol([scene])
-    chosen = type(chosen).model_validate(
-        chosen.model_dump(by_alias=True)
-        | {"scores": chosen.scores.model_dump() | {"descriptor_metric": "cosine"}}
-    )
-    write_benchmark(tmp_path / "data" / "made", chosen, [scene])
-    path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", **constant_predictions(scene)[form]
-    )
-    result = score(path, tmp_path / "data").result
-    assert result.overall.pop("distance_m") == np.inf
-    assert set(result.overall.values()) == {0.0}
-    assert result.counts["s"]["tie_dependent"] == 4
-
-
-def test_a_tie_is_broken_before_a_list_is_cut(tmp_path: Path) -> None:
-    # One tile is told apart and wrong; 299 tie, and the one that answers stands second.
-    scene = MadeScene("s", [[7]], N_TIED)
-    write_benchmark(tmp_path / "data" / "made", made_protocol([scene]), [scene])
-    others = [scene.tile(t) for t in range(N_TIED) if t not in (7, 40)]
-    path = write_predictions(
-        tmp_path / "p.npz",
-        "made-retrieval",
-        query_ids=scene.query_ids,
-        ranked_ids=[[scene.tile(40), scene.tile(7), *others]],
-        scores=[[1.0, *[0.5] * (N_TIED - 1)]],
-    )
-    evaluation = score(path, tmp_path / "data")
-    assert evaluation.result.overall["map"] == 0.0
-    assert evaluation.result.overall["mrr"] == 0.0
-    assert evaluation.records["ranked"].tolist() == [100]
-    assert evaluation.records["tie_dependent"].tolist() == [True]
-
-
-def test_descriptors_and_their_ranked_ids_agree(
-    data: Path, tmp_path: Path, scenes: list[MadeScene]
-) -> None:
-    random = np.random.default_rng(1)
-    queries = random.standard_normal((10, 16)).astype(np.float32)
-    gallery = random.standard_normal((20, 16)).astype(np.float32)
-    ranked, start, first = [], 0, 0
-    for scene in scenes:
-        n = len(scene.positives)
-        for query in queries[start : start + n].astype(np.float64):
-            there = gallery[first : first + scene.n_tiles].astype(np.float64)
-            order = np.argsort(((there - query) ** 2).sum(axis=1))[:8]
-            ranked.append([scene.tile(t) for t in order])
-        start, first = start + n, first + scene.n_tiles
-    ids = [q for s in scenes for q in s.query_ids]
-    by_ids = write_predictions(
-        tmp_path / "ids.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked
-    )
-    by_descriptors = write_predictions(
-        tmp_path / "descriptors.npz",
-        "made-retrieval",
-        query_ids=ids,
-        query_descriptors=queries,
-        gallery_ids=[t for s in scenes for t in s.tile_ids],
-        gallery_descriptors=gallery,
-    )
-    one, other = (
-        score(by_ids, data).result,
-        score(by_descriptors, data, resources=Resources(jobs=2)).result,
-    )
-    for key in ("recall@1", "recall@3", "recall@5", "ap@5", "distance_m", "sdm@5", "pdm@5"):
-        assert one.scenes["east"][key] == other.scenes["east"][key], key
-        assert one.scenes["west"][key] == other.scenes["west"][key], key
-
-
-def test_gallery_rows_may_stand_in_any_order(
-    data: Path, tmp_path: Path, scenes: list[MadeScene]
-) -> None:
-    random = np.random.default_rng(2)
-    tiles = np.array([t for s in scenes for t in s.tile_ids])
-    arrays = {
-        "query_ids": [q for s in scenes for q in s.query_ids],
-        "query_descriptors": random.standard_normal((10, 4)).astype(np.float32),
-    }
-    described = random.standard_normal((20, 4)).astype(np.float32)
-    order = random.permutation(20)
-    there = write_predictions(
-        tmp_path / "a.npz",
-        "made-retrieval",
-        gallery_ids=tiles,
-        gallery_descriptors=described,
-        **arrays,
-    )
-    mixed = write_predictions(
-        tmp_path / "b.npz",
-        "made-retrieval",
-        gallery_ids=tiles[order],
-        gallery_descriptors=described[order],
-        **arrays,
-    )
-    pd.testing.assert_frame_equal(score(there, data).records, score(mixed, data).records)
 
 
 def test_the_same_input_gives_the_same_bytes(
@@ -300,10 +146,15 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
         (out / name).touch()
     (out / "figures").mkdir()
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    assert run_main("eval", "retrieval", tmp_path / "none.npz", "--out", out) == 2
+    said = capsys.readouterr().err
+    assert "none.npz: no such prediction file" in said
+    assert "expected: .npz, .parquet, or a folder" in said  # all that the track takes
+    assert "takes the place" not in said  # of nothing, since it cannot begin
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
     said = capsys.readouterr().err
     assert "holds a run of the matching track: Method by " in said
-    assert "result.json, records.csv, timings.csv, figures will be replaced" in said
+    assert "this one takes the place of result.json, records.csv, timings.csv, figures\n" in said
     assert f"wrote {out / 'result.json'} and {out / 'records.csv'}" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
     assert "the method is called mymethod, after --out; --method gives it another name" in said
@@ -312,5 +163,76 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     said = capsys.readouterr().err
     assert "holds a run of the retrieval track: mymethod by made-retrieval v" in said
     assert f"written {date.today():%Y-%m-%d}" in said
-    assert "; result.json, records.csv will be replaced" in said
+    assert "; this one takes the place of result.json, records.csv\n" in said
     assert read_result(out / "result.json").predictions.method == "M"
+
+
+def test_two_runs_to_one_place_do_not_mix(
+    data: Path,
+    perfect: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    out, others = tmp_path / "results" / "out", []
+    command = ("eval", "retrieval", path, "--data", data, "--out", out)
+
+    def with_another(*args: Any, **options: Any) -> Any:
+        if not others:
+            others.append(0)  # not a third
+            others.append(run_main(*command, "--method", "second"))
+        return evaluate(*args, **options)
+
+    monkeypatch.setattr("airzoo_bench.evaluation.evaluate.evaluate", with_another)
+    assert run_main(*command, "--method", "first") == 0
+    assert others[1:] == [2]
+    said = capsys.readouterr().err
+    assert f"--out {out}: another run is to be saved here" in said
+    assert "wait until it has ended, or name another --out" in said
+    assert read_result(out / "result.json").predictions.method == "first"
+    assert [one.name for one in out.parent.iterdir()] == ["out"]
+    assert run_main(*command, "--method", "second") == 0
+
+
+def test_a_run_that_fails_leaves_no_folder(data: Path, tmp_path: Path) -> None:
+    out, before = tmp_path / "results" / "out", set(tmp_path.iterdir())
+    assert run_main("eval", "retrieval", tmp_path / "none.npz", "--data", data, "--out", out) == 2
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("out", [".", "sub/.."])
+def test_the_working_folder_as_the_place_of_a_run(
+    out: str,
+    data: Path,
+    perfect: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "here" / "sub").mkdir(parents=True)
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    monkeypatch.chdir(tmp_path / "here")
+    before = set(tmp_path.iterdir())
+    command = ("eval", "retrieval", path, "--data", data, "--out", out, "--resume")
+    assert run_main(*command) == 0
+    assert {one.name for one in Path().iterdir()} == {"result.json", "records.csv", "sub"}
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_records_as_parquet_in_place_of_csv(
+    data: Path, perfect: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    command = ("eval", "retrieval", path, "--data", data, "--method", "m")
+    assert run_main(*command, "--out", tmp_path / "csv") == 0
+    for _ in range(2):
+        assert run_main(*command, "--out", tmp_path / "out", "--records", "parquet") == 0
+    assert files_below(tmp_path / "out") == {"result.json", "records.parquet"}
+    assert "takes the place of result.json, records.parquet\n" in capsys.readouterr().err
+    kept, other = (read_result(tmp_path / name / "result.json") for name in ("out", "csv"))
+    written = (tmp_path / "out" / "records.parquet").read_bytes()
+    assert kept.records_sha256 == hashlib.sha256(written).hexdigest()
+    same = {"records_sha256": "", "checksum": ""}
+    assert kept.model_copy(update=same) == other.model_copy(update=same)
+    assert run_main(*command, "--records", "parquet") == 2
+    assert "--records needs a folder to write into" in capsys.readouterr().err

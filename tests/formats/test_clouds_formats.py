@@ -13,24 +13,26 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
 from tests.formats.cloud_support import (
-    OBJ_CUBE,
-    OFF_CUBE,
-    QUAD_HEADER,
     colours_of,
-    cube_columns,
-    cube_document,
     made,
     opened,
     points_of,
-    quads,
     refused,
     text_rows,
     write_e57,
-    write_glb,
-    write_gltf,
     write_las,
     write_pcd,
     write_ply,
+)
+from tests.formats.mesh_support import (
+    OBJ_CUBE,
+    OFF_CUBE,
+    QUAD_HEADER,
+    cube_columns,
+    cube_document,
+    quads,
+    write_glb,
+    write_gltf,
     write_stl,
     write_stl_text,
 )

@@ -1,8 +1,7 @@
-"""Meshes: sampled by area, the same bytes for every block; PLY, OBJ and GLB read right."""
+"""Meshes: sampled by area, the same bytes for every block; PLY and OBJ read right."""
 
 from __future__ import annotations
 
-import copy
 import hashlib
 from pathlib import Path
 from typing import Any
@@ -13,24 +12,16 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.optional_imports import load_open3d
-from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, fans, sampled, triangles_of
-from tests.formats.cloud_support import (
+from tests.formats.cloud_support import opened, read, refused, write_ply
+from tests.formats.mesh_support import (
     CUBE,
     CUBE_QUADS,
     OBJ_CUBE,
     QUAD_HEADER,
     cube_columns,
-    cube_document,
-    joined,
-    opened,
+    on_cube,
     quads,
-    read,
-    refused,
-    write_glb,
-    write_ply,
 )
 
 CUBE_FACES = np.concatenate([fans(quad[None]) for quad in CUBE_QUADS])
@@ -41,12 +32,6 @@ def sample_mesh(vertices: Any, faces: Any, *, count: int, seed: int, block: int 
     mesh = Mesh(Path("made"), "made", vertices, faces)
     cloud = sampled(mesh, MeshSampling(seed, count, None, 1 << 20))
     return np.concatenate([piece.points for piece in cloud.pieces(block)])
-
-
-def on_cube(points: Any, low: Any = 0.0, side: float = 1.0) -> bool:
-    local = (points - low) / side
-    inside = (local >= -1e-9).all() and (local <= 1 + 1e-9).all()
-    return bool(inside and (np.minimum(np.abs(local), np.abs(local - 1)).min(axis=1) < 1e-6).all())
 
 
 def test_a_hand_worked_pair_of_triangles() -> None:
@@ -190,88 +175,6 @@ def test_wrong_obj(line: str, message: str, tmp_path: Path) -> None:
         read(tmp_path / "a.obj")
 
 
-def test_glb_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
-    document, body = cube_document()
-    cloud = read(write_glb(tmp_path / "a.glb", document, body))
-    assert len(cloud) == 500
-    assert on_cube(cloud.points, low=(10.0, 0.0, 0.0), side=2.0)
-    half = np.sqrt(0.5)
-    document["nodes"][0]["rotation"] = [0, 0, half, half]
-    turned = read(write_glb(tmp_path / "a.glb", document, body))
-    assert on_cube(turned.points, low=(8.0, 0.0, 0.0), side=2.0)
-
-
-@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
-def test_what_trimesh_writes(suffix: str, tmp_path: Path) -> None:
-    mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
-    mesh.apply_translation([5, 6, 7])
-    mesh.export(tmp_path / f"a.{suffix}")
-    source = opened(tmp_path / f"a.{suffix}")
-    assert f"{mesh.area:.6g}" in source.notes[-1] or suffix == "obj"
-    points = joined(list(source.pieces(99))).points
-    _, distance, _ = trimesh.proximity.closest_point_naive(mesh, points)
-    assert distance.max() < 1e-4
-
-
-def test_glb_of_points(tmp_path: Path) -> None:
-    document, body = cube_document()
-    document["meshes"][0]["primitives"] = [{"mode": 0, "attributes": {"POSITION": 0}}]
-    document["nodes"] = [{"mesh": 0}]
-    cloud = read(write_glb(tmp_path / "a.glb", document, body))
-    np.testing.assert_array_equal(cloud.points, CUBE)
-
-
-def wrong_documents() -> list[tuple[str, Any]]:
-    def edit(*path: Any, value: Any) -> Any:
-        document = copy.deepcopy(cube_document()[0])
-        place = document
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = value
-        return document
-
-    return [
-        ("uri", edit("buffers", 0, "uri", value="http://example.org/x.bin")),
-        ("uri", edit("buffers", 0, "uri", value="/etc/passwd")),
-        (
-            "reaches beyond",
-            edit("buffers", 0, "uri", value="data:application/octet-stream;base64,AAAA"),
-        ),
-        ("KHR_draco", edit("extensionsRequired", value=["KHR_draco_mesh_compression"])),
-        ("contain themselves", edit("nodes", 1, "children", value=[0])),
-        ("damaged", edit("nodes", 0, "children", value=[7])),
-        ("damaged", edit("nodes", 0, "scale", value=[1, 2])),
-        ("damaged", edit("nodes", 0, "translation", value=[1, 2, float("nan")])),
-        ("damaged", edit("nodes", 0, "matrix", value="x")),
-        ("beyond the file", edit("accessors", 0, "count", value=10**15)),
-        ("damaged", edit("accessors", 0, "count", value=-1)),
-        ("damaged", edit("accessors", 0, "count", value=1.5)),
-        ("beyond the file", edit("accessors", 0, "byteOffset", value=90)),
-        ("beyond the file", edit("bufferViews", 0, "byteLength", value=10**9)),
-        ("beyond the file", edit("bufferViews", 0, "byteStride", value=10**9)),
-        ("beyond the file", edit("bufferViews", 0, "buffer", value=1)),
-        ("three a triangle", edit("accessors", 1, "count", value=35)),
-        ("not there", edit("accessors", 0, "count", value=3)),
-        ("neither", edit("nodes", value=[{}])),
-        ("damaged", edit("meshes", value=5)),
-        ("damaged", edit("scenes", value=[[1]])),
-    ]
-
-
-@pytest.mark.parametrize(("message", "document"), wrong_documents())
-def test_wrong_glb(message: str, document: Any, tmp_path: Path) -> None:
-    path = write_glb(tmp_path / "a.glb", document, cube_document()[1])
-    with refused(message):
-        read(path)
-
-
-def test_a_tree_of_nodes_that_doubles_at_every_level(tmp_path: Path) -> None:
-    document, body = cube_document()
-    document["nodes"] = [{"children": [n + 1, n + 1]} for n in range(40)] + [{"mesh": 0}]
-    with refused("too many"):
-        read(write_glb(tmp_path / "a.glb", document, body))
-
-
 def test_meshes_that_cannot_be_sampled(tmp_path: Path) -> None:
     columns = cube_columns()
     columns["x"] = columns["x"].copy()
@@ -304,24 +207,3 @@ def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
         opened(path, sampling=None)
     with refused("bytes of memory"):
         opened(path, limit_bytes=600)
-
-
-def test_a_buffer_written_out_in_the_file_is_read(tmp_path: Path) -> None:
-    o3d = load_open3d()
-    box = o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 4.0)
-    path = tmp_path / "box.glb"
-    assert o3d.io.write_triangle_mesh(str(path), box)
-    assert b"data:application/octet-stream;base64," in path.read_bytes()
-    cloud = open_cloud(path, limit_bytes=1 << 24, sampling=MeshSampling(0, 1000, None, 1000))
-    (piece,) = cloud.pieces(2000)
-    np.testing.assert_allclose(np.sort(np.ptp(piece.points, axis=0)), (2, 3, 4), atol=0.05)
-
-
-def test_a_buffer_that_is_no_base64_is_damaged(tmp_path: Path) -> None:
-    o3d = load_open3d()
-    path = tmp_path / "box.glb"
-    o3d.io.write_triangle_mesh(str(path), o3d.geometry.TriangleMesh.create_box())
-    head, body = path.read_bytes().split(b";base64,")
-    path.write_bytes(head + b";base64,*" + body[1:])
-    with pytest.raises(PredictionError, match="is damaged"):
-        open_cloud(path, limit_bytes=1 << 24, sampling=MeshSampling(0, 10, None, 10))

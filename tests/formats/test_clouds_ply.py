@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from tests.formats.cloud_support import (
-    QUAD_HEADER,
     colours_of,
     made,
     opened,
     points_of,
-    quads,
     read,
     refused,
     write_ply,
 )
+from tests.formats.mesh_support import QUAD_HEADER, quads
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])

@@ -12,9 +12,6 @@ from hypothesis import strategies as st
 
 from airzoo_bench.formats.clouds import gzipped
 from tests.formats.cloud_support import (
-    CUBE,
-    CUBE_TRIANGLES,
-    OFF_CUBE,
     colours_of,
     made,
     opened,
@@ -22,8 +19,13 @@ from tests.formats.cloud_support import (
     read,
     refused,
     text_rows,
-    write_gltf,
     write_ply,
+)
+from tests.formats.mesh_support import (
+    CUBE,
+    CUBE_TRIANGLES,
+    OFF_CUBE,
+    write_gltf,
     write_stl,
     write_stl_text,
 )

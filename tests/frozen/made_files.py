@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.cli.test_bad_predictions import CASES, prediction_file
+from tests.cli.bad_prediction_cases import CASES
+from tests.cli.bad_predictions import prediction_file
 from tests.support import (
     NORTH_WEST,
     PLACE_CRS,

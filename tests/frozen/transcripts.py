@@ -42,7 +42,7 @@ LIBRARIES = (
 # A command that writes more files is given one checksum for all of them.
 MOST_LISTED = 12
 # What a slow machine says besides.
-TIME_LEFT = re.compile(r", about \d+ \w+ left$")
+TIME_LEFT = re.compile(r"(, about \d+ \w+ left| \.\.\.)$")
 # They hold times.
 UNLIKE_EACH_TIME = ("timings.csv", "prepared.json")
 
@@ -55,7 +55,7 @@ def made_with() -> str:
         (name for name in ("SSE42", "AVX2", "AVX512_SKX", "NEON") if has.get(name)), key=len
     )
     libraries = " ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    return f"# {platform.machine()} {vectors}, Python {sys.version_info.minor}, {libraries}"
+    return f"# {platform.machine()} {vectors}, Python {platform.python_version()}, {libraries}"
 
 
 def commands(session: str) -> list[str]:

@@ -8,6 +8,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.support import HANGS_S
+
 _DRIVER = """
 import re, sys
 from airzoo_bench.cli.main import main
@@ -33,7 +35,7 @@ class Ended:
     said: str
 
 
-def run(*arguments: object, data: Path, seconds: float = 120.0) -> Ended:
+def run(*arguments: object, data: Path, seconds: float = HANGS_S) -> Ended:
     """Run the command line in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", _DRIVER, *map(str, arguments)],

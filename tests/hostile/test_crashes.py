@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.hostile import crash_points
+from tests.support import HANGS_S
 
 TWO_STEPS = pytest.mark.parametrize(
     ("kind", "swap"), [("shared", True), ("entries", False), ("folder", False)]
@@ -34,7 +35,7 @@ def cases(tmp_path: Path, kind: str, fault: str, swap: bool) -> list[dict[str, A
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
         check=True,
-        timeout=300,
+        timeout=HANGS_S,
     )
     found: list[dict[str, Any]] = json.loads(done.stdout)
     return found

@@ -8,9 +8,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from airzoo_bench.core.registry import READERS
+from tests.hostile import fuzz as fuzzing
+from tests.hostile.inputs import made_inputs
 
 ROOT = Path(__file__).resolve().parents[2]
 GROUPS = ("", "retrieval/", "matching/", "reconstruction/", "folder/", "audit/", "results/")
@@ -34,7 +40,33 @@ def fuzz(seed: int, cases: int, only: str, keep: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
 
 
-@pytest.mark.parametrize("seed", [20_260, 20_261])
+def test_every_reader_has_spoilt_inputs(tmp_path: Path) -> None:
+    words = [word for one in made_inputs(tmp_path) for command in one.commands for word in command]
+    assert set(READERS.names()) <= set(words)
+
+
+def spin(*_: str) -> int:
+    while True:
+        pass
+
+
+def doze(*_: str) -> int:
+    time.sleep(0.5)
+    return 2
+
+
+@pytest.mark.parametrize(("command", "code"), [(spin, None), (doze, 2)])
+def test_processors_are_counted_and_not_the_clock(
+    command: Callable[..., int], code: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzzing, "CPU_S", 0.4)
+    monkeypatch.setattr(fuzzing, "run_main", command)
+    found, _, seconds = fuzzing._run([], tmp_path / "said")
+    assert found == code
+    assert (seconds > 0.4) == (code is None)
+
+
+@pytest.mark.parametrize("seed", [20_260, pytest.param(20_261, marks=pytest.mark.slow)])
 def test_no_input_makes_a_traceback(seed: int, tmp_path: Path) -> None:
     fuzz(seed, 1000, "", tmp_path)
 

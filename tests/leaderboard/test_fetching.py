@@ -26,6 +26,7 @@ from tests.leaderboard.web_server import (
     refusal,
     sha256,
 )
+from tests.support import HANGS_S
 
 
 class TestFiles:
@@ -192,8 +193,8 @@ class TestTime:
         assert "too slow" in refusal(web, tmp_path, network=network)
 
     def test_a_silent_host_is_left(self, web: WebServer, tmp_path: Path) -> None:
-        web.answers["/files/preds.npz"] = lambda _, peer: time.sleep(3)
-        network = web.network(patience=Patience(silence=0.2, answer=5.0))
+        web.answers["/files/preds.npz"] = lambda _, peer: time.sleep(HANGS_S)
+        network = web.network(patience=Patience(silence=0.2, answer=HANGS_S))
         assert "too slow" in refusal(web, tmp_path, network=network)
 
     def test_larger_files_may_take_longer(self) -> None:

@@ -22,7 +22,7 @@ HOST = "data.example.org"
 URL = f"https://{HOST}/files/preds.npz"
 CONTENT = b"predictions" * 30_000
 PUBLIC = "93.184.215.14"
-HASTY = Patience(silence=5.0, answer=5.0, slowest=1e9, longest=5.0)
+HASTY = Patience(silence=60.0, answer=60.0, slowest=1e9, longest=60.0)
 
 Answer = Callable[[str, socket.socket], None]
 
@@ -100,7 +100,7 @@ def running_server(folder: Path, *names: str) -> Iterator[WebServer]:
             with suppress(OSError):
                 while True:
                     peer, _ = listener.accept()
-                    peer.settimeout(10)
+                    peer.settimeout(60)
                     threading.Thread(target=server.serve, args=(peer, context), daemon=True).start()
 
         thread = threading.Thread(target=accept, daemon=True)

@@ -5,63 +5,30 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 from PIL import Image
 from rasterio import Affine
-from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
-from scipy.spatial.distance import cdist
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.photo_metadata import priors_to_poses, read_prior
+from airzoo_bench.engines.processes import Processes
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
 from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.matching import sift
 from airzoo_bench.matching.baseline import plan
-from airzoo_bench.matching.sift import SiftSettings, Task, match, match_photos, resample
+from airzoo_bench.matching.sift import Task, match, match_photos
 from tests.geometry.support import write_tif
-
-SETTINGS = SiftSettings(
-    doubled=True,
-    max_features=4096,
-    max_map_features=8192,
-    peak_threshold=0.0067,
-    ratio=0.8,
-    max_side_px=2000,
+from tests.matching.baseline_support import (
+    SETTINGS,
+    camera,
+    moved,
+    seen_through,
+    similarity,
+    texture,
 )
-
-
-def texture(width: int, height: int, seed: int = 0) -> np.ndarray:
-    """Grey of many sizes of structure, never 0."""
-    random = np.random.default_rng(seed)
-    layers = [gaussian_filter(random.normal(size=(height, width)), s) * s for s in (1.5, 3, 6)]
-    grey = sum(layers)
-    return np.clip(128 + 60 * (grey - grey.mean()) / grey.std(), 1, 255).astype(np.uint8)
-
-
-def seen_through(image: np.ndarray, H: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Image whose pixel p shows `image` at H p; corners are (0, 0)."""
-    at = moved(H, np.stack(np.indices((height, width))[::-1], axis=-1).reshape(-1, 2) + 0.5)
-    grey = map_coordinates(image.astype(float), at.T[::-1] - 0.5, order=3, mode="nearest")
-    return np.clip(np.round(grey), 0, 255).astype(np.uint8).reshape(height, width)
-
-
-def moved(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    ends = np.column_stack((xy, np.ones(len(xy)))) @ H.T
-    return ends[:, :2] / ends[:, 2:]
-
-
-def camera(width: int, height: int) -> Cameras:
-    return Cameras.from_matrices([np.diag((width, width, 1.0))], width, height)
-
-
-def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
-    cos, sin = scale * np.cos(np.radians(turn_deg)), scale * np.sin(np.radians(turn_deg))
-    return np.array(((cos, -sin, x), (sin, cos, y), (0.0, 0.0, 1.0)))
 
 
 @pytest.mark.parametrize("wrong_deg", [0.0, 180.0, 67.0])
@@ -101,27 +68,6 @@ def test_pixels_are_those_of_the_full_sizes(shown: tuple[int, int], crop_scale: 
     assert np.abs(np.median(off, axis=0)).max() < 0.15
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 89.0, 180.0, -91.0, 270.0, 725.0])
-@pytest.mark.parametrize("scale", [1.0, 0.5, 0.37])
-def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float) -> None:
-    grey = np.zeros((120, 171), np.uint8)
-    grey[70, 30] = 255
-    grey = (gaussian_filter(grey.astype(float), 6) * 200).astype(np.uint8)
-    small, back = resample(grey, scale, turn_deg)
-    sides = {round(171 * scale), round(120 * scale)}
-    assert set(small.shape) == sides
-    at = np.array(center_of_mass(small.astype(float))[::-1]) + 0.5
-    np.testing.assert_allclose(back[:, :2] @ at + back[:, 2], (30.5, 70.5), rtol=0, atol=0.05)
-
-
-def test_the_turn_brings_its_direction_to_the_right() -> None:
-    grey = np.array(((1, 2, 3), (4, 5, 6)), np.uint8)
-    # Clockwise a quarter from the right is down; 1 over 4 becomes 1 left of 4.
-    assert resample(grey, 1.0, 90.0)[0].tolist() == [[3, 6], [2, 5], [1, 4]]
-    assert resample(grey, 1.0, -90.0)[0].tolist() == [[4, 1], [5, 2], [6, 3]]
-    assert resample(grey, 1.0, 44.0)[0].tolist() == grey.tolist()
-
-
 def test_nothing_is_matched_where_the_map_has_no_data() -> None:
     crop = texture(300, 240)
     spots = np.stack(np.meshgrid(np.arange(20, 300, 40), np.arange(20, 240, 40)), -1).reshape(-1, 2)
@@ -147,64 +93,6 @@ def test_blank_images_have_no_matches(blank: str) -> None:
         assert array.dtype == np.float64
 
 
-def test_mutual_nearest_against_all_distances() -> None:
-    random = np.random.default_rng(0)
-    b = random.integers(0, 90, (1500, 128)).astype(np.float32)
-    a = b[random.permutation(1500)[:1300]] + random.integers(0, 12, (1300, 128))
-    a = np.vstack((a, random.integers(0, 90, (1000, 128)))).astype(np.float32)
-    distances = cdist(a, b)
-    nearest = distances.argmin(axis=1)
-    first, second = np.sort(distances, axis=1)[:, :2].T
-    kept = (distances.argmin(axis=0)[nearest] == np.arange(len(a))) & (first < 0.8 * second)
-    rows_a, rows_b = mutual_nearest(a, b, 0.8)
-    assert np.array_equal(rows_a, np.flatnonzero(kept))
-    assert np.array_equal(rows_b, nearest[kept])
-    assert 1200 < len(rows_a) < len(a)
-    loose, _ = mutual_nearest(a, b, 1.0)
-    assert len(loose) > len(rows_a)
-
-
-def test_mutual_nearest_of_equals_and_of_none() -> None:
-    one = np.full((1, 128), 3, np.float32)
-    # Two equals are as near as each other, so neither is clearly nearest.
-    assert mutual_nearest(one, np.vstack((one, one)), 0.8)[0].tolist() == []
-    assert [rows.tolist() for rows in mutual_nearest(np.vstack((one, one)), one, 0.8)] == [[0], [0]]
-    # The first of equals, however many rows lie between them.
-    many = np.vstack((one, np.full((3000, 128), 90, np.float32), one))
-    assert [rows.tolist() for rows in mutual_nearest(many, one, 0.8)] == [[0], [0]]
-    assert len(mutual_nearest(one[:0], one, 0.8)[0]) == 0
-    assert len(mutual_nearest(one, one[:0], 0.8)[0]) == 0
-
-
-def test_features_sit_where_the_blobs_are() -> None:
-    # A blob is a feature at its centre; COLMAP's corner is (0, 0), so pixel 40 has its centre at
-    # 40.5.
-    grey = np.zeros((100, 120))
-    grey[60, 40] = grey[30, 80] = 1
-    grey = gaussian_filter(grey, 4)
-    places, descriptors = extract(
-        (255 * grey / grey.max()).astype(np.uint8), 100, 0.0067, doubled=True
-    )
-    for centre in ((40.5, 60.5), (80.5, 30.5)):
-        assert np.linalg.norm(places - centre, axis=1).min() < 0.1
-    assert descriptors.shape == (len(places), 128)
-    assert np.array_equal(descriptors, np.round(descriptors))
-    np.testing.assert_allclose(np.linalg.norm(descriptors, axis=1), 512, rtol=0.02)
-
-
-def test_features_at_the_border_are_left_out() -> None:
-    image = texture(200, 160)
-    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
-    found, _ = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu).extract(
-        pycolmap.Bitmap.from_array(image)
-    )
-    every = np.array([(k.x, k.y, 200 - k.x, 160 - k.y, k.compute_scale()) for k in found])
-    inside = every[:, :4].min(axis=1) > every[:, 4] + 1
-    assert not inside.all()
-    places, _ = extract(image, 8192, options.sift.peak_threshold, doubled=True)
-    assert np.array_equal(places, every[inside, :2])
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
     """Return two photos of a map, 3.1 times as fine; libjpeg's reductions do not divide them."""
@@ -222,9 +110,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
 
 def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
     corners = ((110.0, 60.0), (200.0, 150.0))
-    for corner, (query_xy, map_xy) in zip(
-        corners, match_photos(made, SETTINGS, jobs=1), strict=True
-    ):
+    for corner, (query_xy, map_xy) in zip(corners, match_photos(made, SETTINGS), strict=True):
         off = query_xy - 3.1 * (map_xy - corner)
         assert len(off) > 100
         assert np.abs(np.median(off, axis=0)).max() < 0.3
@@ -234,8 +120,8 @@ def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
 
 
 def test_neither_workers_nor_order_matter(made: list[Task]) -> None:
-    alone = list(match_photos(made, SETTINGS, jobs=1))
-    shared = list(match_photos(made[::-1], SETTINGS, jobs=2))[::-1]
+    alone = list(match_photos(made, SETTINGS))
+    shared = list(match_photos(made[::-1], SETTINGS, engine=Processes(2)))[::-1]
     for one, other in zip(alone, shared, strict=True):
         assert np.array_equal(one[0], other[0])
         assert np.array_equal(one[1], other[1])
@@ -243,7 +129,7 @@ def test_neither_workers_nor_order_matter(made: list[Task]) -> None:
 
 def test_a_limit_of_size_keeps_the_two_scales_alike(made: list[Task]) -> None:
     small = replace(SETTINGS, max_side_px=160)
-    query_xy, map_xy = next(match_photos(made[:1], small, jobs=1))
+    query_xy, map_xy = next(match_photos(made[:1], small))
     off = query_xy - 3.1 * (map_xy - (110.0, 60.0))
     assert len(off) > 20
     assert np.abs(np.median(off, axis=0)).max() < 0.5
@@ -274,7 +160,7 @@ def test_sizes_that_features_are_sought_at(
 
     monkeypatch.setattr(sift, "extract", spy)
     task, chosen = replace(made[0], gsd_ratio=ratio), replace(SETTINGS, max_side_px=max_side)
-    list(match_photos([task], chosen, jobs=1))
+    list(match_photos([task], chosen))
     assert shapes == [photo, crop]
 
 
@@ -286,7 +172,7 @@ def test_nearly_black_is_data(
     dom = write_tif(tmp_path / "dark.tif", colours)
     monkeypatch.setattr(sift, "match", lambda _, __, crop, **___: (crop, crop[:1, :2]))
     task = replace(made[0], dom=dom, window=(0, 0, 9, 8))
-    crop, _ = next(match_photos([task], SETTINGS, jobs=1))
+    crop, _ = next(match_photos([task], SETTINGS))
     assert np.argwhere(crop).tolist() == [[3, 4]]
 
 
@@ -294,11 +180,11 @@ def test_nearly_black_is_data(
 def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path, jobs: int) -> None:
     other = replace(made[0], camera=camera(800, 650))
     with pytest.raises(BenchmarkError, match=r"803 x 651 px(.|\n)*800 x 650 px") as caught:
-        list(match_photos([made[1], other], SETTINGS, jobs=jobs))
+        list(match_photos([made[1], other], SETTINGS, engine=Processes(jobs)))
     assert caught.value.where == str(made[0].photo)
     missing = replace(made[0], photo=tmp_path / "c.jpg")
     with pytest.raises(BenchmarkError, match="not a readable photo"):
-        list(match_photos([missing], SETTINGS, jobs=jobs))
+        list(match_photos([missing], SETTINGS, engine=Processes(jobs)))
 
 
 @pytest.fixture
@@ -361,7 +247,7 @@ def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> N
     # The photo's right is 45 degrees from east, or (0026) the metadata have it the other way.
     assert task.turn_deg == pytest.approx(-133 if name == "DJI_0026.JPG" else 44, abs=2)
     other = replace(task, turn_deg=task.turn_deg + 180)
-    for query_xy, map_xy in match_photos([task, other], SETTINGS, jobs=1):
+    for query_xy, map_xy in match_photos([task, other], SETTINGS):
         ground_xy = pixel_to_world(dom.transform, map_xy)
         points = np.column_stack((ground_xy, dsm.sample(ground_xy)))
         seen = project(one, world_to_camera(pose, points[None]))[0]

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,67 +16,25 @@ from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, pixel_to_world
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.geometry.rays import RayStatus
 from airzoo_bench.matching import crops
 from airzoo_bench.matching.crops import (
     CropStatus,
-    CropWindows,
     crop_windows,
 )
-from airzoo_bench.matching.settings import Crop
 from tests.geometry.support import looking_down, quick, seeds, write_tif
-
-NAN = np.nan
-X, Y = 576000.0, 5188000.0
-# 2 m pixels; the map's corner lies 500 m west and 1000 m north of (X, Y).
-GRID = Affine(2.0, 0.0, X - 500, 0.0, -2.0, Y + 1000)
-
-
-def map_of(width: int, height: int, grid: Affine = GRID, crs: object = 32615) -> RasterInfo:
-    known = CRS.from_user_input(crs)
-    return RasterInfo(Path("dom.tif"), width, height, grid, known, None, 3, "uint8")
-
-
-def level(height: float = 0.0) -> HeightField:
-    """Ground of 4 km by 4 km about (X, Y)."""
-    grid = Affine(20.0, 0.0, X - 2000, 0.0, -20.0, Y + 2000)
-    return HeightField(np.full((200, 200), height), grid, "EPSG:32615")
-
-
-def crop_rule(margin: float, max_range_m: float, missing: str = "nearest") -> Crop:
-    return Crop.model_validate(
-        {
-            "margin": margin,
-            "max_range_m": max_range_m,
-            "missing_heights": missing,
-            "nearest_of_px": 10_000,
-        }
-    )
-
-
-grown_crop = partial(crop_rule, 0.1)
-plain_crop = partial(crop_rule, 0.0)
-
-
-def camera(fx: float, fy: float, distortion: Any = None) -> Cameras:
-    """A camera of 600 x 400 pixels."""
-    K = [[[fx, 0, 300], [0, fy, 200], [0, 0, 1]]]
-    return Cameras.from_matrices(K, 600, 400, distortion)
-
-
-def box(windows: CropWindows) -> list[tuple[int, int, int, int]]:
-    return [tuple(window) for window in windows.windows.tolist()]
-
-
-def cut(
-    field: HeightField, rule: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0, f: float = 600.0
-) -> CropWindows:
-    """The crop of one photo on a map of 1000 m by 2000 m; rays are along (+-3, +-2, -6) / 7."""
-    pose = Poses.from_centres(looking_down(tilt), [at])
-    return crop_windows(
-        camera(f, f), pose, map_of(500, 1000), field, crop=rule, plane_height_m=-20.0
-    )
+from tests.matching.crop_support import (
+    X,
+    Y,
+    box,
+    camera,
+    cut,
+    grown_crop,
+    level,
+    map_of,
+    plain_crop,
+)
 
 
 def test_nadir_by_hand() -> None:
@@ -115,78 +71,6 @@ def test_above_the_horizon_cut_at_the_range() -> None:
     assert windows.rays.tolist() == [[up, up, hit, hit]]
     # At 175 m all are cut: 75 m aside, 150 m north; a box without height still has a pixel.
     assert box(cut(level(), plain_crop(175.0), tilt=90)) == [(212, 425, 76, 1)]
-
-
-def holed(heights: Any, step: float = 4.0) -> HeightField:
-    """Ground about (X, Y) whose pixels are `step` wide."""
-    rows, columns = np.shape(heights)
-    grid = Affine(step, 0, X - columns * step / 2, 0, -step, Y + rows * step / 2)
-    return HeightField(np.array(heights, float), grid, "EPSG:32615")
-
-
-def test_without_any_height_cut_at_the_range() -> None:
-    nothing = HeightField(np.full((9, 9), NAN), Affine(250, 0, X - 1000, 0, -250, Y + 1000), 32615)
-    windows = cut(nothing, plain_crop(350.0))
-    assert box(windows) == [(175, 450, 150, 100)]
-    assert windows.rays.tolist() == [[RayStatus.OFF_RASTER] * 4]
-
-
-def test_a_hole_meets_the_nearest_height() -> None:
-    # Ground at 40 m with a lake of 200 m about (X, Y): 60 m down, 60 m by 40 m; cut, the whole map.
-    heights = np.full((200, 200), 40.0)
-    heights[75:125, 75:125] = NAN
-    assert box(cut(holed(heights), plain_crop(700.0))) == [(235, 490, 30, 20)]
-    # The plane of -20 m by name: 120 m down; and cut, as version 1 had it.
-    assert box(cut(holed(heights), plain_crop(700.0, "plane"))) == [(220, 480, 60, 40)]
-    assert box(cut(holed(heights), plain_crop(700.0, "cut"))) == [(100, 400, 300, 200)]
-    # The nearest height of the point found counts, not that of the camera's place: 60 m up there.
-    heights[100:, :] = 60.0
-    heights[74:125, 74:125] = NAN
-    windows = cut(holed(heights), plain_crop(700.0))
-    assert box(windows) == [(235, 490, 30, 17)]
-
-
-def test_past_the_edge_meets_the_nearest_height() -> None:
-    afar = HeightField(np.full((9, 9), 10.0), Affine(1, 0, X + 900, 0, -1, Y), 32615)
-    assert box(cut(afar, plain_crop(350.0))) == [(227, 485, 46, 30)]
-    # Farther than the range it is cut all the same, and a camera below the ground sees none.
-    assert box(cut(afar, plain_crop(100.0))) == [(228, 485, 44, 30)]
-    assert box(cut(afar, plain_crop(350.0), (X, Y, 5.0))) == [(175, 450, 150, 100)]
-
-
-def test_an_oblique_ray_ends_on_the_lake_and_not_on_its_far_shore() -> None:
-    # 45 degrees to the north over a lake from 20 m before the camera to 1,500 m behind it: far
-    # corners meet the level of the lake at 200 m; going on, they would meet the shore underground.
-    heights = np.zeros((1000, 400))
-    heights[125:495] = NAN
-    heights[:125] = 400.0
-    heights[-1, -1] = -5000.0
-    field = holed(heights)
-    found = cut(field, plain_crop(3000.0), tilt=45.0)
-    assert found.windows[0][1] == 1000 / 2 - 200 / 2
-    cutting = cut(field, plain_crop(3000.0, "cut"), tilt=45.0)
-    assert cutting.rays[0, 0] == RayStatus.HIT
-    assert cutting.windows[0][1] < 10
-
-
-@settings(quick, max_examples=20)
-@given(seeds)
-def test_holes_as_if_they_had_been_filled(seed: int) -> None:
-    # The oracle: SciPy fills each hole by its nearest height, NumPy pads the edge.
-    from scipy.ndimage import distance_transform_edt
-
-    rng = np.random.default_rng(seed)
-    steps = np.kron(rng.uniform(0, 3, (6, 6)), np.ones((10, 10)))
-    missing = rng.random((12, 12)) < 0.4
-    heights = np.where(np.kron(missing, np.ones((5, 5), bool)), NAN, steps)
-    nearest = distance_transform_edt(np.isnan(heights), return_distances=False, return_indices=True)
-    filled = np.pad(heights[tuple(nearest)], 60, mode="edge")
-    at = (X + rng.uniform(-60, 60), Y + rng.uniform(-60, 60), 100.0)
-    tilt = rng.uniform(0, 20)
-    found = cut(holed(heights), plain_crop(700.0), at, tilt).windows[0]
-    whole = cut(holed(filled), plain_crop(700.0), at, tilt).windows[0]
-    # Heights differ by 3 m at most, rays are 60 degrees off nadir at most: 5 m, in pixels of 2 m.
-    np.testing.assert_allclose(found, whole, atol=6)
 
 
 def test_cut_to_the_map_and_off_it() -> None:
@@ -245,6 +129,35 @@ def test_map_in_degrees() -> None:
     x, y, width, height = windows.windows[0]
     assert (x, y) == (np.floor(column.min()), np.floor(row.min()))
     assert (x + width, y + height) == (np.ceil(column.max()), np.ceil(row.max()))
+
+
+@pytest.mark.parametrize("crs", [4326, 4167, 3857, 3832])
+@pytest.mark.parametrize("middle_lon", [180.0, -180.0])
+def test_a_map_across_the_180th_meridian(crs: int, middle_lon: float) -> None:
+    """The crop is that of the same photo elsewhere, where longitudes do not jump."""
+    windows = []
+    for lon in (middle_lon, 100.0):
+        # Web Mercator of 100 degrees, moved by whole degrees: PROJ itself would wrap it.
+        to_map = Transformer.from_crs(4326, crs, always_xy=True)
+        scale = (
+            1.0
+            if CRS(crs).is_geographic
+            else to_map.transform(1.0, 0)[0] - to_map.transform(0, 0)[0]
+        )
+        x, y = to_map.transform(100.0, -17.0)
+        step = 5e-6 * scale
+        grid = Affine(step, 0, x + (lon - 100.0) * scale - 1000 * step, 0, -step, y + 1000 * step)
+        plane = f"+proj=tmerc +lon_0={lon} +lat_0=-17 +ellps=WGS84 +towgs84=0,0,0 +units=m"
+        level_grid = Affine(20.0, 0.0, -2000, 0.0, -20.0, 2000)
+        field = HeightField(np.zeros((200, 200)), level_grid, plane)
+        pose = Poses.from_centres(looking_down(0), [(3.0, 5.0, 100.0)])
+        dom = map_of(2000, 2000, grid, crs)
+        cut = crop_windows(
+            camera(600, 600), pose, dom, field, crop=plain_crop(300.0), plane_height_m=0.0
+        )
+        windows.append(cut.windows[0].tolist())
+    assert windows[0][2] < 400
+    assert np.abs(np.subtract(*windows)).max() <= 1
 
 
 def rough(rng: np.random.Generator, path: Path) -> Path:

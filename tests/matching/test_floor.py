@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
 from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.matching.seeds import seed_spreads
-from tests.matching.test_track import evaluated, noisy
+from tests.matching.evaluated import evaluated, noisy
 from tests.matching.world import (
     N_QUERIES,
     World,
@@ -24,11 +26,6 @@ from tests.matching.world import (
     make_world,
 )
 from tests.support import run_main
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world"))
 
 
 def test_the_prior_itself_is_a_reference(world: World, tmp_path: Path) -> None:
@@ -91,7 +88,15 @@ def test_the_spread_over_seeds(
 ) -> None:
     fields = noisy(world, list(range(N_QUERIES)))
     run = evaluated(world, tmp_path, fields)
-    found = {s.score.column: s for s in seed_spreads(run, 4, Resources(jobs=2))}
+    shown = []
+
+    def progress(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
+        shown.append((label, total))
+        yield from items
+
+    resources = Resources(jobs=2, progress=progress)
+    found = {s.score.column: s for s in seed_spreads(run, 4, resources)}
+    assert shown == [("further seeds", 3)]
     alone = []
     for seed in range(4):
         protocol = changed_solver(world, seed=seed).protocol

@@ -52,6 +52,14 @@ def test_only_the_ending_of_a_photo_is_taken_off(tmp_path: Path, name: str, expe
     ]
 
 
+def test_names_may_have_spaces(tmp_path: Path) -> None:
+    read = read_pose_list(written(tmp_path, f"  hills/DJI  (1).JPG {TURN}\n"), LIMIT)
+    assert read.query_ids.tolist() == ["hills/DJI  (1)"]
+    for number in ("0001", "nan", "1e5 x.jpg 2"):
+        with pytest.raises(PredictionError, match="rows without 8 columns"):
+            read_pose_list(written(tmp_path, f"hills/DJI {number} {TURN}\n"), LIMIT)
+
+
 @pytest.mark.parametrize("failure", ["1 0 0 0 0 0 0", "nan " * 7])
 def test_failures_are_no_poses(tmp_path: Path, failure: str) -> None:
     content = read_pose_list(

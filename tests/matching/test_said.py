@@ -7,14 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.matching.test_track import evaluated
-from tests.matching.world import World, make_world
+from tests.matching.evaluated import evaluated
+from tests.matching.world import World
 from tests.support import run_main
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world"))
 
 
 def test_poor_matches_are_not_suspected_of_a_convention(

@@ -1,8 +1,9 @@
-"""The track end to end on a made world: exact input, failures, order, wrong conventions."""
+"""The track end to end on a made world: exact input, failures, order, what records hold."""
 
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,15 @@ import pandas as pd
 import pytest
 from rasterio import Affine
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.engines.engine import Here
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import match_scene
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
 from airzoo_bench.tables.layouts import scenes_table
+from tests.matching.evaluated import evaluated, noisy, records
 from tests.matching.world import (
     EAST,
     N_MATCHES,
@@ -27,25 +30,10 @@ from tests.matching.world import (
     World,
     made_matching_protocol,
     make_world,
-    without,
 )
 from tests.support import run_main, write_raster
 
 GIVEN = {"matches": "matches", "in_crops": "matches", "pairs": "pairs", "poses": "poses"}
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world"))
-
-
-def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
-    path = world.write(folder / "method.npz", fields)
-    return evaluate(path, track="matching", data=world.root)
-
-
-def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
-    return evaluated(world, folder, fields).records
 
 
 @pytest.mark.parametrize("form", GIVEN)
@@ -62,6 +50,31 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
     assert result.overall["within_1m_1deg"] == 1.0
     if form != "poses":
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
+
+
+class Careless(Here):
+    """Somebody grids the surface model anew when its checksum has been taken."""
+
+    def __init__(self, dsm: Path) -> None:
+        self.dsm, self.forgotten = dsm, False
+
+    def begin(self, run: str) -> None:
+        os.utime(self.dsm, ns=(0, 0))
+
+    def forget(self) -> None:
+        self.forgotten = True
+
+
+def test_no_result_is_made_of_a_surface_model_that_changes(world: World, tmp_path: Path) -> None:
+    """The truth that it states would not be that which it was scored by."""
+    path = world.write(tmp_path / "method.npz", world.matches())
+    dsm = world.truth.maps[0].dsm
+    engine = Careless(dsm)
+    with pytest.raises(BenchmarkError, match="changed while predictions were scored") as caught:
+        evaluate(path, track="matching", data=world.root, resources=Resources(engine=engine))
+    assert dsm.name in str(caught.value)
+    assert engine.forgotten
+    evaluate(path, track="matching", data=world.root)
 
 
 def _fingerprint(world: World, folder: Path) -> str:
@@ -160,20 +173,6 @@ def test_a_surface_model_without_heights(world: World, tmp_path: Path) -> None:
     assert rows["failed"].all()
 
 
-def noisy(world: World, order: list[int]) -> dict[str, Any]:
-    """Return matches with noise and outliers, the queries in some order."""
-    query_xy = []
-    for query, xy in enumerate(world.query_xy):
-        random = np.random.default_rng(query)
-        moved = xy + random.normal(0, 1.0, xy.shape)
-        moved[:20] = random.random((20, 2)) * (640, 480)
-        query_xy.append(np.clip(moved, 0, (640, 480)))
-    fields = world.correspondences(
-        [query_xy[q] for q in order], map_xy=[world.map_xy[q] for q in order]
-    )
-    return fields | {"query_ids": np.array([world.ids[q] for q in order])}
-
-
 def test_records_do_not_depend_on_order_or_workers(world: World, tmp_path: Path) -> None:
     written = {}
     for name, order, jobs in (("a", [0, 1, 2, 3, 4], 1), ("b", [3, 0, 4, 2, 1], 3)):
@@ -190,67 +189,6 @@ def test_records_do_not_depend_on_order_or_workers(world: World, tmp_path: Path)
     timings = pd.read_csv(tmp_path / "a" / "timings.csv")
     assert timings["query"].tolist() == world.ids
     assert (timings["seconds"] > 0).all()
-
-
-def test_half_a_pixel_of_the_map_is_seen(world: World, tmp_path: Path) -> None:
-    shifted = [xy + 0.5 for xy in world.map_xy]
-    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=shifted))
-    # A pixel is 2 m: the estimate moves by 1 m to the east and 1 m to the south.
-    assert (abs(rows["horizontal_m"] - 2**0.5) < 0.5).all()
-
-
-def test_half_a_pixel_of_the_query_is_seen(world: World, tmp_path: Path) -> None:
-    shifted = [xy + 0.5 for xy in world.query_xy]
-    rows = records(world, tmp_path, world.correspondences(shifted, map_xy=world.map_xy))
-    # Half a pixel of f = 520 px is 0.055 degrees; 0.078 along the diagonal.
-    assert rows["rotation_deg"].between(0.03, 0.15).all()
-    assert (rows["error_m"] > 1e-3).all()
-
-
-def test_rows_before_columns_are_refused(world: World, tmp_path: Path) -> None:
-    swapped = [xy[:, ::-1] for xy in world.map_xy]
-    fields = world.correspondences(world.query_xy, map_xy=swapped)
-    for frame in ({}, {"map_frame": np.array("map")}):
-        with pytest.raises(PredictionError, match="rows before columns") as caught:
-            records(world, tmp_path, fields | frame)
-        assert "x, the column, before y" in str(caught.value)
-
-
-def test_crop_pixels_taken_for_map_pixels_are_refused(
-    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    fields = without(world.in_crops(), "map_frame")
-    path = world.write(tmp_path / "m.npz", fields)
-    for command, code in ((("eval", "matching"), 2), (("check",), 1)):
-        assert run_main(*command, path, "--data", world.root) == code
-        message = capsys.readouterr().err
-        for part in ("look like pixels of the crop", "100% lie", "26%", "map_frame='crop'"):
-            assert part in message
-    # Who says that they are the map's is believed, and told.
-    stated = evaluated(world, tmp_path, fields | {"map_frame": np.array("map")})
-    assert (stated.records["error_m"] > 50).all()
-    said = "map pixels lie outside the query's crop"
-    assert any(said in note for note in stated.result.notes)
-    path = world.write(tmp_path / "m.npz", fields | {"map_frame": np.array("map")})
-    assert run_main("check", path, "--data", world.root) == 0
-    assert said in capsys.readouterr().err
-
-
-def test_camera_to_world_is_refused(world: World, tmp_path: Path) -> None:
-    true = world.truth.poses
-    inverted = np.swapaxes(true.rotation, 1, 2)
-    fields = world.named(poses=np.concatenate([inverted, true.centres[..., None]], axis=2))
-    with pytest.raises(PredictionError, match="camera-to-world"):
-        records(world, tmp_path, fields)
-    assert run_main("eval", "matching", tmp_path / "method.npz", "--data", world.root) == 2
-
-
-def test_pixels_of_a_smaller_photo_are_suspected(world: World, tmp_path: Path) -> None:
-    halved = [xy / 2 for xy in world.query_xy]
-    run = evaluated(world, tmp_path, world.correspondences(halved, map_xy=world.map_xy))
-    assert any("in the size of a smaller image" in note for note in run.result.notes)
-    exact = evaluated(world, tmp_path, world.matches())
-    assert not any("smaller image" in note for note in exact.result.notes)
 
 
 def test_ids_of_another_benchmark(world: World, tmp_path: Path) -> None:
@@ -322,10 +260,3 @@ def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> 
     assert (rows["no_height"] >= low).all()
     assert (rows["no_height"] + rows["lifted"] == N_MATCHES).all()
     assert 0 < rows["lifted"].sum() < N_QUERIES * N_MATCHES
-
-
-def test_integer_centres_shift_the_map_by_half_a_pixel(tmp_path: Path) -> None:
-    world = make_world(tmp_path, made_matching_protocol(lift={"map_pixel_centres": "integer"}))
-    shifted = [xy - 0.5 for xy in world.map_xy]
-    rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=shifted))
-    assert rows["error_m"].max() < 1e-6

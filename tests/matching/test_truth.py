@@ -20,11 +20,6 @@ from tests.matching.world import SCENE, World, made_matching_protocol, make_worl
 from tests.support import PLACE_CRS
 
 
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world"))
-
-
 @pytest.fixture
 def copied(world: World, tmp_path: Path) -> Path:
     """Return a copy of the benchmark folder with the surface model in it."""

@@ -10,6 +10,8 @@ import pytest
 
 import airzoo_bench as ab
 from tests.matching.world import World, make_world
+from tests.readers.retrieval_support import Place, made_scenes
+from tests.readers.samples import vpr
 
 
 @pytest.fixture(scope="session")
@@ -25,3 +27,22 @@ def evaluated(world: World) -> Callable[..., Any]:
         return ab.evaluate(path, protocol=world.protocol.name, data=world.root, **options)
 
     return run
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    return Place().prepare(tmp_path / "data")
+
+
+@pytest.fixture
+def one(tmp_path: Path) -> Path:
+    """Return the data root of a benchmark of one scene."""
+    return Place(made_scenes()[:1]).prepare(tmp_path / "data")
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a log folder for one scene, whose images are not on this machine."""
+    vpr.write_log(tmp_path / "log", made_scenes()[0])
+    vpr.write_descriptors(tmp_path / "log", Place(made_scenes()[:1]), made_scenes()[0])
+    return tmp_path / "log"

@@ -46,6 +46,7 @@ def test_rows_in_another_order_are_refused(world: World, tmp_path: Path) -> None
         (lambda row: f"{row} 7", "row 4 has 9 columns"),
         (lambda row: "nan " + row.split(" ", 1)[1], "row 4 has a number that is not finite"),
         (lambda row: row.rsplit(" ", 1)[0] + " 3", "quaternion of row 4 has length"),
+        (lambda row: row.rsplit(" ", 1)[0] + " 1e200", "quaternion of row 4 has length inf"),
         (lambda row: row.rsplit(" ", 1)[0] + " x", "words where numbers"),
     ],
 )

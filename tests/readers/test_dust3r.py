@@ -9,7 +9,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import find_reader
-from tests.formats.cloud_support import cube_document, write_glb
+from tests.formats.mesh_support import cube_document, write_glb
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import dust3r
 from tests.reconstruction.world import World

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.registry import READERS
+from airzoo_bench.evaluation.reader import Reading, find_reader
 from tests.matching.world import World
 from tests.readers.samples import hloc
 
@@ -33,7 +35,8 @@ def test_sparse_matches(
         assert len(found.records) == len(world.ids)
     said = found.result.predictions.reader.conventions
     assert "0.5 was added" in said[0]
-    assert len(said) == 1
+    assert said[1:] == (f"read too: {hloc.FEATURES}, SHA-256 {sha256_of(path / hloc.FEATURES)}",)
+    assert evaluated(path).result.predictions.reader.conventions == said[:1]
 
 
 def test_exact_matches_score_as_the_suites_own_do(
@@ -44,6 +47,20 @@ def test_exact_matches_score_as_the_suites_own_do(
     assert evaluated(path).overall == pytest.approx(own.overall, abs=1e-9)
     dense = hloc.write_dense(tmp_path, world)
     assert evaluated(dense).overall == pytest.approx(own.overall, abs=1e-9)
+
+
+def test_pairs_of_other_scenes_are_left_out(world: World, tmp_path: Path) -> None:
+    path = hloc.write_dense(tmp_path, world)
+    with h5py.File(path, "a") as file:
+        for number, name in enumerate(sorted(file)):
+            scene = "hills" if number else "town-2"
+            (crop,) = file[name]
+            file.copy(f"{name}/{crop}", file, f"{scene}-{name}/{scene}-{crop}")
+            del file[name]
+    reading = Reading(world.protocol, [world.truth], None, 1 << 26, scenes=("hills", "town-2"))
+    read = READERS.get("hloc").read(path, reading)
+    assert read.predictions.query_ids.tolist() == [f"hills/q{number}" for number in range(1, 5)]
+    assert read.notes == ("1 pair of other pictures left out",)
 
 
 def test_half_precision_is_named_with_its_step(
@@ -135,7 +152,7 @@ def test_which_files_belong_together(world: World, tmp_path: Path, evaluated: Ev
     with pytest.raises(PredictionError, match="features without matches"):
         evaluated(path / hloc.FEATURES)
     shutil.copy(path / "m.h5", path / "n.h5")
-    with pytest.raises(PredictionError, match="2 files of matches"):
+    with pytest.raises(PredictionError, match=r"files of matches: 2 \(m\.h5, n\.h5\)"):
         evaluated(path)
     alone = tmp_path / "alone"
     alone.mkdir()

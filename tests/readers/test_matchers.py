@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,10 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.core.registry import READERS
+from airzoo_bench.evaluation.reader import Reading, find_reader
+from airzoo_bench.readers.pictures import Picture
+from airzoo_bench.readers.stated_shapes import StatedShapes
 from tests.matching.world import World
 from tests.readers.samples import matchers
 
@@ -63,6 +68,31 @@ def test_one_file_is_one_query(world: World, tmp_path: Path, evaluated: Evaluate
     found = evaluated(path).records.set_index("query")
     assert found.loc["hills/q3", "error_m"] < 1e-6
     assert found["answered"].sum() == 1
+
+
+@pytest.mark.parametrize(
+    "named", ["hills/{0}", "hills/{0}_{0}_dom_matches", "hills/{0}.png/{0}_dom"]
+)
+def test_folders_name_the_scene_of_their_pairs(named: str, world: World, tmp_path: Path) -> None:
+    home = matchers.write_loftr(tmp_path, world)
+    for one in list(home.iterdir()):
+        place = home / f"{named.format(one.stem)}.npz"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(one, place)
+        for scene in ("town", "coast"):
+            other = home / scene / place.relative_to(home / "hills")
+            other.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(one, other)
+        one.unlink()
+    town = world.truth.queries.assign(id="town/" + world.truth.queries["id"].str[6:])
+    asked, left_out = town[:2], town[2:].assign(reason="x")
+    crops = world.truth.crops[:2]
+    other = replace(world.truth, scene="town", queries=asked, crops=crops, excluded=left_out)
+    truths, scenes = [world.truth, other], ("hills", "town", "coast")
+    reading = Reading(world.protocol, truths, None, 1 << 26, scenes=scenes)
+    read = READERS.get("loftr").read(home, reading)
+    assert set(read.predictions.query_ids) == {*world.ids, *asked["id"]}
+    assert read.notes == ("8 files of other pictures left out",)
 
 
 def test_roma_in_pixels(world: World, tmp_path: Path, evaluated: Evaluated, own: Any) -> None:
@@ -157,3 +187,66 @@ def test_empty_matches_are_an_answer(world: World, tmp_path: Path, evaluated: Ev
 def test_the_suites_own_file_is_not_taken(world: World, tmp_path: Path) -> None:
     path = world.write(tmp_path / "q0.npz", world.matches(matches=np.zeros((3, 4))))
     assert find_reader(path, "matching") is None
+
+
+def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(
+    world: World, tmp_path: Path, evaluated: Evaluated, own: Any
+) -> None:
+    home = matchers.write_superglue(tmp_path, world)
+    for path in list(home.iterdir()):
+        fields = dict(np.load(path))
+        first, second, found = fields["keypoints0"], fields["keypoints1"], fields["matches"][:-1]
+        turned = {"keypoints0": second, "keypoints1": first, "matches": np.argsort(found)}
+        stem = path.name.split("_", 1)[0]
+        np.savez(home / f"{stem}_dom_{stem}_matches.npz", **fields | turned)
+        path.unlink()
+    assert evaluated(home).overall == pytest.approx(own, abs=1e-9)
+
+
+class TestShapes:
+    """Sizes that files state, against those of a photo (640x480) and its crop (400x600)."""
+
+    PHOTO = Picture("q", "hills", "hills/q", (640, 480))
+    CROP = Picture("q_dom", "hills", None, (400, 600))
+
+    @staticmethod
+    def shapes(
+        first: tuple[int, int],
+        second: tuple[int, int],
+        *,
+        files: int = 12,
+        reach: float = 1.0,
+        crop_first: bool = False,
+    ) -> StatedShapes:
+        """Return those of matches that fill this much of the stated sizes."""
+        shapes, pair = StatedShapes(), (TestShapes.PHOTO, TestShapes.CROP)
+        pair = pair[::-1] if crop_first else pair
+        unit = np.random.default_rng(0).random((60, 2)) * reach
+        unit[0] = reach
+        for _ in range(files):
+            xy = (unit * pair[0].size, unit * pair[1].size)
+            shapes.add(pair, xy, (first, second))
+        return shapes
+
+    @pytest.mark.parametrize("crop_first", [False, True])
+    def test_exchanged(self, tmp_path: Path, crop_first: bool) -> None:
+        sizes = ((320, 480), (640, 480))
+        turned = sizes[::-1] if crop_first else sizes
+        with pytest.raises(PredictionError, match="the two look exchanged"):
+            self.shapes(*turned, crop_first=crop_first).check(tmp_path)
+        self.shapes(*turned, files=2, crop_first=crop_first).check(tmp_path)
+        self.shapes(*turned[::-1], crop_first=crop_first).check(tmp_path)
+
+    @pytest.mark.parametrize("side", [(640, 480), (512, 512), (1280, 960)])
+    def test_one_size_for_both_is_none(self, tmp_path: Path, side: tuple[int, int]) -> None:
+        self.shapes(side, side).check(tmp_path)
+
+    def test_padded(self, tmp_path: Path) -> None:
+        """A photo of 4:3 fills three quarters of a square."""
+        with pytest.raises(PredictionError, match=r"than the photo, .*: the pictures look padded"):
+            self.shapes((840, 840), (400, 600), reach=0.75).check(tmp_path)
+        with pytest.raises(PredictionError, match=r"than the crop, .*: the pictures look padded"):
+            self.shapes((640, 480), (600, 600), reach=0.66).check(tmp_path)
+        self.shapes((840, 840), (400, 600), reach=0.76).check(tmp_path)
+        self.shapes((840, 840), (400, 600), reach=0.75, files=8).check(tmp_path)
+        self.shapes((640, 448), (416, 576), reach=0.5).check(tmp_path)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.readers.names import ImageNames, read_names
@@ -15,19 +18,23 @@ NAMES = ImageNames.of(
         ("city/a", "a.jpg"),
         ("rural/a", "a.jpg"),
         ("city/b", "b.JPG"),
+        ("city/g", "g.JPG"),
         ("rural/day/c", "day/c.png"),
         ("rural/night/c", "night/c.png"),
         ("city/1.5", "1.5.jpg"),
+        ("city/north-2/d", "north-2/d.jpg"),
     ],
+    left_out=[("rural/e", "e.jpg"), ("city/east/b", "east/b.jpg"), ("city/f", "f.jpg")],
+    scenes=["coast", "city"],
 )
 
 
 @pytest.mark.parametrize(
     ("path", "expected"),
     [
-        ("b.JPG", "city/b"),
-        ("b", "city/b"),
-        ("b.png", "city/b"),
+        ("g.JPG", "city/g"),
+        ("g", "city/g"),
+        ("g.png", "city/g"),
         ("/data/city/photos/b.JPG", "city/b"),
         ("C:\\data\\city\\a.jpg", "city/a"),
         ("rural/a.jpg", "rural/a"),
@@ -38,6 +45,20 @@ NAMES = ImageNames.of(
         ("1.5", "city/1.5"),
         ("z.jpg", None),
         ("other/c.png", None),
+        ("rural/b.JPG", None),
+        ("C:\\data\\rural\\b.JPG", None),
+        ("/data/coast/1.5.jpg", None),
+        ("/coast/exports/city/1.5.jpg", "city/1.5"),
+        ("/city/exports/coast/1.5.jpg", None),
+        ("/rural/exports/city/a.jpg", "city/a"),
+        ("/data/city/photos/day/c.png", None),
+        ("/data/city/photos/east/b.JPG", None),
+        ("city/e.jpg", None),
+        ("e.jpg", None),
+        ("f.jpg", None),
+        ("rural/f.jpg", None),
+        ("north-2/d.jpg", "city/north-2/d"),
+        ("/data/rural/north-2/d.jpg", None),
         ("", None),
     ],
 )
@@ -45,21 +66,103 @@ def test_paths_by_hand(path: str, expected: str | None) -> None:
     assert NAMES.find(path) == expected
 
 
-@pytest.mark.parametrize("path", ["a.jpg", "/x/a.jpg", "c.png"])
+@pytest.mark.parametrize("path", ["a.jpg", "/x/a.jpg", "c.png", "b.JPG"])
 def test_what_could_be_several_is_refused(path: str) -> None:
     with pytest.raises(PredictionError, match="could be 2"):
         NAMES.find(path)
 
 
+def test_names_with_other_separators_name_scenes_too() -> None:
+    known = ImageNames.of(
+        "query",
+        [("s-1/a", "a.jpg"), ("s-1/b-c", "b-c.jpg"), ("s-2/a", "a.jpg")],
+        scenes=["1"],
+        change=lambda name: name.replace("-", "/"),
+    )
+    assert known.find("photos/s/1/a.jpg") == "s-1/a"
+    assert known.find("photos/s/2/b/c.jpg") is None
+    assert known.find("photos/1/b/c.jpg") is None
+    assert known.find("photos/b/c.jpg") == "s-1/b-c"
+
+
 def test_two_names_of_one_image_are_refused() -> None:
-    with pytest.raises(PredictionError, match=r"'b\.JPG' and 'x/b\.jpg' are both city/b"):
-        NAMES.find_all(["b.JPG", "x/b.jpg"], Path("list.txt"))
+    with pytest.raises(PredictionError, match=r"'g\.JPG' and 'x/g\.jpg' are both city/g"):
+        NAMES.find_all(["g.JPG", "x/g.jpg"], Path("list.txt"))
 
 
 def test_names_of_nothing_are_refused() -> None:
     with pytest.raises(PredictionError, match="none of its names is that of a query"):
         NAMES.find_all(["x", "y"], Path("list.txt"))
-    assert NAMES.find_all(["x", "b"], Path("list.txt")) == [None, "city/b"]
+    left = ImageNames.of("query", [("s/a/b", "a/b.jpg")], left_out=[("s/c", "c.jpg")])
+    with pytest.raises(PredictionError, match="names such as s/a/b"):
+        left.find_all(["c.jpg"], Path("list.txt"))
+    assert NAMES.find_all(["x", "g"], Path("list.txt")) == [None, "city/g"]
+
+
+_WORDS = st.sampled_from(["a", "b", "s", "t", "a.jpg", "b.PNG", "a.b.tif", ".jpg", "jpg"])
+_PATHS = st.lists(_WORDS | st.sampled_from(["", ".", " "]), max_size=4).flatmap(
+    lambda parts: st.sampled_from(["/", "\\"]).map(lambda slash: slash.join(parts))
+)
+
+
+def _by_hand(known: list[tuple[str, str]], path: str) -> list[str]:
+    """Return what a path may mean: names that it ends with, or that end with it.
+
+    The last folder before what the two share that is called as a scene must be the image's.
+    """
+
+    def parts(text: str) -> list[str]:
+        found = [
+            part for part in text.strip().replace("\\", "/").split("/") if part not in ("", ".")
+        ]
+        *folders, last = found or [""]
+        stem = last[: last.rfind(".")] if last.lower().endswith((".jpg", ".png", ".tif")) else last
+        return [*folders, stem] if found else []
+
+    def ends(whole: list[str], end: list[str]) -> bool:
+        return whole[len(whole) - len(end) :] == end and len(end) <= len(whole)
+
+    def scene(name: list[str]) -> str | None:
+        before = asked[: max(0, len(asked) - len(name))]
+        said = [part for part in before if part in {other[0] for other, _ in known}]
+        return (said or [None])[-1]
+
+    asked = parts(path)
+    own = [(one, parts(name)) for one, name in known]
+    fitting = [one for one in own if asked and (ends(asked, one[1]) or ends(one[1], asked))]
+    named = [one for one, name in fitting if scene(name) == one[0]]
+    return named or [one for one, name in fitting if scene(name) is None]
+
+
+@given(st.lists(st.lists(_WORDS, min_size=1, max_size=3).map("/".join), unique=True), _PATHS)
+def test_a_path_means_what_it_ends_with(names: list[str], path: str) -> None:
+    known = [(f"{'st'[number % 2]}/{number}", name) for number, name in enumerate(names)]
+    expected = _by_hand(known, path)
+    if len(expected) < 2:
+        assert ImageNames.of("tile", known).find(path) == (expected[0] if expected else None)
+        return
+    try:
+        found = ImageNames.of("tile", known).find(path)
+    except PredictionError as error:
+        found = next((one for one in expected if one in str(error)), None)
+    assert found in expected
+
+
+def test_tiles_take_little_more_memory_than_their_names() -> None:
+    count = 50_000
+    names = [f"t{number:07d}.png" for number in range(count)]
+
+    def matched() -> None:
+        known = ImageNames.of(
+            "tile", ((f"s/t{number:07d}", name) for number, name in enumerate(names))
+        )
+        assert known.find_all(names, Path("list.txt"))[-1] == f"s/t{count - 1:07d}"
+
+    tracemalloc.start()
+    matched()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 300 * count
 
 
 def test_lists_are_read_with_any_line_ends(tmp_path: Path) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
-from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.evaluation.reader import Reading, find_reader
+from airzoo_bench.readers.hloc_poses import HLOC_POSES
 from tests.matching.world import World
 from tests.readers.samples import poses
 
@@ -33,6 +36,32 @@ def test_hloc_results_score_as_the_same_poses_do(
     assert any("unmarked" in note for note in found.result.notes)
 
 
+@pytest.mark.parametrize("name", ["images/town/q1.png", "hills/images/town/q1.png"])
+@pytest.mark.parametrize("scenes", [(), ("hills", "town")])
+def test_photos_of_other_scenes_are_no_queries(
+    name: str, scenes: tuple[str, ...], world: World, tmp_path: Path
+) -> None:
+    lines = poses.hloc_lines(world)
+    asked = [f"images/hills/{lines[one]}" for one in ("q0.png", "q2.png")]
+    path = poses.write_lines(tmp_path / "r.txt", [*asked, lines["q1.png"].replace("q1.png", name)])
+    town = world.truth.queries[:1].assign(id="town/x", image="x.png")
+    other = replace(world.truth, scene="town", queries=town)
+    truths = [world.truth] if scenes else [world.truth, other]
+    reading = Reading(world.protocol, truths, None, 1 << 24, scenes=scenes)
+    found = HLOC_POSES.read(path, reading)
+    assert found.predictions.query_ids.tolist() == ["hills/q0", "hills/q2"]
+    assert found.notes[0] == "1 pose of photos that are no queries left out"
+
+
+def test_photos_that_are_left_out_are_no_queries(world: World, tmp_path: Path) -> None:
+    lines = poses.hloc_lines(world)
+    path = poses.write_lines(tmp_path / "r.txt", [lines["q0.png"], lines["q1.png"]])
+    left_out = pd.DataFrame({"id": ["town/q1"], "image": ["q1.png"], "reason": ["x"]})
+    reading = Reading(world.protocol, [replace(world.truth, excluded=left_out)], None, 1 << 24)
+    with pytest.raises(PredictionError, match=r"'q1.png' could be 2 \(hills/q1, town/q1\)"):
+        HLOC_POSES.read(path, reading)
+
+
 def test_the_identity_is_no_pose(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     lines = poses.hloc_lines(world)
     lines["q1.png"] = f"q1.png {poses.IDENTITY}"
@@ -52,6 +81,8 @@ def test_a_folder_before_the_name_needs_the_reader(
         tmp_path / "r.txt", [f"query/{line}" for line in poses.hloc_lines(world).values()]
     )
     assert find_reader(path, "matching") is None
+    with pytest.raises(PredictionError, match="paths of photos, --reader hloc-poses"):
+        evaluated(path)
     assert evaluated(path, reader="hloc-poses").overall["error_m"] < 1e-6
 
 

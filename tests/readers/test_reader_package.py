@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.readers.retrieval_support import PROTOCOL, Place
+from tests.support import HANGS_S
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "reader-package"
@@ -22,7 +23,13 @@ def _run(*arguments: object, path: Path | None = None, cwd: Path = ROOT) -> tupl
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(places), "COLUMNS": "200"}
     words = [sys.executable, *map(str, arguments)]
     ran = subprocess.run(
-        words, env=environment, cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+        words,
+        env=environment,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=HANGS_S,
+        check=False,
     )
     return ran.returncode, ran.stdout + ran.stderr
 

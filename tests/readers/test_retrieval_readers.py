@@ -1,42 +1,29 @@
-"""AnyLoc, hloc, Game4Loc, University-1652 and TREC: files score as the suite's own."""
+"""AnyLoc, hloc and TREC: files score as the suite's own, whatever images and scenes are called."""
 
 from __future__ import annotations
 
 import gc
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.io
 
-from airzoo_bench import evaluate
-from airzoo_bench.core.errors import PredictionError, UserError
-from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.native import NativeOptions
+from airzoo_bench.core.errors import PredictionError, UnreadableError, UserError
+from airzoo_bench.core.files import sha256_of
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.mat5 import MatFile
-from airzoo_bench.readers.game4loc import LINES
 from airzoo_bench.readers.image_bag import read_bag
-from airzoo_bench.readers.names import ImageNames
 from airzoo_bench.readers.retrieval import SceneImages
-from airzoo_bench.retrieval.truth import read_truth
-from tests.datasets.published import image_trees
-from tests.readers.retrieval_support import DIMENSIONS, Place, perfect, scored
+from tests.readers.retrieval_support import DIMENSIONS, PLENTY, Place, perfect, scored
 from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652
-from tests.support import MadeScene
+from tests.support import MadeScene, made_truth
 
 SAMPLES = (anyloc, game4loc, hloc_global, trec, university1652)
-PLENTY = 1 << 30
-
-
-@pytest.fixture
-def home(tmp_path: Path) -> Path:
-    return Place().prepare(tmp_path / "data")
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda one: one.__name__.rsplit(".")[-1])
@@ -68,6 +55,109 @@ def test_lengths_that_are_not_1_are_said(tmp_path: Path, home: Path) -> None:
     assert any("are 3 to 3 long, not 1" in note for note in notes)
 
 
+@pytest.fixture
+def crowded(home: Path) -> Path:
+    """Return a benchmark whose west has two photos more than queries, called as east's are."""
+    left_out = home / "made" / "scenes" / "west" / "retrieval" / "excluded.csv"
+    file, before = home / "made" / "benchmark.toml", sha256_of(left_out)
+    place = '"scenes/west/retrieval/excluded.csv" = '
+    left_out.write_text("id,image,reason\nwest/q00004,q00004.jpg,x\n")
+    text = file.read_text()
+    assert f'{place}"{before}"' in text
+    file.write_text(text.replace(f'{place}"{before}"', f'{place}"{sha256_of(left_out)}"'))
+    return home
+
+
+class TestScenesWithTheSameNames:
+    """East has the queries q00000 to q00005, west the first four; q00004 and q00005 are none."""
+
+    def written(self, folder: Path, photos: list[str]) -> Path:
+        path = game4loc.write(folder, Place())
+        arrays = dict(np.load(path))
+        rows = dict(zip(arrays["query_names"].tolist(), arrays["query_features"], strict=True))
+        others = rows["east/q00005.jpg"]
+        arrays["query_features"] = np.stack([rows.get(name, others) for name in photos])
+        arrays["query_names"] = np.array([f"/data/{name}" for name in photos])
+        np.savez(path, **arrays)
+        return path
+
+    def photos(self, scene: str) -> list[str]:
+        return [f"{scene}/q{number:05d}.jpg" for number in range(6)]
+
+    def test_photos_of_one_are_no_queries_of_the_other(self, tmp_path: Path, crowded: Path) -> None:
+        result = scored(self.written(tmp_path, self.photos("west")), crowded)
+        answered = result.records.groupby("scene")["recall@1"].mean()
+        assert answered.to_dict() == {"east": 0.0, "west": 1.0}
+        notes = " | ".join(result.result.notes)
+        assert "2 photos described that are no queries, left aside" in notes
+        assert "scored at their worst: 6 of 10 (first 3: east/q00000" in notes
+
+    @pytest.mark.parametrize("folder", ["run", "west"])
+    def test_all_photos_may_be_described(self, tmp_path: Path, crowded: Path, folder: str) -> None:
+        (tmp_path / folder).mkdir()
+        photos = [*self.photos("east"), *self.photos("west")]
+        result = scored(self.written(tmp_path / folder, photos), crowded)
+        assert perfect(result)
+        assert any("2 photos described that are no" in note for note in result.result.notes)
+
+    def test_names_without_scene_are_of_that_of_the_file(
+        self, tmp_path: Path, crowded: Path
+    ) -> None:
+        (tmp_path / "east" / "west").mkdir(parents=True)
+        path = self.written(tmp_path / "east" / "west", self.photos("west"))
+        arrays = dict(np.load(path))
+        arrays["query_names"] = np.array([name.rsplit("/")[-1] for name in arrays["query_names"]])
+        np.savez(path, **arrays)
+        answered = scored(path, crowded).records.groupby("scene")["recall@1"].mean()
+        assert answered.to_dict() == {"east": 0.0, "west": 1.0}
+
+    def test_a_name_without_scene_that_a_photo_left_out_has_too(
+        self, tmp_path: Path, crowded: Path
+    ) -> None:
+        path = self.written(tmp_path, self.photos("east"))
+        arrays = dict(np.load(path))
+        arrays["query_names"][4] = "q00004.jpg"
+        np.savez(path, **arrays)
+        with pytest.raises(UserError, match=r"'q00004.jpg' could be 2 \(east/q00004, west/q00004"):
+            scored(path, crowded)
+
+    @pytest.mark.parametrize("sample", [anyloc, hloc_global], ids=["anyloc", "hloc-global"])
+    def test_photos_beside_tiles(self, sample: ModuleType, tmp_path: Path, crowded: Path) -> None:
+        path, row = sample.write(tmp_path, Place()), np.ones((1, DIMENSIONS), np.float32)
+        for number in (4, 5):
+            name = f"west/photos/q{number:05d}"
+            if sample is anyloc:
+                np.save(path / f"{name}.jpg.npy", row)
+                continue
+            with h5py.File(path, "a") as file:
+                file[f"{name}.png/global_descriptor"] = row[0]
+        result = scored(path, crowded)
+        assert perfect(result)
+        assert any("neither queries nor tiles, left aside: 2" in one for one in result.result.notes)
+
+    def test_trec(self, tmp_path: Path, crowded: Path) -> None:
+        path = trec.write(tmp_path, Place())
+        text = path.read_text()
+        more = [f"west/q0000{n} Q0 west/t00000 1 0.5 mine\n" for n in (4, 5)]
+        path.write_text(text + "".join(more))
+        assert perfect(scored(path, crowded))
+        path.write_text(text.replace("west/t00007", "west/t00009"))
+        with pytest.raises(UserError, match=r"ranks what is no tile: 1 \('west/t00009'\)"):
+            scored(path, crowded)
+
+    def test_university1652(self, tmp_path: Path, crowded: Path) -> None:
+        path = university1652.write(tmp_path, Place())
+        found = scipy.io.loadmat(path)
+        sets = []
+        for kind, more in (("query", "west/0004/q00004.jpeg"), ("gallery", "west/0009/t00009.jpg")):
+            rows = np.concatenate([found[f"{kind}_f"], np.full((1, DIMENSIONS), -9, np.float32)])
+            paths = [*(one.strip() for one in found[f"{kind}_path"]), f"/data/{more}"]
+            sets.append((rows, paths))
+        result = scored(university1652.save(path, *sets), crowded)
+        assert perfect(result)
+        assert any("1 photo described that" in note for note in result.result.notes)
+
+
 class TestImagesByName:
     """Descriptors of photos and tiles in one folder or file."""
 
@@ -86,8 +176,12 @@ class TestImagesByName:
             scored(path, home)
 
     def test_names_of_both(self, tmp_path: Path) -> None:
-        photos, tiles = ImageNames.of("query", [("e/a", "a.jpg")]), [("e/b", "a.png")]
-        images = SceneImages((), photos, ImageNames.of("tile", tiles))
+        photos, tiles = (
+            pd.DataFrame({"id": [one], "image": [image]})
+            for one, image in (("e/a", "a.jpg"), ("e/b", "a.png"))
+        )
+        truth = replace(made_truth(MadeScene("e", [[0]], 1)), queries=photos, tiles=tiles)
+        images = SceneImages((truth,))
         with pytest.raises(PredictionError, match=r"could be a query or a tile: 1 \('x/a.jpg'\)"):
             read_bag(tmp_path, ["x/a.jpg"], lambda _: np.ones(3), images, Budget(PLENTY))
 
@@ -138,62 +232,6 @@ class TestImagesByName:
             scored(tmp_path / "f.h5", home, reader="hloc-global")
 
 
-class _Tensor:
-    """As much of a tensor as the lines for Game4Loc use."""
-
-    def __init__(self, rows: Any) -> None:
-        self.numpy = lambda: rows
-        self.cpu = self.float = lambda: self
-
-    @staticmethod
-    def cat(parts: list[Any]) -> Any:
-        return _Tensor(np.concatenate([part.numpy() for part in parts]))
-
-
-class TestGame4Loc:
-    def test_the_lines_write_what_is_read(
-        self, tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        arrays = np.load(game4loc.write(tmp_path, Place()))
-        (tmp_path / "run").mkdir()
-        monkeypatch.chdir(tmp_path / "run")
-        batch = _Tensor(arrays["gallery_features"])
-        known = {"np": np, "torch": _Tensor, "gallery_features_batch": batch}
-        known["img_features_query"] = _Tensor(arrays["query_features"])
-        known["query_list"] = arrays["query_names"].tolist()
-        known["gallery_list"] = arrays["gallery_names"].tolist()
-        exec(LINES, known)  # noqa: S102 - what users paste
-        assert perfect(scored(tmp_path / "run" / "features.npz", home))
-
-    def test_the_recipe_has_the_lines(self) -> None:
-        recipe = Path(__file__).parents[2] / "docs" / "recipes" / "game4loc.md"
-        assert LINES in recipe.read_text()
-
-    def test_the_lines_are_shown_where_a_field_is_lacking(self, tmp_path: Path, home: Path) -> None:
-        path = game4loc.write(tmp_path, Place())
-        arrays = dict(np.load(path))
-        del arrays["gallery_names"]
-        np.savez(path, **arrays)
-        with pytest.raises(UserError, match=r"gallery_features\.append"):
-            scored(path, home)
-
-    def test_names_as_objects_are_refused(self, tmp_path: Path, home: Path) -> None:
-        path = game4loc.write(tmp_path, Place())
-        arrays = dict(np.load(path))
-        arrays["query_names"] = arrays["query_names"].astype(object)
-        np.savez(path, **arrays)
-        with pytest.raises(UserError, match="never loaded"):
-            scored(path, home, reader="game4loc")
-
-    def test_another_number_of_names(self, tmp_path: Path, home: Path) -> None:
-        path = game4loc.write(tmp_path, Place())
-        arrays = dict(np.load(path))
-        arrays["query_names"] = arrays["query_names"][1:]
-        np.savez(path, **arrays)
-        with pytest.raises(UserError, match="has 10 rows, and there are 9 names"):
-            scored(path, home)
-
-
 class TestTrec:
     def test_ties_are_broken_against_the_method(self, tmp_path: Path, home: Path) -> None:
         path = trec.write(tmp_path, Place())
@@ -218,95 +256,14 @@ class TestTrec:
         with pytest.raises(UserError, match=words):
             scored(path, home, reader="trec")
 
+    def test_a_folder_is_none(self, home: Path, tmp_path: Path) -> None:
+        trec.write(tmp_path, Place())
+        with pytest.raises(UnreadableError, match="is a directory, and so not a TREC run"):
+            scored(tmp_path, home, reader="trec")
+
     def test_order_of_lines_is_nothing(self, tmp_path: Path, home: Path) -> None:
         path = trec.write(tmp_path, Place())
         lines = path.read_text().splitlines(keepends=True)
         order = np.random.default_rng(0).permutation(len(lines))
         path.write_text("".join(lines[number] for number in order))
         assert perfect(scored(path, home))
-
-
-class TestUniversity1652:
-    """MATLAB files, held against scipy, which wrote them."""
-
-    @pytest.mark.parametrize(
-        ("tree", "protocol", "ending"),
-        [
-            ("university-1652", "university-1652-drone-to-satellite", ".jpg"),
-            ("university-1652", "university-1652-satellite-to-drone", ".jpeg"),
-            ("denseuav", "denseuav-drone-to-satellite", ".tif"),
-        ],
-    )
-    def test_its_benchmarks(self, tmp_path: Path, tree: str, protocol: str, ending: str) -> None:
-        write = {"university-1652": image_trees.university_1652, "denseuav": image_trees.denseuav}
-        data = tmp_path / "data"
-        options = NativeOptions(write[tree](tmp_path / "source"), None, False)
-        made = DATASETS.get(tree).prepare(options, PrepareSettings(data / tree, data))
-        scene = protocol.removeprefix(f"{tree}-")
-        truth = read_truth(made.folder / "scenes" / scene, scene)
-        path = self.of_truth(tmp_path / "pytorch_result.mat", truth, scene)
-        assert evaluate(path, protocol=protocol, data=data).overall["recall@1"] == 1.0
-        assert ending in "".join(truth.tiles["image"])
-
-    def of_truth(self, path: Path, truth: Any, scene: str) -> Path:
-        """Write features that point from each image to its class."""
-        asked, _, given = scene.split("-")
-        sets = []
-        for home, table in ((f"query_{asked}", truth.queries), (f"gallery_{given}", truth.tiles)):
-            paths = [f"/data/test/{home}/{image}" for image in table["image"]]
-            classes = [int(Path(one).parent.name) for one in paths]
-            order = sorted({*classes, *range(2255, 2260), *range(701, 713)})
-            rows = np.eye(len(order), dtype=np.float32)[[order.index(one) for one in classes]]
-            sets.append((rows, paths))
-        return university1652.save(path, *sets)
-
-    def test_names_from_the_lists_beside(self, tmp_path: Path, home: Path) -> None:
-        path = university1652.write(tmp_path, Place())
-        found = scipy.io.loadmat(path)
-        kept = {key: value for key, value in found.items() if "path" not in key and key[0] != "_"}
-        scipy.io.savemat(path, kept)
-        with pytest.raises(UserError, match=r"has no query_path, and query_name.txt is not"):
-            scored(path, home)
-        for kind in ("query", "gallery"):
-            names = "\n".join(found[f"{kind}_path"])
-            (tmp_path / f"{kind}_name.txt").write_text(names)
-        assert perfect(scored(path, home))
-
-    def test_classes_of_other_images(self, tmp_path: Path, home: Path) -> None:
-        path = university1652.write(tmp_path, Place())
-        found = {key: value for key, value in scipy.io.loadmat(path).items() if key[0] != "_"}
-        found["gallery_label"] = found["gallery_label"][:, ::-1]
-        scipy.io.savemat(path, found)
-        with pytest.raises(UserError, match="classes that are not those of the folders"):
-            scored(path, home)
-
-    def test_arrays_are_those_of_scipy(self, tmp_path: Path) -> None:
-        random = np.random.default_rng(0)
-        arrays = {
-            "small": np.array([[7]], np.int16),
-            "f8": random.standard_normal((3, 5)),
-            "cube": random.standard_normal((2, 3, 4)).astype(np.float32),
-            "u1": random.integers(0, 255, (4, 3), np.uint8),
-            "text": np.array(["a", "bcd", "ef"]),
-            "cell": np.array([{"a": 1}, "x"], dtype=object),
-            "complex": np.array([[1j]]),
-            "none": np.zeros((0, 0)),
-        }
-        scipy.io.savemat(tmp_path / "a.mat", arrays)
-        file, oracle = MatFile(tmp_path / "a.mat", PLENTY), scipy.io.loadmat(tmp_path / "a.mat")
-        assert file.names() == {"small", "f8", "cube", "u1", "text", "none"}
-        for name in file.names() - {"text"}:
-            assert np.array_equal(file.numbers(name), oracle[name])
-            assert file.numbers(name).dtype == oracle[name].dtype
-        assert file.texts("text") == [one.rstrip() for one in oracle["text"]]
-        for name in ("text", "f8"):
-            wrong = file.numbers if name == "text" else file.texts
-            with pytest.raises(PredictionError, match="holds no"):
-                wrong(name)
-        with pytest.raises(PredictionError, match="more than the limit"):
-            MatFile(tmp_path / "a.mat", 100).numbers("f8")
-
-    def test_compressed_variables_are_refused(self, tmp_path: Path) -> None:
-        scipy.io.savemat(tmp_path / "a.mat", {"a": np.zeros((9, 9))}, do_compression=True)
-        with pytest.raises(PredictionError, match="do_compression=False"):
-            MatFile(tmp_path / "a.mat", PLENTY)

@@ -19,12 +19,15 @@ PHOTOS = {"yard": ["a/1.JPG", "a/2.JPG"], "lot": ["1.JPG", "3.JPG"]}
 def truth(scene: str) -> Any:
     images = PHOTOS[scene]
     ids = [f"{scene}/{name.removesuffix('.JPG')}" for name in images]
-    return SimpleNamespace(scene=scene, photos=pd.DataFrame({"id": ids, "image": images}))
+    left_out = pd.DataFrame({"id": [f"{scene}/8"], "image": ["8.JPG"]})
+    photos = pd.DataFrame({"id": ids, "image": images})
+    return SimpleNamespace(scene=scene, photos=photos, excluded=left_out)
 
 
 def reading(*scenes: str, names: Path | None = None, truths: bool = True) -> Reading:
     protocol: Any = SimpleNamespace(scenes=[SimpleNamespace(id=scene) for scene in scenes])
-    return Reading(protocol, [truth(one) for one in scenes] if truths else [], names, 1 << 20)
+    known = [truth(one) for one in scenes] if truths else []
+    return Reading(protocol, known, names, 1 << 20, scenes=(*scenes, "dock"))
 
 
 def is_scene(place: Path) -> bool:
@@ -97,6 +100,18 @@ def test_names_mean_photos_of_their_scene(tmp_path: Path) -> None:
     assert found.photos(yard, found.listed_names(yard) or []) == ["a/2.JPG", "a/1.JPG"]
     names.write_text("lot/3.JPG\nyard/b/9.JPG\n")
     found = find_scenes(tmp_path / "p", reading("yard", "lot", names=names), is_scene)
+    with pytest.raises(PredictionError, match="no photo, so that their scene is not known"):
+        found.listed_names(lot)
+
+
+@pytest.mark.parametrize("line", ["yard/3.JPG", "dock/3.JPG", "lot/8.JPG"])
+def test_photos_of_other_scenes_and_those_left_out_are_no_photos(tmp_path: Path, line: str) -> None:
+    lot = output(tmp_path / "p" / "lot")
+    output(tmp_path / "p" / "yard")
+    names = tmp_path / "names.txt"
+    names.write_text(f"lot/1.JPG\nyard/a/1.JPG\n{line}\n")
+    found = find_scenes(tmp_path / "p", reading("yard", "lot", names=names), is_scene)
+    assert found.photos(lot, ["lot/1.JPG", line]) == ["1.JPG", line]
     with pytest.raises(PredictionError, match="no photo, so that their scene is not known"):
         found.listed_names(lot)
 

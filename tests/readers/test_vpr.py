@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.retrieval.descriptor_rows import RowParts
 from tests.readers.retrieval_support import (
     Place,
     made_scenes,
@@ -23,25 +22,6 @@ from tests.readers.samples import vpr
 from tests.support import MadeScene
 
 ONE = made_scenes()[:1]
-
-
-@pytest.fixture
-def home(tmp_path: Path) -> Path:
-    return Place().prepare(tmp_path / "data")
-
-
-@pytest.fixture
-def one(tmp_path: Path) -> Path:
-    """Return the data root of a benchmark of one scene."""
-    return Place(ONE).prepare(tmp_path / "data")
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    """Return a log folder for one scene, whose images are not on this machine."""
-    vpr.write_log(tmp_path / "log", ONE[0])
-    vpr.write_descriptors(tmp_path / "log", Place(ONE), ONE[0])
-    return tmp_path / "log"
 
 
 def test_an_exact_input_is_perfect(tmp_path: Path, home: Path) -> None:
@@ -73,10 +53,28 @@ def test_lists_of_paths(tmp_path: Path, home: Path, labels: bool) -> None:
     assert perfect(scored(tmp_path / "logs", home))
 
 
+def test_photos_of_another_scene_are_no_queries(tmp_path: Path, home: Path) -> None:
+    """West has a photo that is no query of it, and is called as one of east's is."""
+    place = Place([MadeScene("east", [], 12), MadeScene("west", [[0]] * 5, 8)])
+    log = tmp_path / "log"
+    vpr.write_log(log, place.scenes[1], database_folder="/data/all", counts=(5, 8))
+    vpr.write_lists(log, place, place.scenes[1])
+    result = scored(log, home)
+    assert result.records.groupby("scene")["answered"].sum().to_dict() == {"east": 0, "west": 4}
+    assert any("1 photo described that are no queries" in note for note in result.result.notes)
+
+
 def test_a_part_of_a_folder_is_refused_as_such(one: Path, log: Path) -> None:
     with pytest.raises(UserError, match="a part of a log folder of VPR") as refused:
         scored(log / "database_descriptors.npy", one)
     assert f"name the folder: {log}" in str(refused.value)
+
+
+class Renamed(MadeScene):
+    """A scene whose photos are called a00000 in west and b00000 elsewhere."""
+
+    def query(self, number: int) -> str:
+        return f"{self.id}/{'ba'[self.id == 'west']}{number:05d}"
 
 
 class TestNames:
@@ -188,8 +186,48 @@ class TestNames:
         with pytest.raises(UserError, match="could be several scenes"):
             scored(tmp_path / "log", data)
         (tmp_path / "log").rename(tmp_path / "near")
-        with pytest.raises(UserError, match="lacks descriptors of tiles of scene far"):
+        with pytest.raises(UserError, match="lacks descriptors of tiles of scene far") as refused:
             scored(tmp_path / "near", data)
+        assert "the folder that holds all runs" in str(refused.value)
+
+    def test_the_innermost_scene_of_a_path_counts(self, tmp_path: Path, home: Path) -> None:
+        """A run of all scenes below a folder that is called as one of them, and one of west."""
+        whole = tmp_path / "east" / "all"
+        place = Place()
+        whole.mkdir(parents=True)
+        pairs = [place.descriptors(scene) for scene in place.scenes]
+        for at, name in enumerate(("queries", "database")):
+            np.save(whole / f"{name}_descriptors.npy", np.concatenate([one[at] for one in pairs]))
+        folders = {"database_folder": "/x", "queries_folder": "/y"}
+        vpr.write_log(whole, place.scenes[0], counts=(10, 20), **folders)
+        assert perfect(scored(whole, home))
+        for scene in place.scenes:
+            log = tmp_path / "east" / "runs" / scene.id
+            vpr.write_log(log, scene)
+            vpr.write_descriptors(log, place, scene)
+        assert perfect(scored(tmp_path / "east" / "runs", home))
+
+    def test_lists_below_a_folder_that_is_called_as_another_scene(
+        self, tmp_path: Path, home: Path
+    ) -> None:
+        """Names that say their scene say more than the folder that the log lies in."""
+        west = Place().scenes[1]
+        log = tmp_path / "east" / "log"
+        vpr.write_log(log, west, database_folder="/data/all", queries_folder="/data/all")
+        vpr.write_lists(log, Place(), west)
+        answered = scored(log, home).records.groupby("scene")["answered"].sum().to_dict()
+        assert answered == {"east": 0, "west": 4}
+
+    def test_an_order_that_depends_on_folders_is_not_guessed(self, tmp_path: Path) -> None:
+        """Photos of two scenes in one folder, whose names are unlike: east has b, west has a."""
+        scenes = [Renamed("east", [[0]] * 2, 3), Renamed("west", [[0]] * 3, 4)]
+        data = Place(scenes).prepare(tmp_path / "data")
+        log = tmp_path / "log"
+        vpr.write_log(log, scenes[0], database_folder="/x", queries_folder="/y", counts=(5, 7))
+        np.save(log / "queries_descriptors.npy", np.eye(5, 24, dtype=np.float32))
+        np.save(log / "database_descriptors.npy", np.eye(7, 24, dtype=np.float32))
+        with pytest.raises(UserError, match="all in one folder they have another order"):
+            scored(log, data)
 
     def test_other_photos_are_left_aside(self, tmp_path: Path, one: Path, log: Path) -> None:
         queries, _ = Place(ONE).descriptors(ONE[0])
@@ -201,108 +239,3 @@ class TestNames:
         result = scored(log, one, names=tmp_path / "names.txt")
         assert perfect(result)
         assert any("1 photo described that" in note for note in result.result.notes)
-
-
-def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
-    scene = MadeScene("east", [[0]], 400)
-    data = Place([scene]).prepare(tmp_path / "data")
-    rows = np.random.default_rng(0).standard_normal((400, 5000), np.float32)
-    vpr.write_log(tmp_path / "log", scene)
-    np.save(tmp_path / "log" / "database_descriptors.npy", rows)
-    np.save(tmp_path / "log" / "queries_descriptors.npy", rows[:1])
-    assert rows.nbytes > 4e6
-    assert scored(tmp_path / "log", data, max_memory=2_000_000).overall["recall@1"] == 1.0
-
-
-@pytest.mark.parametrize("folder", ["x" * 5000, "/dev/null", "", "\\x00", "a'b"])
-def test_folders_that_are_none(one: Path, log: Path, folder: str) -> None:
-    vpr.write_log(log, ONE[0], database_folder=folder)
-    assert perfect(scored(log, one))
-
-
-def test_a_run_that_saved_nothing(tmp_path: Path, one: Path) -> None:
-    vpr.write_log(tmp_path / "log", ONE[0])
-    with pytest.raises(UserError, match="neither descriptors nor lists"):
-        scored(tmp_path / "log", one)
-
-
-class TestRefusals:
-    """What a run left incomplete, or was not of this benchmark."""
-
-    def test_counts_of_another_run(self, one: Path, log: Path) -> None:
-        vpr.write_log(log, ONE[0], counts=(6, 13))
-        with pytest.raises(UserError, match=r"info.log speaks of 6 and 13"):
-            scored(log, one)
-
-    @pytest.mark.parametrize("name", ["queries", "database"])
-    def test_half_of_the_files(self, one: Path, log: Path, name: str) -> None:
-        (log / f"{name}_descriptors.npy").unlink()
-        with pytest.raises(UserError, match=f"lacks {name}_descriptors.npy"):
-            scored(log, one)
-
-    def test_only_wrong_lists(self, tmp_path: Path, one: Path) -> None:
-        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
-        vpr.write_log(tmp_path / "log", ONE[0], save_only_wrong_preds=True)
-        with pytest.raises(UserError, match="--save_only_wrong_preds leaves queries out"):
-            scored(tmp_path / "log", one)
-
-    def test_a_list_that_is_lacking(self, tmp_path: Path, one: Path) -> None:
-        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
-        (tmp_path / "log" / "preds" / "002.txt").unlink()
-        with pytest.raises(UserError, match=r"lacks the lists of 1 of 6 queries \(2\)"):
-            scored(tmp_path / "log", one)
-
-    def test_a_cut_list(self, tmp_path: Path, one: Path) -> None:
-        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
-        (tmp_path / "log" / "preds" / "002.txt").write_text("Query path:\na.jpg\n")
-        with pytest.raises(UserError, match="damaged one"):
-            scored(tmp_path / "log", one)
-
-    def test_tiles_of_elsewhere(self, tmp_path: Path, one: Path) -> None:
-        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
-        file = tmp_path / "log" / "preds" / "000.txt"
-        file.write_text(file.read_text().replace("t00000.png", "map.png"))
-        with pytest.raises(UserError, match=r"ranks what is no tile: 1 .*map.png"):
-            scored(tmp_path / "log", one)
-
-    def test_two_methods(self, tmp_path: Path, home: Path) -> None:
-        logs = vpr.write(tmp_path, Place())
-        vpr.write_log(next((logs / "west").iterdir()), Place().scenes[1], method="boq")
-        with pytest.raises(UserError, match=r"runs of several methods: 2 .boq, salad"):
-            scored(logs, home)
-
-    def test_lengths_that_differ(self, tmp_path: Path, home: Path) -> None:
-        logs = vpr.write(tmp_path, Place())
-        west = next((logs / "west").iterdir())
-        np.save(west / "database_descriptors.npy", np.eye(8, dtype=np.float32))
-        with pytest.raises(UserError, match="descriptors of 8 and 24 dimensions"):
-            scored(logs, home)
-
-    def test_no_benchmark(self, tmp_path: Path, log: Path, one: Path) -> None:
-        (one / "made" / "scenes" / "east" / "queries.csv").unlink()
-        with pytest.raises(UserError):
-            scored(log, one)
-
-    @pytest.mark.parametrize("cut", [0, 5, 60, 128, 200])
-    def test_cut_files(self, one: Path, log: Path, cut: int) -> None:
-        file = log / "database_descriptors.npy"
-        file.write_bytes(file.read_bytes()[:cut])
-        with pytest.raises(UserError, match="no array of floating-point numbers"):
-            scored(log, one)
-
-    def test_pickles_are_not_loaded(self, one: Path, log: Path) -> None:
-        np.save(log / "database_descriptors.npy", np.array([{}], dtype=object))
-        with pytest.raises(UserError, match="pickled Python objects, never loaded"):
-            scored(log, one)
-
-
-def test_rows_of_several_arrays() -> None:
-    whole = np.arange(24.0).reshape(8, 3)
-    parts = RowParts((whole[:3], whole[3:4], whole[4:]))
-    assert parts.shape == (8, 3)
-    assert np.array_equal(parts[2:7], whole[2:7])
-    assert np.array_equal(parts[np.array([7, 0, 3])], whole[[7, 0, 3]])
-    found = parts.whole(5, 3)
-    assert found is not None
-    assert np.array_equal(found[0][found[1] :], whole[5:])
-    assert parts.whole(2, 2) is None

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction.settings import Preparation
 
 
 def all_pairs(points: Floats, others: Floats) -> Floats:
@@ -70,3 +72,9 @@ def clouds(draw: st.DrawFn, most: int = 120) -> Floats:
         for _ in range(draw(st.integers(1, 2)))
     ]
     return random.permutation(np.concatenate(parts))
+
+
+def settings(**changes: Any) -> Preparation:
+    crop = {"crop": "none", "crop_margin_m": 1.0, "crop_cell_m": 1.0}
+    region = {"region": "all", "observed_photos": 2, "observed_cell_m": 1.0, "hidden_beyond_m": 3.0}
+    return Preparation(**(crop | region | {"voxel_m": "none"} | changes))

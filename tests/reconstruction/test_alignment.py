@@ -9,68 +9,21 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.reconstruction.alignment.camera_sets import (
     PosedCameras,
-    RansacSettings,
-    sample_blocks,
 )
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align, partners
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
-from tests.geometry.support import looking_down, quick, seeds
-
-UTM = np.array((576663.25, 5188165.5, 197.0))
-RANSAC = RansacSettings(
-    min_trials=50,
-    max_trials=5000,
-    confidence=0.9999,
-    sample_share=None,
-    inlier_limit=1.0,
-    inlier_limit_deg=10.0,
-    line_ratio=0.02,
-    seed=3,
+from airzoo_bench.reconstruction.alignment.cameras import align, partners
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError
+from tests.geometry.support import quick, seeds
+from tests.reconstruction.posed_cameras import (
+    RANSAC,
+    UTM,
+    assert_same,
+    grid,
+    made_by,
+    moved,
+    seen_from,
+    sim3,
+    strip,
 )
-
-
-def cameras(centres: np.ndarray, rng: np.random.Generator) -> PosedCameras:
-    names = tuple(f"{row:03}.jpg" for row in range(len(centres)))
-    shake = Rotation.from_euler("xyz", rng.normal(0, 10, (len(centres), 3)), degrees=True)
-    return PosedCameras(names, centres, shake.as_matrix() @ looking_down(20.0))
-
-
-def grid(rng: np.random.Generator) -> PosedCameras:
-    x, y = np.meshgrid(np.arange(6.0) * 30, np.arange(4.0) * 40)
-    flat = np.stack((x.ravel(), y.ravel(), rng.normal(60, 1, 24)), axis=1)
-    return cameras(flat + UTM, rng)
-
-
-def strip(rng: np.random.Generator, sway: float = 0.05) -> PosedCameras:
-    along = np.arange(12.0)[:, None] * (20.0, 11.0, 0.5)
-    return cameras(along + rng.normal(0, sway, (12, 3)) + UTM, rng)
-
-
-def seen_from(truth: PosedCameras, made: Similarity) -> PosedCameras:
-    """Return the cameras in the frame that `made` takes into the truth's."""
-    assert truth.rotation is not None
-    return PosedCameras(
-        truth.names, made.inverse().apply(truth.centres), truth.rotation @ made.rotation
-    )
-
-
-def made_by(rng: np.random.Generator) -> Similarity:
-    rotation = Rotation.random(random_state=rng).as_matrix()
-    return Similarity(25.0, rotation, UTM + rng.normal(0, 50, 3), rng.normal(size=3))
-
-
-def sim3(predicted: PosedCameras, truth: PosedCameras, ransac: RansacSettings) -> Alignment:
-    return align("sim3", predicted, truth, ransac)
-
-
-def moved(cameras: PosedCameras, rows: list[int], by: np.ndarray | float) -> PosedCameras:
-    centres = cameras.centres.copy()
-    centres[rows] += by
-    return replace(cameras, centres=centres)
-
-
-def assert_same(found: Similarity, made: Similarity, points: np.ndarray, atol: float) -> None:
-    np.testing.assert_allclose(found.apply(points), made.apply(points), rtol=0, atol=atol)
 
 
 @quick
@@ -235,115 +188,3 @@ def test_nobody_agrees() -> None:
     found = sim3(scattered, truth, replace(RANSAC, inlier_limit=1e-3))
     assert not found.robust
     assert found.inliers == 24
-
-
-# Half of the cameras are bad: placed anywhere, turned anyhow.
-
-SHIPPED = RansacSettings(
-    min_trials=1000,
-    max_trials=100_000,
-    confidence=0.9999,
-    sample_share=None,
-    inlier_limit=5.0,
-    inlier_limit_deg=10.0,
-    line_ratio=0.1,
-    seed=0,
-)
-
-
-def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:
-    """Cameras along 600 m, as wide as so many metres, 80 m above ground."""
-    along = np.linspace(0, 600, count)
-    across = rng.uniform(-width / 2, width / 2, count)
-    centres = np.stack((along, across, 80 + rng.normal(0, width / 20, count)), axis=1)
-    return cameras(centres + UTM, rng)
-
-
-def half_bad(truth: PosedCameras, share: float, rng: np.random.Generator) -> PosedCameras:
-    """Return cameras of which a share is bad; the others are off by 0.3 m and 0.5 degrees."""
-    count = len(truth.names)
-    bad = rng.permutation(count)[: int(share * count)]
-    centres = truth.centres + rng.normal(0, 0.3, (count, 3))
-    box = truth.centres.min(axis=0) - 50, truth.centres.max(axis=0) + 50
-    centres[bad] = rng.uniform(*box, (len(bad), 3))
-    shake = Rotation.from_rotvec(rng.normal(0, 0.5, (count, 3)), degrees=True).as_matrix()
-    assert truth.rotation is not None
-    rotation = shake @ truth.rotation
-    rotation[bad] = Rotation.random(len(bad), random_state=rng).as_matrix()
-    return PosedCameras(truth.names, centres, rotation)
-
-
-def survivals(count: int, width: float, share: float, runs: int) -> int:
-    """Count runs in which ground points below the flight are within 3 m of their places."""
-    survived = 0
-    for seed in range(runs):
-        rng = np.random.default_rng((seed, count, int(width)))
-        truth, made = flight(count, width, rng), made_by(rng)
-        predicted = seen_from(half_bad(truth, share, rng), made)
-        found = sim3(predicted, truth, replace(SHIPPED, seed=seed))
-        ground = truth.centres * (1, 1, 0)
-        away = found.transform.apply(made.inverse().apply(ground)) - ground
-        survived += bool(np.sqrt((away * away).sum(axis=1)).max() < 3.0)
-    return survived
-
-
-WIDTHS = (5.0, 40.0, 300.0)  # a line, nearly one, a block of strips
-
-
-@pytest.mark.parametrize("count", [18, 60, 600])
-@pytest.mark.parametrize("width", WIDTHS)
-def test_half_of_the_cameras_may_be_bad(count: int, width: float) -> None:
-    assert survivals(count, width, 0.5, runs=5) == 5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [18, 60, 600])
-@pytest.mark.parametrize("width", WIDTHS)
-def test_half_of_the_cameras_may_be_bad_in_99_of_100_runs(count: int, width: float) -> None:
-    assert survivals(count, width, 0.5, runs=100) >= 99
-
-
-def test_the_rule_of_depth_anything_3_breaks_where_minimal_samples_do_not() -> None:
-    rng = np.random.default_rng(0)
-    truth, made = flight(600, 300.0, rng), made_by(rng)
-    predicted = seen_from(half_bad(truth, 0.3, rng), made)
-    assert sim3(predicted, truth, SHIPPED).inliers >= 420
-    theirs = replace(SHIPPED, sample_share=0.5, min_trials=1000, max_trials=1000, confidence=1.0)
-    found = sim3(predicted, truth, theirs)
-    assert found.inliers < 50 or not found.robust
-
-
-def test_the_order_of_cameras_does_not_matter() -> None:
-    rng = np.random.default_rng(1)
-    truth, made = flight(60, 40.0, rng), made_by(rng)
-    predicted = seen_from(half_bad(truth, 0.5, rng), made)
-    one = sim3(predicted, truth, SHIPPED).transform.matrix
-    other = sim3(predicted.take(rng.permutation(60)), truth, SHIPPED).transform.matrix
-    assert one.tobytes() == other.tobytes()
-
-
-@quick
-@given(seeds)
-def test_samples_are_distinct_and_seeded(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    count, size = int(rng.integers(5, 40)), int(rng.integers(2, 5))
-    settings = replace(SHIPPED, seed=seed, min_trials=1, max_trials=120)
-    blocks = list(sample_blocks(count, size, settings, minimal=True))
-    rows = np.concatenate(blocks)
-    assert rows.shape == (120, size)
-    assert (np.diff(rows, axis=1) > 0).all()
-    assert rows.min() >= 0
-    assert rows.max() < count
-    again = np.concatenate(list(sample_blocks(count, size, settings, minimal=True)))
-    np.testing.assert_array_equal(rows, again)
-
-
-def test_few_samples_are_all_tried_once() -> None:
-    rows = np.concatenate(list(sample_blocks(6, 3, SHIPPED, minimal=True)))
-    assert len({tuple(row) for row in rows.tolist()}) == len(rows) == 20
-
-
-def test_each_row_is_drawn_as_often() -> None:
-    settings = replace(SHIPPED, max_trials=20_000)
-    rows = np.concatenate(list(sample_blocks(30, 3, settings, minimal=True)))
-    np.testing.assert_allclose(np.bincount(rows.ravel()) / 2000, 1.0, atol=0.1)

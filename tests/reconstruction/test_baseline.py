@@ -17,8 +17,8 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
 from airzoo_bench.reconstruction.baseline import photo_pairs, sparse_reconstruction
+from airzoo_bench.reconstruction.baseline_settings import SfmSettings
 from airzoo_bench.reconstruction.sfm.colmap import Model
-from airzoo_bench.reconstruction.sfm.steps import SfmSettings
 from tests.geometry.support import looking_down
 
 T = TypeVar("T")

@@ -9,41 +9,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.depth_map_files import holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import read_image_poses
 from airzoo_bench.reconstruction.view_plausibility import (
+    refuse_camera_to_world,
+    refuse_other_resolution,
     suspect_camera_to_world,
     suspect_image_size,
 )
 from tests.formats.cloud_support import refused
+from tests.reconstruction.depth_maps import H, N, W, made, matrices, poses
 
 LIMIT = 1 << 24
-N, H, W = 4, 6, 8
-
-
-def poses(count: int = N, seed: int = 0) -> Poses:
-    random = np.random.default_rng(seed)
-    rotation = Rotation.random(count, rng=random).as_matrix()
-    return Poses.from_centres(rotation, random.random((count, 3)) * 100)
-
-
-def matrices(given: Poses) -> np.ndarray:
-    return np.concatenate([given.rotation, given.translation[..., None]], axis=-1)
-
-
-def made(**changes: Any) -> dict[str, Any]:
-    random = np.random.default_rng(1)
-    K = np.array([[7.0, 0, W / 2], [0, 7.0, H / 2], [0, 0, 1]])
-    arrays = {
-        "depth": random.random((N, H, W)).astype("f4"),
-        "conf": random.random((N, H, W)).astype("f4"),
-        "intrinsics": np.tile(K, (N, 1, 1)),
-        "extrinsics": matrices(poses()),
-        "image_names": np.array([f"DJI_{n:04}.JPG" for n in range(N)]),
-    } | changes
-    return {name: array for name, array in arrays.items() if array is not None}
 
 
 def written(path: Path, **changes: Any) -> Path:
@@ -210,6 +191,19 @@ def test_intrinsics_of_another_resolution(ratio: float, likely: str, tmp_path: P
     )
 
 
+@pytest.mark.parametrize(("width", "height"), [(504, 378), (518, 392), (720, 540)])
+def test_intrinsics_of_photos_that_are_little_larger_or_smaller(width: int, height: int) -> None:
+    """Depth Anything 3 and VGGT make maps of 504 and 518 px of a photo of 640x480."""
+    K = np.tile(np.array([[500.0, 0, 320.5], [0, 500, 240.5], [0, 0, 1]]), (3, 1, 1))
+    with refused("about 6[34][0-9] x 4[78][0-9]"):
+        refuse_other_resolution(Cameras.from_matrices(K, width, height), None, "it")
+    K[1, :2, 2] = width / 2, height / 2
+    assert refuse_other_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
+    near = np.array([width, height]) / 2 * 1.09
+    K[:, :2, 2] = near
+    assert refuse_other_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
+
+
 def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
     K = made()["intrinsics"].copy()
     K[1, 0, 2] *= 1.8
@@ -254,6 +248,32 @@ def test_camera_to_world_in_opengl_axes_is_suspected(truth: Poses) -> None:
     said = suspect_camera_to_world(inverted(flipped), truth)
     assert said is not None
     assert "0.0 once inverted and in OpenCV's axes" in said
+
+
+def test_clearly_inverted_cameras_are_refused() -> None:
+    truth = poses(12)
+    with pytest.raises(PredictionError, match=r"0\.0 once inverted") as caught:
+        refuse_camera_to_world(inverted(truth), truth, "yard.npz")
+    assert caught.value.fix == "invert them: R.T and -R.T @ t"
+    flipped = Poses.from_centres(np.diag((1.0, -1.0, -1.0)) @ truth.rotation, truth.centres)
+    with pytest.raises(PredictionError) as caught:
+        refuse_camera_to_world(inverted(flipped), truth, "yard.npz")
+    assert "diag(1, -1, -1)" in str(caught.value.fix)
+
+
+@pytest.mark.parametrize("truth", [strip(), poses(4)], ids=["line", "few"])
+def test_what_may_be_something_else_is_not_refused(truth: Poses) -> None:
+    assert suspect_camera_to_world(inverted(truth), truth) is not None
+    refuse_camera_to_world(inverted(truth), truth, "yard.npz")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_poses_that_failed_are_scored(seed: int) -> None:
+    refuse_camera_to_world(poses(5, seed=seed + 1), poses(5), "yard.npz")
+    truth = poses(12)
+    turn = Rotation.from_rotvec(np.random.default_rng(seed).normal(0, 0.5, (12, 3))).as_matrix()
+    shaken = Poses.from_centres(turn @ truth.rotation, truth.centres)
+    refuse_camera_to_world(shaken, truth, "yard.npz")
 
 
 def test_neither_another_world_nor_bad_poses_are_suspected() -> None:

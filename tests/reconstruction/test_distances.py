@@ -1,9 +1,11 @@
 from __future__ import annotations
 
-import gc
+import io
+import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +16,11 @@ from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.distances import clouds as clouds_module
-from airzoo_bench.reconstruction.distances import spill
+from airzoo_bench.reconstruction.distances import spill, tiles
 from airzoo_bench.reconstruction.distances.clouds import block_distances, cloud_distances
-from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
-from airzoo_bench.reconstruction.distances.spill import cells_of, spilled
+from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
+from airzoo_bench.reconstruction.distances.spill import cells_of, spilled, write_part
+from tests.engines.scattered import Scattered
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces, clouds, surface
 
@@ -59,6 +62,18 @@ def test_clouds_that_lie_apart(shift: tuple[float, float, float]) -> None:
     assert_same_bits(surface(3000, 0) + np.array(shift), surface(3000, 1), 200)
 
 
+def test_clouds_in_memory_are_measured_in_a_stage_with_a_name() -> None:
+    stages = []
+
+    def progress(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
+        stages.append((label, total))
+        yield from items
+
+    first, second = Pieces(surface(50, 0)), Pieces(surface(50, 1))
+    cloud_distances(first, second, block_points=200, jobs=1, progress=progress)
+    assert stages == [("distances", 1)]
+
+
 def test_copies_fill_a_cell_however_it_is_cut() -> None:
     same = np.tile((1.0, 2.0, 3.0), (3000, 1))
     assert_same_bits(same, np.vstack((same, surface(100, 0))), 100)
@@ -68,32 +83,40 @@ def test_sizes_that_differ_much() -> None:
     assert_same_bits(surface(5000, 0), surface(3, 1), 300)
 
 
-@pytest.mark.parametrize("patience", [0, 1, 50])
-def test_waiting_points_are_worked_off_in_between(
-    monkeypatch: pytest.MonkeyPatch, patience: int
+@given(clouds(), clouds(), st.integers(1, 60), seeds)
+@quick
+def test_no_bit_depends_on_tasks(first: Floats, second: Floats, cut: int, seed: int) -> None:
+    engine = Scattered(cut, seed)
+    found = cloud_distances(Pieces(first), Pieces(second), block_points=200, jobs=1, engine=engine)
+    expected = mutual_distances(first, second, jobs=1)
+    assert np.array_equal(found.to_truth, expected[0])
+    assert np.array_equal(found.to_prediction, expected[1])
+    assert ("cells" in engine.stages) == (max(len(first), len(second)) > cut)
+
+
+@pytest.mark.parametrize("shift", [(0, 0, 8), (40, 0, 0), (500, 0, 0), (0.01, 0, 0)])
+@pytest.mark.parametrize("halo", [1, 50, 5000])
+def test_halos_in_small_parts(
+    shift: tuple[float, ...], halo: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second = surface(2000, 0, far=0.1) + np.array((0.0, 0.0, 8.0)), surface(2000, 1)
-    build = clouds_module._Search
-
-    def impatient(*arguments: object) -> clouds_module._Search:
-        return build(*arguments[:-1], patience)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(clouds_module, "_Search", impatient)
-    monkeypatch.setattr(clouds_module, "_RUN", 16)
-    monkeypatch.setattr(clouds_module, "_PAIRS", 500)
+    first, second = surface(2000, 0, far=0.1) + np.array(shift), surface(2000, 1)
+    monkeypatch.setattr(tiles, "_RUN", 16)
+    monkeypatch.setattr(tiles, "_PART", 4)
+    monkeypatch.setattr(tiles, "_PAIRS", 500)
+    monkeypatch.setattr(tiles, "_HALO", halo)
     monkeypatch.setattr(clouds_module, "_SAMPLE", 30)
     assert_same_bits(first, second, 100)
 
 
 def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[int] = []
-    ask = clouds_module.NeighbourSearch.squared
+    ask = NeighbourSearch.squared
 
-    def counted(self: clouds_module.NeighbourSearch, points: Floats, *, jobs: int) -> Floats:
+    def counted(self: NeighbourSearch, points: Floats, *, jobs: int) -> Floats:
         searched.append(len(points))
         return ask(self, points, jobs=jobs)
 
-    monkeypatch.setattr(clouds_module.NeighbourSearch, "squared", counted)
+    monkeypatch.setattr(NeighbourSearch, "squared", counted)
     in_blocks(surface(20_000, 0, far=0.05), surface(20_000, 1, far=0.05), 500)
     # Once each in its own cell; what is beyond is for those near borders, or far outside.
     assert sum(searched) < 2 * 20_000 * 2
@@ -101,10 +124,16 @@ def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = surface(1000, 0)
-    cells = cells_of(points, 8)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with spilled(cut(points, 100), cells, most=200) as cloud:
-        assert cloud.count == 1000
+    written: list[str] = []
+
+    class Watched(Pieces):
+        def pieces(self, points: int) -> Iterator[Cloud]:
+            yield from super().pieces(points)
+            written.extend(path.name for path in tmp_path.rglob("*") if path.is_file())
+
+    block_distances(Watched(points), Watched(points), block_points=100, jobs=1)
+    assert any(name.startswith("prediction") for name in written)
     assert list(tmp_path.iterdir()) == []
 
     class Broken(Pieces):
@@ -114,27 +143,38 @@ def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     with pytest.raises(KeyboardInterrupt):
         block_distances(Pieces(points), Broken(points), block_points=100, jobs=1)
-    gc.collect()
     assert list(tmp_path.iterdir()) == []
 
 
-@given(clouds(), st.integers(1, 70), st.integers(1, 40))
+@given(clouds(), st.integers(1, 70), st.integers(1, 40), st.integers(1, 3))
 @quick
-def test_a_spilled_cloud_comes_back_whole(points: Floats, count: int, piece: int) -> None:
+def test_a_spilled_cloud_comes_back_whole(
+    points: Floats, count: int, most: int, parts: int
+) -> None:
     cells = cells_of(points[::2], count)
     assert count <= cells.count < 2 * count or count == 1
-    with spilled(cut(points, piece), cells, most=piece) as cloud:
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / str(part) for part in range(parts)]
+        written = [
+            write_part(path, cut(part, 17), cells, most=most)
+            for path, part in zip(paths, np.array_split(points, parts), strict=True)
+        ]
+        cloud = spilled(paths, written, most=most)
+        assert cloud.count == len(points)
+        assert (np.diff(cloud.cells) >= 0).all()
         seen = []
-        for cell in range(cloud.cell_count):
-            for block in cloud.blocks(cell):
-                there, numbers = cloud.read(block)
-                assert len(there) == block.count <= piece
-                assert (cells.of(there) == cell).all()
-                assert np.array_equal(there, points[numbers])
-                assert np.array_equal(there.min(axis=0), block.low)
-                assert np.array_equal(there.max(axis=0), block.high)
-                seen += numbers.tolist()
-    assert sorted(seen) == list(range(len(points)))
+        for block in range(len(cloud.counts)):
+            there, numbers = cloud.read(range(block, block + 1))
+            assert len(there) == cloud.counts[block] < 2 * most or most == 1 == len(there)
+            assert (cells.of(there) == cloud.cells[block]).all()
+            assert np.array_equal(there, points[numbers])
+            assert np.array_equal(there.min(axis=0), cloud.low[block])
+            assert np.array_equal(there.max(axis=0), cloud.high[block])
+            seen.append(numbers)
+        together, numbers = cloud.read(range(len(cloud.counts)))
+    assert np.array_equal(numbers, np.concatenate(seen))
+    assert sorted(numbers.tolist()) == list(range(len(points)))
+    assert np.array_equal(together, points[numbers])
 
 
 def test_cells_hold_about_as_many_points_each() -> None:
@@ -144,41 +184,59 @@ def test_cells_hold_about_as_many_points_each() -> None:
     assert (cells.count, held.min(), held.max()) == (16, 500, 500)
 
 
-def spill_one(pieces: Iterable[Floats]) -> None:
-    with spilled(pieces, cells_of(np.zeros((1, 3)), 1), most=1):
-        pass
+def spill_one(folder: Path, pieces: Iterable[Floats]) -> None:
+    write_part(folder / "cloud", pieces, cells_of(np.zeros((1, 3)), 1), most=1)
 
 
 def test_a_full_disk_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not there"))
     with pytest.raises(UserError, match="cannot be kept on disk") as caught:
-        spill_one([np.zeros((1, 3))])
+        spill_one(tmp_path / "not there", [np.zeros((1, 3))])
     assert "32 bytes" in str(caught.value)
 
-    class Full:
-        def __enter__(self) -> Full:
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        def tell(self) -> int:
-            return 0
-
-        def write(self, _: object) -> None:
+    class Full(io.BytesIO):
+        def write(self, _: object) -> int:
             raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(spill.tempfile, "TemporaryFile", Full)
+    def full(handle: int, *_: object, **__: object) -> Full:
+        os.close(handle)
+        return Full()
+
+    monkeypatch.setattr(spill.os, "fdopen", full)
     with pytest.raises(UserError, match="No space left"):
-        spill_one([np.zeros((1, 3))])
+        spill_one(tmp_path, [np.zeros((1, 3))])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not there"))
+    with pytest.raises(UserError, match="cannot be kept on disk"), spill.spill_folder():
+        pass
 
 
-def test_faults_of_a_source_are_not_those_of_the_disk() -> None:
+def test_a_worker_elsewhere_does_not_see_the_clouds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Elsewhere(Scattered):
+        def map(self, work: Any, items: Any, **given: Any) -> Iterator[Any]:
+            for path in given["shared"].sides[1].cloud.paths:
+                path.rename(tmp_path / path.name)
+            return super().map(work, items, **given)
+
+    with pytest.raises(UserError, match="does not see the clouds of this run") as caught:
+        cloud_distances(
+            Pieces(surface(500, 0)),
+            Pieces(surface(500, 1)),
+            block_points=1000,
+            jobs=1,
+            engine=Elsewhere(100),
+        )
+    assert "TMPDIR" in str(caught.value)
+
+
+def test_faults_of_a_source_are_not_those_of_the_disk(tmp_path: Path) -> None:
     def unreadable() -> Iterator[Floats]:
         yield np.zeros((1, 3))
         raise FileNotFoundError("cloud.las")
 
     with pytest.raises(FileNotFoundError, match=r"cloud\.las"):
-        spill_one(unreadable())
+        spill_one(tmp_path, unreadable())
+    assert list(tmp_path.iterdir()) == []
 
 
 def scored(prediction: Floats, truth: Floats, block_points: int) -> tuple[Floats, Floats]:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.reconstruction.alignment.icp import IcpReport, IcpSettings, drawn, refine
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 from tests.reconstruction.cloud_support import Pieces
-from tests.reconstruction.test_alignment import UTM, assert_same
+from tests.reconstruction.posed_cameras import UTM, assert_same
 
 ICP = IcpSettings(
     max_points=2000,

@@ -22,15 +22,9 @@ from airzoo_bench.reconstruction.prepared import (
 from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.settings import Preparation
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.cloud_support import Pieces
+from tests.reconstruction.cloud_support import Pieces, settings
 
 BOX = Box(np.zeros(3), np.ones(3))
-
-
-def settings(**changes: Any) -> Preparation:
-    crop = {"crop": "none", "crop_margin_m": 1.0, "crop_cell_m": 1.0}
-    region = {"region": "all", "observed_photos": 2, "observed_cell_m": 1.0, "hidden_beyond_m": 3.0}
-    return Preparation(**(crop | region | {"voxel_m": "none"} | changes))
 
 
 def prepare(source: CloudSource, used: Preparation, block: int) -> PreparedCloud:

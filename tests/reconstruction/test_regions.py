@@ -9,11 +9,10 @@ from hypothesis import given
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.prepared import observed_cells, seen_by
 from airzoo_bench.reconstruction.regions import bounding_box, covered_columns, occupied_cells
+from airzoo_bench.reconstruction.visibility import observed_cells, seen_by
 from tests.geometry.support import looking_down, quick, seeds
-from tests.reconstruction.cloud_support import Pieces
-from tests.reconstruction.test_prepared import settings
+from tests.reconstruction.cloud_support import Pieces, settings
 
 UTM = np.array((500_000.0, 5_200_000.0, 100.0))
 

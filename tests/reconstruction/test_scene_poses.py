@@ -14,18 +14,12 @@ from tests.reconstruction.world import (
     Array,
     World,
     camera_poses,
-    make_world,
     predict_clouds,
     save,
     true_points,
 )
 
 NEAR = 1e-8  # of coordinates of millions of metres, after an alignment
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world") / "data")
 
 
 def with_poses(world: World, folder: Path, extrinsics: Array | None) -> dict[str, float]:

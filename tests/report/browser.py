@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.support import HANGS_S
+
 webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium is not installed")
 
 
@@ -64,7 +66,7 @@ class Opened:
         raise AssertionError(label)
 
     def until(self, asked: Callable[[], Any]) -> Any:
-        end = time.monotonic() + 10
+        end = time.monotonic() + HANGS_S
         while time.monotonic() < end:
             if found := asked():
                 return found

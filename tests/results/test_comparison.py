@@ -1,34 +1,20 @@
-"""Comparison of methods: what is paired with what, and what is said of it."""
+"""Comparison of methods: what is paired with what, and how it comes out."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.results.comparable import check_same_queries
-from airzoo_bench.results.comparison import Comparison, compare
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.sampling import make_sample, score_intervals
 from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.interval_layout import intervals_table
-from airzoo_bench.tables.verdicts import sentence
-from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
-
-FAST = ResamplingConfig(resamples=1_000)
-EAST, WEST = [1.0, 1, 1, 1, 1, 0, 0, 0], [1.0, 1, 1, 0, 0]
-
-
-def hits(name: str, east: list[float], west: list[float]) -> Scored:
-    return made_method({"east": {"recall@1": east}, "west": {"recall@1": west}}, name=name)
-
-
-def against(*methods: Scored, **options: object) -> Comparison:
-    scores = choose_scores(methods, [])
-    return compare(methods, scores, resampling=FAST, **options)  # type: ignore[arg-type]
+from tests.results.compared import EAST, FAST, WEST, against, hits
+from tests.statistics.support import CHAMFER, ERROR, HIT, made_method, random_methods
 
 
 def test_by_hand():
@@ -220,124 +206,3 @@ def test_the_average_stands_apart_from_scenes():
         found = score_intervals(method, [HIT], FAST, scene)
         rows = intervals_table(method, [HIT], found, FAST, scene).rows
         assert [(row.cells[0].value, row.summary) for row in rows] == titles
-
-
-class TestSentence:
-    def test_better(self):
-        methods = random_methods(2, {"east": 300, "west": 200}, (HIT, ERROR))
-        pairs = against(*methods).pairs
-        said = sentence(pairs[0], FAST)
-        assert said.startswith("method01 is better than method00 on R@1 by ")
-        assert f"by {100 * (pairs[0].difference or 0):.2f} points (95 % interval " in said
-        assert "p = 0.0010" in said
-        assert "Holm" not in said
-        assert "McNemar" in said
-        swapped = sentence(against(*methods[::-1]).pairs[0], FAST)
-        assert swapped == said
-        error = sentence(pairs[1], FAST)
-        assert error.startswith("method01 is better than method00 on Median by ")
-        assert " m (95 % interval " in error
-
-    def test_not_told_apart(self):
-        pair = against(hits("a", EAST, WEST), hits("b", [*EAST[1:], 1.0], WEST)).pairs[0]
-        said = "Too few to tell b and a apart on R@1: both have the same value (95 % interval"
-        assert sentence(pair, FAST).startswith(said)
-        pair = against(hits("a", EAST, WEST), hits("b", [0.0, *EAST[1:]], WEST)).pairs[0]
-        said = sentence(pair, FAST)
-        assert said.startswith("Too few to tell b and a apart on R@1: a is ahead by 6.25 points")
-        assert "p = 1.0000" in said
-
-    def test_equal(self):
-        pair = against(hits("a", EAST, WEST), hits("b", EAST, WEST)).pairs[0]
-        assert sentence(pair, FAST) == "b and a are equal on R@1 everywhere."
-        assert pair.difference == 0.0
-        assert pair.test.p_value == pair.p_mcnemar == 1.0
-        # Without one query that differs, the rates may still differ by what so few cannot show.
-        assert pair.interval.method == "mover"
-        assert pair.interval.low == -(pair.interval.high or 0.0)
-
-    def test_both_infinite(self):
-        scenes = (
-            {"s": {"error_m": [np.inf] * 5 + [1.0, 2.0]}},
-            {"s": {"error_m": [np.inf] * 4 + [1.0] * 0 + [np.inf, 3.0, 4.0]}},
-        )
-        pair = against(
-            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
-        ).pairs[0]
-        assert pair.difference is None
-        assert pair.interval.reason == "both are infinite"
-        said = "Too few to tell b and a apart on Median: both are infinite."
-        assert sentence(pair, FAST) == said
-
-    def test_one_infinite(self):
-        scenes = {"s": {"error_m": [np.inf] * 8}}, {"s": {"error_m": [1.0] * 8}}
-        pair = against(
-            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
-        ).pairs[0]
-        assert pair.difference == -np.inf
-        assert pair.test.p_value == 2 / 256
-        assert sentence(pair, FAST).startswith(
-            "b is better than a on Median by an infinite amount (no"
-        )
-
-
-def test_one_query():
-    methods = [
-        made_method({"s": {"recall@1": [value]}}, name=n) for value, n in ((1.0, "a"), (0.0, "b"))
-    ]
-    pair = against(*methods).pairs[0]
-    assert pair.difference == -1.0
-    assert "only 1 query" in pair.interval.reason
-    assert pair.test.p_value == pair.p_mcnemar == 1.0
-
-
-class TestRefusals:
-    def test_other_protocol(self):
-        one = made_method({"s": {"recall@1": [1.0]}}, settings={"scores": {"k": [1, 3], "ap": "x"}})
-        two = made_method(
-            {"s": {"recall@1": [1.0]}},
-            name="Two",
-            protocol="q" * 64,
-            settings={"scores": {"k": [1], "ap": "x"}, "more": True},
-        )
-        with pytest.raises(ResultError) as error:
-            check_same_queries([one, two])
-        assert "Method and Two were made with different protocols (pppppppppppp" in error.value.what
-        assert "scores.k is [1, 3] against [1]; more is absent against True" in error.value.what
-
-    def test_other_truth(self):
-        one = made_method({"s": {"recall@1": [1.0]}})
-        two = made_method({"s": {"recall@1": [1.0, 0.0]}}, name="Two", truth="u" * 64)
-        with pytest.raises(ResultError, match="different truths") as error:
-            check_same_queries([one, one, two])
-        assert "benchmark made v1, prepared anew; scene s: 1 against 2 queries" in error.value.what
-
-    def test_other_queries(self):
-        one = made_method({"s": {"recall@1": [1.0, 0.0]}})
-        two = made_method({"s": {"recall@1": [1.0]}}, name="Two")
-        with pytest.raises(ResultError, match="only 1 query in common"):
-            check_same_queries([one, two])
-        three = made_method({"t": {"recall@1": [1.0]}}, name="Three")
-        with pytest.raises(ResultError, match="no query in common") as error:
-            check_same_queries([two, three])
-        assert "2 of 2 (s/q00000, t/q00000)" in error.value.what
-
-    def test_unknown_score(self):
-        methods = random_methods(2, {"s": 5}, (HIT, SOFT))
-        assert [c.key for c in choose_scores(methods, [])] == ["recall@1"]
-        assert [c.key for c in choose_scores(methods, ["MRR", "recall@1", "mrr"])] == [
-            "mrr",
-            "recall@1",
-        ]
-        with pytest.raises(UsageError, match=r"called 'recall@2' \(did you mean 'recall@1'"):
-            choose_scores(methods, ["recall@2"])
-
-    def test_a_score_that_one_lacks(self):
-        one = made_method({"s": {"recall@1": [1.0], "mrr": [1.0]}}, (HIT, SOFT))
-        two = made_method({"s": {"recall@1": [1.0]}})
-        with pytest.raises(UsageError, match=r"called 'mrr'\n.*\n.*not all have it"):
-            choose_scores([one, two], ["mrr"])
-
-    def test_unknown_scene(self):
-        with pytest.raises(ResultError, match="there is no scene 'est' in the results"):
-            against(hits("a", EAST, WEST), hits("b", EAST, WEST), scene="est")

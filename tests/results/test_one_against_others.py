@@ -14,7 +14,7 @@ from airzoo_bench.tables.blocks import as_asked, by_count
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.verdicts import verdict
 from tests.statistics.support import ERROR, HIT, random_methods
-from tests.tables.test_comparison_layout import FAST, PAIR, against
+from tests.tables.comparisons import FAST, PAIR, against
 
 
 class TestOfOne:

@@ -213,7 +213,11 @@ def test_what_is_not_wanted_must_be_there_and_unchanged(path):
         (["2024-01-01", "2024-01-02", "2024-01-03"], "O"),
         (["10:30", "11:30", "12:30"], "O"),
         (["1_000", " 2", "+3"], "O"),
-        (["99999999999999999999", "1", "2"], "f"),
+        (["1700000000123456789", "1700000000123456790", "-3"], "i"),
+        (["9223372036854775807", "9223372036854775808", "18446744073709551615"], "u"),
+        (["18446744073709551616", "18446744073709551617", "2"], "O"),
+        (["9223372036854775808", "-1", "2"], "O"),
+        (["1700000000123456789", "", "2"], "O"),
     ],
 )
 def test_types_are_those_that_were_written(texts, kind, tmp_path):
@@ -225,7 +229,9 @@ def test_types_are_those_that_were_written(texts, kind, tmp_path):
     found = read["condition"]
     assert found.dtype.kind == kind
     assert found.isna().tolist() == [text == "" for text in texts]
-    if kind == "O":
+    if kind in "iu":
+        assert found.tolist() == [int(text) for text in texts]
+    elif kind == "O":
         assert found.dropna().tolist() == [text for text in texts if text]
     else:
         expected = [text == "True" if kind == "b" else float(text or "nan") for text in texts]
@@ -259,6 +265,7 @@ HEAD = "scene,query,recall@1"
         (f"{HEAD}\ns,s/a,1\ns,s/b,-inf\n", "recall@1: a score is not a number"),
         (f"{HEAD}\ns,s/a,1\ns,s/b,0x1\n", "recall@1: a score is not a number"),
         (f"{HEAD}\ns,,1\ns,,0\n", "a query stands twice"),
+        (f"{HEAD}\ns,,1\ns,s/b,0\n", "or has no name"),
         (f"{HEAD}\n,s/a,1\n,s/b,0\n", "its scenes are not those"),
         (f"{HEAD}\ns,s/a,1\ns,s/b,{'9' * 20_000_000}\n", "not a table"),
         (f"{HEAD},{'x' * 200_000}\ns,s/a,1,\ns,s/b,0,\n", "not a table: field larger"),

@@ -63,7 +63,29 @@ def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
     table.loc[8, "x"] = np.nan
     table.loc[9, "x"] = -0.0
     table.loc[10, "x"] = 0.0
-    monkeypatch.setattr(records_csv, "_ROWS", 7)
+    monkeypatch.setattr(records_csv, "ROWS", 7)
+    assert written(table) == table.to_csv(index=False, lineterminator="\n")
+
+
+def test_numbers_of_every_size_are_written_as_python_writes_them() -> None:
+    random = np.random.default_rng(1)
+    parts = [
+        *(10.0**k * f for k in range(-12, 20) for f in (1, 1.5, 9.999999999999999, 0.3)),
+        *np.nextafter(10.0 ** np.arange(-12, 20), 0.0),
+        *(2.0**k for k in range(-70, 70)),
+        *np.exp(random.uniform(-40, 40, 20_000)),
+        *10.0 ** random.uniform(-323, -3, 20_000),
+        *random.uniform(0, 1, 20_000),
+        *np.round(random.uniform(0, 1e5, 20_000), 3),
+        *(0.0, np.inf, np.nan, 5e-324, 1.7976931348623157e308),
+    ]
+    values = np.array([*parts, *(-part for part in parts)])
+    texts = written(pd.DataFrame({"x": values, "y": 0})).splitlines()[1:]
+    assert texts == [",0" if v != v else f"{v!r},0" for v in values.tolist()]
+
+
+def test_single_precision_without_any_value() -> None:
+    table = pd.DataFrame({"x": np.full(3, np.nan, np.float32), "y": 1})
     assert written(table) == table.to_csv(index=False, lineterminator="\n")
 
 

@@ -12,46 +12,10 @@ import pytest
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.evaluation.evaluate import versions
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Reference, Result, ScoreColumn, read_result, write_result
+from airzoo_bench.core.version import versions
+from airzoo_bench.results.result import Reference, Result, read_result, write_result
+from tests.results.made import result
 from tests.support import run_main
-
-
-def result(method: str = "Method", **overall: float) -> Result:
-    values = {"recall@1": 0.1 + 0.2, "distance_m": math.inf} | overall
-    columns = (
-        ScoreColumn(
-            key="recall@1",
-            title="R@1",
-            unit="share",
-            higher_is_better=True,
-            average="mean",
-            headline=True,
-        ),
-        ScoreColumn(
-            key="distance_m",
-            title="Distance",
-            unit="m",
-            higher_is_better=False,
-            average="median",
-            headline=False,
-        ),
-    )
-    return Result(
-        track="retrieval",
-        protocol=ProtocolUsed(name="p", version=1, fingerprint="f", settings={"k": [1, None]}),
-        truth=TruthUsed(benchmark="b", version=1, fingerprint="t", scene_titles={"s": "Scene"}),
-        predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
-        versions={"airzoo-bench": "1"},
-        columns=columns,
-        counts={"s": {"queries": 3}},
-        extra_queries=0,
-        notes=("A note.",),
-        scenes={"s": values},
-        overall=values,
-        pooled=values,
-    ).with_checksum()
 
 
 def two_scenes(**changes: Any) -> Result:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -11,14 +12,9 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.retrieval.baseline import (
-    VladSettings,
-    _cost,
-    describe,
-    learn_words,
-    root_sift,
-    vlad,
-)
+from airzoo_bench.engines.processes import Processes
+from airzoo_bench.retrieval.baseline import _cost, describe, learn_words, root_sift, vlad
+from airzoo_bench.retrieval.baseline_settings import VladSettings
 
 
 def textured(seed: int, size: int = 128) -> np.ndarray:
@@ -40,7 +36,7 @@ def test_an_image_is_nearest_to_its_own_tile() -> None:
 def test_the_number_of_workers_and_the_images_before_do_not_matter() -> None:
     tiles = [partial(textured, seed, 64 + 32 * (seed % 3)) for seed in range(9)]
     alone, _ = describe(tiles, [tiles[4]], SETTINGS)
-    shared, query = describe(tiles, [tiles[4]], SETTINGS, jobs=2)
+    shared, query = describe(tiles, [tiles[4]], SETTINGS, engine=Processes(2))
     assert np.array_equal(alone, shared)
     assert np.array_equal(query[0], shared[4])
 
@@ -87,3 +83,45 @@ def test_what_a_large_gallery_takes_is_said_before_the_work(
     found = _cost(truth, VladSettings(doubled=doubled)) or ""
     assert minutes in found
     assert bool(found) is bool(minutes)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_words_are_learnt_by_two_threads_however_many_there_are(
+    threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Their sums round by the number of threads, from some ten thousand features on.
+    import faiss
+
+    used = []
+    train = faiss.Kmeans.train
+
+    def watched(kmeans: faiss.Kmeans, features: np.ndarray) -> None:
+        used.append(faiss.omp_get_max_threads())
+        train(kmeans, features)
+
+    monkeypatch.setattr(faiss.Kmeans, "train", watched)
+    before = faiss.omp_get_max_threads()
+    faiss.omp_set_num_threads(threads)
+    try:
+        learn_words([np.random.default_rng(0).random((100, 128), np.float32)], SETTINGS)
+        after = faiss.omp_get_max_threads()
+    finally:
+        faiss.omp_set_num_threads(before)
+    assert (used, after) == ([2], threads)
+
+
+def test_no_stage_is_without_a_name() -> None:
+    stages = []
+
+    def progress(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
+        stages.append((label, total))
+        yield from items
+
+    tiles = [partial(textured, seed) for seed in range(3)]
+    describe(tiles, tiles[:2], SETTINGS, progress=progress)
+    assert stages == [
+        ("tiles", 3),
+        ("learning the words", 1),
+        ("descriptors of tiles", 3),
+        ("photos", 2),
+    ]

@@ -13,13 +13,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.retrieval.chance import chance_scores
-from tests.support import (
-    MadeScene,
-    made_protocol,
-    run_main,
-    write_benchmark,
-    write_predictions,
-)
+from tests.support import MadeScene, made_protocol, run_main, write_benchmark, write_predictions
 
 MEMORY = 1 << 30
 

@@ -95,6 +95,14 @@ def test_printable_ids_are_taken(name: str, tmp_path: Path) -> None:
     assert read.content.ids[0, 0] == name
 
 
+@pytest.mark.parametrize("name", ["100%d.npz", "%s.npz", "90%.npz", "%%.npz"])
+def test_a_percent_sign_in_the_file_s_name(name: str, tmp_path: Path) -> None:
+    (tmp_path / "plain").mkdir()
+    path = saved(tmp_path / "plain", query_ids=["e/a", "e/b"], ranked_ids=[["e/t"], ["e/t"]])
+    moved = path.rename(tmp_path / name)
+    assert not list(validation_errors(read_retrieval(moved, LIMIT), 1))
+
+
 @pytest.mark.parametrize(
     "name",
     [

@@ -17,21 +17,13 @@ from airzoo_bench.core.errors import ResultError, UserError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
-from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import read_scored
-from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sensitivity import NoiseFloor, Sensitivity, read_noise_floor
+from airzoo_bench.results.sensitivity import Sensitivity, read_noise_floor
 from airzoo_bench.retrieval.assumptions import AssumedRanges, Variant, moved_queries
 from airzoo_bench.retrieval.sensitivity import sensitivity
 from airzoo_bench.retrieval.truth import read_truth
-from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.verdicts import sentence, verdict
-from tests.statistics.support import made_method
 from tests.support import Place, make_place, run_main, write_predictions
 
-R1 = ScoreColumn(
-    key="recall@1", title="R@1", unit="share", higher_is_better=True, average="mean", headline=True
-)
 # Of photo a, whose anchors lie at y = 31.19 and 96.81: from 5 m lower at 32.75 and 95.25.
 NEW_AT_LESS_HEIGHT = (0, 32, 64, 64)
 # North-west corners of tiles that hold an anchor of each photo by more than 10 m.
@@ -126,21 +118,6 @@ def test_floors_do_not_depend_on_the_order_of_methods(results: list[Path]) -> No
     ranges = AssumedRanges(0.1, 5.0, 5.0, 3.0)
     one, other = moved(results, ranges), moved(results[::-1], ranges)
     assert one.floors().tolist() == other.floors().tolist()
-
-
-def test_floors_and_ranks_of_three_methods_by_hand() -> None:
-    base = np.array([[[0.5], [0.4], [0.4]]])
-    values = np.array([[[[0.5], [0.4], [0.4]]], [[[0.4], [0.45], [0.4]]], [[[0.6], [0.5], [0.3]]]])
-    found = Sensitivity(
-        ("a", "b", "c"), (R1,), ("height_m",) * 3, ("s",), base, values, np.zeros((3, 1), int)
-    )
-    # Changes are (0, 0, 0), (-0.1, 0.05, 0), (0.1, 0.1, -0.1): b - c moves most, by 0.2.
-    assert found.floors() == pytest.approx([0.2])
-    assert found.floors("s") == pytest.approx([0.2])
-    here, best, worst = found.ranks()
-    assert here[:, 0].tolist() == [1, 2, 2]
-    assert best[:, 0].tolist() == [1, 1, 2]
-    assert worst[:, 0].tolist() == [2, 2, 3]
 
 
 def test_queries_that_no_tile_answers_any_more_are_counted(results: list[Path]) -> None:
@@ -267,56 +244,6 @@ def test_a_changed_folder_is_refused(results: list[Path]) -> None:
     tables.write_text(tables.read_text().replace("64.0,64.0", "60.0,60.0"))
     with pytest.raises(UserError, match="changed since it was prepared"):
         moved(results, AssumedRanges(height_m=1.0))
-
-
-@pytest.mark.parametrize(("floor", "word"), [(0.3, "in noise"), (0.2, "in noise"), (0.19, "worse")])
-def test_verdicts_by_floor(floor: float, word: str) -> None:
-    sure = made_method({"s": {"recall@1": [1.0] * 100}}, name="sure")
-    worse = made_method({"s": {"recall@1": [1.0] * 80 + [0.0] * 20}}, name="worse")
-    known = NoiseFloor(
-        protocol="p",
-        protocol_fingerprint="",
-        truth_fingerprint="",
-        ranges={},
-        draws=0,
-        seed=0,
-        methods={"sure": "0", "worse": "1"},
-        overall={"recall@1": floor},
-        scenes={},
-    )
-    plan = ResamplingConfig(resamples=1_000)
-    (pair,) = compare([sure, worse], [R1], resampling=plan, noise_floor=known).pairs
-    assert verdict(pair) == word
-    said = {"in noise": "noise floor of", "worse": "sure is better than worse"}
-    assert said[word] in sentence(pair, plan)
-
-
-@pytest.mark.parametrize(
-    ("values", "word"),
-    [([1.0] * 80 + [0.0] * 20, "cannot be told apart"), ([1.0] * 99 + [0.0], "Too few")],
-)
-def test_what_is_no_finding_may_be_in_noise_too(values: list[float], word: str) -> None:
-    base = [1.0] * 82 + [0.0] * 18 if len(set(values[:99])) > 1 else [1.0] * 100
-    sure = made_method({"s": {"recall@1": base}}, name="sure")
-    worse = made_method({"s": {"recall@1": values[::-1]}}, name="worse")
-    known = NoiseFloor(
-        protocol="p",
-        protocol_fingerprint="",
-        truth_fingerprint="",
-        ranges={},
-        draws=0,
-        seed=0,
-        methods={"sure": "0", "worse": "1"},
-        overall={"recall@1": 0.05},
-        scenes={},
-    )
-    plan = ResamplingConfig(resamples=1_000)
-    (pair,) = compare([sure, worse], [R1], resampling=plan, noise_floor=known).pairs
-    said = sentence(pair, plan)
-    assert word in said
-    assert "no more than the benchmark's noise floor of 5.00" in said
-    (pair,) = compare([sure, worse], [R1], resampling=plan).pairs
-    assert "noise floor" not in sentence(pair, plan)
 
 
 def test_one_result_has_no_ranks(results: list[Path], command: Callable[..., Ran]) -> None:

@@ -14,15 +14,14 @@ from airzoo_bench.statistics.bootstrap_limits import interval_limits, percentile
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.verdicts import verdict
+from tests.statistics.coverage import documented, standard_error
 from tests.statistics.simulations import (
     OTHERS,
     STATED,
     WITH_FAILURES,
     Errors,
-    documented,
     findings,
     findings_of_permutation,
-    standard_error,
 )
 from tests.statistics.support import ERROR, HIT, made_method
 

@@ -10,11 +10,12 @@ import pytest
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.pair_intervals import pair_limits
 from airzoo_bench.statistics.pair_tests import pair_draws, pair_p_values, resamples_for
+from airzoo_bench.statistics.pairs import oriented, rows_of, wanted_pairs
 from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
 from airzoo_bench.statistics.resampling import exact_products
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import paired_permutation, paired_tests
-from tests.statistics.simulations import coverage_of_ranks
+from tests.statistics.coverage import coverage_of_ranks
 
 CONFIG = ResamplingConfig(2_000)
 
@@ -205,6 +206,18 @@ def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind: str) -> None
     assert upper(pair_limits(alone, CONFIG)[0]).tolist() == [
         limits[0][one, other] for one, other in combinations(few, 2)
     ]
+
+
+@pytest.mark.parametrize("chosen", [None, [4], [4, 1], [0], [6, 0, 3]])
+def test_pairs_are_taken_once_and_those_of_few_together(chosen: list[int] | None) -> None:
+    wanted = wanted_pairs(7, None if chosen is None else np.array(chosen))
+    taken = np.zeros((7, 7), int)
+    found = list(rows_of(wanted))
+    for one, others in found:
+        first, second = oriented(one, others)
+        taken[first, second] += 1
+    assert (taken == wanted).all()
+    assert len(found) <= 2 * len(chosen or range(7))
 
 
 def test_products_are_exact_on_their_grid() -> None:

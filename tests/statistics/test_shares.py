@@ -19,7 +19,7 @@ from airzoo_bench.statistics.shares import (
     jeffreys_limits,
     wilson_limits,
 )
-from tests.statistics.simulations import (
+from tests.statistics.coverage import (
     AGREEMENT,
     DESIGNS,
     SATURATED,

@@ -2,85 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.results.provenance import ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result, write_result
+from airzoo_bench.results.result import write_result
 from airzoo_bench.tables.method_table import MethodTable
 from airzoo_bench.tables.published import published_tables
 from airzoo_bench.tables.reported_rows import with_published
-from tests.results.test_result import result
+from tests.results.made import result
 from tests.support import run_main, write_predictions
+from tests.tables.two_results import CITY, RURAL, Show, made
 from tests.tables.typeset import typeset
 
-Show = Callable[..., list[dict[str, str]]]
 LATEX = ("--format", "latex")
-CITY, RURAL = {"recall@1": 0.5}, {"recall@1": 0.25}
-
-
-def made(
-    method: str, scenes: dict[str, dict[str, float]], *, shipped: bool = True, **parts: Any
-) -> Result:
-    """Return a result of the paper's real benchmark, by the shipped protocol or another."""
-    base = result(method)
-    protocol = load_protocol(shipped_protocols()["airzoo-real-retrieval"])
-    values = {name: base.overall | scores for name, scores in scenes.items()}
-    mean = {key: sum(v[key] for v in values.values()) / len(values) for key in base.overall}
-    titles = {scene.id: scene.title for scene in protocol.scenes}
-    numbers = {"City": 161, "Rural": 190}
-    pooled = {
-        key: sum(n * values[name][key] for name, n in numbers.items()) / sum(numbers.values())
-        for key in base.overall
-    }
-    content = base.model_dump(by_alias=True) | {
-        "protocol": ProtocolUsed(
-            name=protocol.name,
-            version=1,
-            fingerprint=protocol.fingerprint if shipped else "other",
-            settings={},
-        ),
-        "truth": TruthUsed(
-            benchmark="airzoo-real", version=1, fingerprint="t", scene_titles=titles
-        ),
-        "scenes": values,
-        "counts": {name: {"queries": n} for name, n in numbers.items()},
-        "overall": mean,
-        "pooled": pooled,
-    }
-    return Result.model_validate(content | parts).with_checksum()
-
-
-@pytest.fixture
-def files(tmp_path: Path) -> list[Path]:
-    """Write two results; the second is the better in City, the first in Rural and on average."""
-    methods = {
-        "Mine": {"City": CITY, "Rural": {"recall@1": 0.5}},
-        "MegaLoc": {"City": {"recall@1": 0.6}, "Rural": RURAL},
-    }
-    for name, scenes in methods.items():
-        write_result(tmp_path / f"{name}.json", made(name, scenes))
-    return [tmp_path / f"{name}.json" for name in methods]
-
-
-@pytest.fixture
-def show(capsys: pytest.CaptureFixture[str]) -> Show:
-    """Return a function that prints a table as CSV and reads it."""
-
-    def run(*arguments: object) -> list[dict[str, str]]:
-        code = run_main("table", *arguments, "--format", "csv")
-        out, said = capsys.readouterr()
-        assert code == 0, said
-        return list(csv.DictReader(io.StringIO(out)))
-
-    return run
 
 
 def test_scenes_side_by_side(files: list[Path], show: Show) -> None:

@@ -12,11 +12,9 @@ from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.support import run_main
-from tests.tables.test_command import Show, files, show
-from tests.tables.test_on_paper import scored
+from tests.tables.small_tables import scored
+from tests.tables.two_results import Show
 from tests.tables.typeset import typeset, words
-
-__all__ = ["files", "show"]  # fixtures
 
 TABLE = ("table", "--published", "--protocol")
 LATEX = ("--format", "latex")

@@ -19,7 +19,7 @@ from airzoo_bench.tables.render import FORMATS, render
 from airzoo_bench.tables.reported_rows import with_floors
 from tests.statistics.support import made_method, write_method
 from tests.support import run_main
-from tests.tables.test_command import made
+from tests.tables.two_results import made
 from tests.tables.typeset import bold_words, typeset
 
 NAME, MEANING = "Chance level", "the mean over all orders of the gallery."

@@ -17,30 +17,11 @@ from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.latex_text import latex_width
 from airzoo_bench.tables.layouts import benchmarks_layout
 from airzoo_bench.tables.method_table import method_table
-from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
-from tests.results.test_result import result
-from tests.tables.test_extras import grouped
+from airzoo_bench.tables.model import Cell, Column, Row, Table
+from tests.results.made import result
+from tests.support import HANGS_S
+from tests.tables.small_tables import grouped, scored
 from tests.tables.typeset import typeset, words
-
-SPAN = Between(12.34, 56.78)
-
-
-def scored(kind: str, groups: int = 2) -> Table:
-    """Return two methods with four scores in each group, and what stands beside these."""
-    columns = [Column(f"R@{s}", "%", True, group=f"G{g}") for g in range(groups) for s in range(4)]
-    lower = tuple(Cell(12.34) for _ in columns)
-    upper = tuple(Cell(56.78, best=True) for _ in columns)
-    rows = (Row((Cell("NetVLAD"), *lower)), Row((Cell("MegaLoc (Ours)"), *upper)))
-    made = Table("T", (Column("Method"), *columns), rows)
-    if kind == "gains":
-        return add_gains(made, {1: 0})
-    if kind == "intervals":
-        spans = [
-            Row((row.cells[0], *(replace(c, uncertainty=SPAN) for c in row.cells[1:])))
-            for row in rows
-        ]
-        return replace(made, rows=tuple(spans))
-    return made
 
 
 @pytest.mark.parametrize(("kind", "blocks"), [("alone", 1), ("gains", 2), ("intervals", 2)])
@@ -65,7 +46,7 @@ def test_the_estimate_is_near_the_width(kind: str, siunitx: bool, tmp_path: Path
     shown = document.replace(r"\end{lrbox}", r"\end{lrbox}\typeout{WIDTH \the\wd\tablebox}")
     (tmp_path / "table.tex").write_text(shown, encoding="utf-8")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "table.tex"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=120)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=HANGS_S)
     found = re.search(rb"WIDTH ([\d.]+)pt", done.stdout)
     assert found, done.stdout[-1000:]
     (piece, *_) = by_count(table)

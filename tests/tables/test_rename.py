@@ -9,7 +9,7 @@ import pytest
 from airzoo_bench.results.result import write_result
 from airzoo_bench.tables.render import FORMATS
 from tests.support import run_main
-from tests.tables.test_command import made
+from tests.tables.two_results import made
 
 NAMES = ("--rename", "MegaLoc=Old Loc", "--rename", "City=Town", "--rename", "R@1=First")
 

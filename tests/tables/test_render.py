@@ -16,7 +16,7 @@ from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.layouts import methods_table, scenes_table
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 from airzoo_bench.tables.render import FORMATS, render
-from tests.results.test_result import result
+from tests.results.made import result
 
 UP, DOWN = Column("R@1", "%", True), Column("Error", "m", False)
 

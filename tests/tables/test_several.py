@@ -14,7 +14,7 @@ from airzoo_bench.results.result import Result, ScoreColumn, write_result
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.render import render
-from tests.results.test_result import result
+from tests.results.made import result
 from tests.support import run_main
 
 ERROR = ScoreColumn(

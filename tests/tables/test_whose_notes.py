@@ -16,7 +16,7 @@ from airzoo_bench.tables.layouts import (
     scenes_table,
 )
 from airzoo_bench.tables.method_table import method_table
-from tests.results.test_result import result
+from tests.results.made import result
 from tests.support import run_main
 
 

@@ -23,12 +23,9 @@ from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.method_table import OVERALL, method_table
 from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
 from airzoo_bench.tables.render import FORMATS, render
-from tests.results.test_result import result
+from tests.results.made import result
 from tests.support import run_main
-from tests.tables.test_command import files, show
 from tests.tables.typeset import typeset, words
-
-__all__ = ["files", "show"]  # fixtures
 
 
 def compared() -> Table:

@@ -10,6 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from tests.support import HANGS_S
+
 MINUS = "\u2212"
 
 
@@ -20,7 +22,7 @@ def typeset(document: str, folder: Path) -> str:
             pytest.skip(f"{program} is not installed")
     (folder / "table.tex").write_text(document, encoding="utf-8")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "table.tex"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=120)
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=HANGS_S)
     log = done.stdout.decode("utf-8", "replace")
     if done.returncode and ".sty' not found" in log.replace("\n", ""):
         pytest.skip("LaTeX lacks a package: " + log[log.index("! LaTeX Error") :][:80])

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.geometry_checks.footprint_sets import (
-    CORNER_COLUMNS,
     NamedFootprints,
     cast_corners,
     read_footprints,
 )
 from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits, find_overlaps
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 
 from .analytic import ORIGIN, cameras, looking
 
@@ -133,7 +133,7 @@ def test_wide_degrees_across_the_180th_meridian_near_a_pole() -> None:
 
 def test_a_footprint_that_holds_a_pole_is_not_known(tmp_path: Path) -> None:
     around = [(10.0, 89.9), (100.0, 89.9), (-170.0, 89.9), (-80.0, 89.9)]
-    table = pd.DataFrame([["a", *np.ravel(around)]], columns=["id", *CORNER_COLUMNS])
+    table = pd.DataFrame([["a", *np.ravel(around)]], columns=["id", *ANCHOR_COLUMNS])
     table.to_csv(tmp_path / "a.csv", index=False)
     found = read_footprints(tmp_path / "a.csv", 1000.0)
     assert found.unknown.all()
@@ -142,7 +142,7 @@ def test_a_footprint_that_holds_a_pole_is_not_known(tmp_path: Path) -> None:
 
 def test_csv_in_and_out(tmp_path: Path) -> None:
     rows = footprints((10.0, 0.0), (10.0005, 0.0)).reshape(2, 8)
-    table = pd.DataFrame(rows, columns=list(CORNER_COLUMNS)).assign(id=["007", "b"])
+    table = pd.DataFrame(rows, columns=list(ANCHOR_COLUMNS)).assign(id=["007", "b"])
     table.to_csv(tmp_path / "train.csv", index=False)
     train = read_footprints(tmp_path / "train.csv", 100.0)
     assert train.ids == ("007", "b")

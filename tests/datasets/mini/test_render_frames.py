@@ -26,6 +26,7 @@ from airzoo_bench.datasets.mini.export.frames import (
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import Renderer
 from airzoo_bench.datasets.mini.world.model import CRS, World
+from airzoo_bench.engines.processes import Processes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat
@@ -156,7 +157,7 @@ def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
 def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path) -> None:
     frames = frame_list()
     render_frames(frames, small_world, tmp_path / "one")
-    render_frames(frames, small_world, tmp_path / "two", jobs=2)
+    render_frames(frames, small_world, tmp_path / "two", engine=Processes(2))
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     turned = list(range(4))[::-1]
     reverse = FrameList(

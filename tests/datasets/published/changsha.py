@@ -20,7 +20,7 @@ from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
-from tests.datasets.test_photo_metadata import packet
+from tests.datasets.xmp import packet
 from tests.support import write_raster
 
 Bands = NDArray[np.uint8] | NDArray[np.float32]

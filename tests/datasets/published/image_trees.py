@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
 
-__all__ = ["denseuav", "gta_uav", "picture", "sues_200", "sues_200_split", "university_1652"]
+__all__ = [
+    "CHINESE",
+    "TREES",
+    "denseuav",
+    "gta_uav",
+    "picture",
+    "sues_200",
+    "sues_200_split",
+    "university_1652",
+]
 
 TESTED, GALLERY = range(701, 709), range(701, 713)
 HEIGHTS = ("150", "200", "250", "300")
@@ -133,3 +143,13 @@ def gta_uav(folder: Path) -> Path:
     for one in entries:
         picture(folder / "drone" / "images" / str(one["drone_img_name"]))
     return folder
+
+
+TREES: dict[str, Callable[[Path], Path]] = {
+    "university-1652": university_1652,
+    "sues-200": sues_200_split,
+    "denseuav": denseuav,
+    "gta-uav": gta_uav,
+}
+CHINESE = "无人机 数据 set"
+"""A folder that is not called in ASCII, nor without spaces."""

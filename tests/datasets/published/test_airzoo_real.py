@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.api.evaluation import evaluate
@@ -31,11 +31,11 @@ from tests.datasets.published.airzoo_real_tree import (
     make_tree,
     write_table,
 )
-from tests.datasets.published.changsha import CORNER, EPSG, heights, poses_of_shots, write_map
+from tests.datasets.published.bad_airzoo_real import SCHOOL, SPOILED
+from tests.datasets.published.changsha import CORNER, EPSG, heights, poses_of_shots
 from tests.support import run_main
 
 PREPARE = ("prepare", "airzoo-real", "--source")
-SCHOOL = "airzoo_real_recon/xuexiao/06-08"
 REGIONS = ("--scene", "City", "--scene", "Rural")
 
 
@@ -207,72 +207,19 @@ def test_heights_may_be_shifted_and_cameras_given(tree: Path, tmp_path: Path) ->
     assert set(truth.queries["fx"]) == {44.0}
 
 
-def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
-    def edit(tree: Path) -> None:
-        text = (tree / name).read_text()
-        assert old in text
-        (tree / name).write_text(text.replace(old, new))
-
-    return edit
-
-
-def _no_photos(tree: Path) -> None:
+def test_a_given_focal_length_is_held_against_exif(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    camera = tmp_path / "camera.json"
+    camera.write_text(json.dumps({"fx": 4400.0}))
     for path in (tree / "Scene1").glob("*.JPG"):
-        path.unlink()
-
-
-def _archive(tree: Path) -> None:
-    shutil.rmtree(tree / SCHOOL / "images")
-    (tree / SCHOOL / "images.zip").write_bytes(b"PK")
-
-
-SPOILED: dict[str, tuple[Callable[[Path], object], str, list[str]]] = {
-    "two maps": (
-        lambda t: write_map(t / "Scene1" / "b.tif", 1.0),
-        "City",
-        ["map (DOM) is not clear", "DOM.tif", "b.tif", "--dom City=FILE"],
-    ),
-    "no surface": (
-        lambda t: (t / "Scene1" / "dsm.tif").rename(t / "Scene1" / "dsm.tif.part"),
-        "City",
-        ["surface model is not clear", "unfinished download, dsm.tif.part"],
-    ),
-    "no photos": (
-        _no_photos,
-        "City",
-        ["holds no photo"],
-    ),
-    "a table that is none": (
-        _edit("Scene1/DJI_001_Timestamp.MRK", " 190,V", ""),
-        "City",
-        ["Timestamp.MRK", "line 1"],
-    ),
-    "no poses": (
-        lambda t: (t / SCHOOL / "poses/poses/t_pose.txt").unlink(),
-        "school-06-08",
-        ["lacks t_pose.txt"],
-    ),
-    "an archive": (
-        _archive,
-        "school-06-08",
-        ["lacks images", "images.zip: unpack it"],
-    ),
-    "photos missing": (
-        lambda t: (t / SCHOOL / "images/3_0.png").unlink(),
-        "school-06-08",
-        ["photos of its poses are missing", "1 of 8 (3)"],
-    ),
-    "another size": (
-        _edit(f"{SCHOOL}/poses/intrinsics/t_intrinsic.txt", "160 120", "160 160"),
-        "school-06-08",
-        ["another shape than the images"],
-    ),
-    "no surface of the sites": (
-        lambda t: (t / "airzoo_real_recon/dom/fcw_hangtian_DSM.tif").unlink(),
-        "school-06-08",
-        ["no dom/fcw_hangtian_DSM.tif", "--cloud SCENE=FILE"],
-    ),
-}
+        with Image.open(path) as photo:
+            exif = photo.getexif()
+            exif.get_ifd(0x8769)[0xA405] = 35
+            photo.save(path, exif=exif, xmp=photo.info["xmp"])
+    given = ("--scene", "City", "--camera", f"City={camera}")
+    assert run_main(*PREPARE, tree, *given) == 2
+    assert "fx is 4400 px, and the focal length of 35 mm film makes" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", SPOILED)

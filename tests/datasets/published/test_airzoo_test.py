@@ -19,6 +19,7 @@ from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.published.airzoo_test import AIRZOO_TEST
+from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
 from airzoo_bench.datasets.published.options import AirZooTestOptions
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.frames import ecef_to_geodetic, enu_axes, from_lonlat, geodetic_to_ecef
@@ -171,6 +172,18 @@ def test_the_published_trajectories_are_sixteen_and_numbered(
     assert run_main("prepare", "airzoo-test", *given) == 0
     assert "is the trajectory NZ_01" in "".join(capsys.readouterr())
     assert (tmp_path / "data/airzoo-test-partial/scenes/02").is_dir()
+
+
+def test_numbers_in_the_names_of_trajectories_count_as_numbers(source: Path) -> None:
+    """Letter by letter NZ_10 stands before NZ_2, and so would have its number."""
+    one = source / "Brazil_01_sunny"
+    for number in range(1, 16):
+        shutil.copytree(one, source / f"NZ_{number}")
+    found = find_trajectories(source, published=True)
+    names = ["Brazil_01_sunny", *(f"NZ_{number}" for number in range(1, 16))]
+    assert {scene: folder.name for scene, folder in found.items()} == {
+        f"{number:02d}": name for number, name in enumerate(names, 1)
+    }
 
 
 def _table(change: Callable[[list[dict[str, str]]], object]) -> Callable[[Path], object]:

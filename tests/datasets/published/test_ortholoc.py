@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.api.evaluation import evaluate
@@ -125,9 +127,23 @@ def test_a_second_run_writes_nothing_again(tree: Path, tmp_path: Path) -> None:
     assert [path.stat().st_mtime_ns for path in paths] == before
 
 
+def test_samples_of_another_download_are_written_again(tree: Path, tmp_path: Path) -> None:
+    """Its samples have the same names, and are older than what was written of the first."""
+    assert run_main("prepare", "ortholoc", "--source", tree) == 0
+    other = make_tree(tmp_path / "other")
+    sample = other / "full" / "test_outPlace" / "L08_R0000.npz"
+    arrays = make_sample("L08_R0000", 0.25, 77)
+    np.savez_compressed(sample, **arrays)  # type: ignore[arg-type]
+    os.utime(sample, (0, 0))
+    assert run_main("prepare", "ortholoc", "--source", other, "--force") == 0
+    scene = Benchmark.open(tmp_path / "data" / "ortholoc").file.scenes[0]
+    photo = np.array(Image.open(Path(scene.images) / "L08_R0000.png"))
+    np.testing.assert_array_equal(photo, arrays["image_query"])
+
+
 def test_another_map_than_was_prepared_is_refused(tree: Path, tmp_path: Path) -> None:
     assert run_main("prepare", "ortholoc", "--source", tree) == 0
-    maps = tmp_path / "data" / "made" / "ortholoc" / "test_outPlace" / "maps"
+    (maps,) = (tmp_path / "data" / "made" / "ortholoc").glob("test_outPlace-*/maps")
     surface = maps / "L08_R0000_dsm.tif"
     surface.write_bytes((maps / "L08_xDOP0001_dsm.tif").read_bytes())
     benchmark = Benchmark.open(tmp_path / "data" / "ortholoc")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.datasets.surveys.layouts import Made, make_survey
+from tests.datasets.surveys.survey import Made, make_survey
 
 
 @pytest.fixture(autouse=True)

@@ -8,16 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.datasets.surveys.layouts import (
-    NAMES,
-    Made,
+from tests.datasets.surveys.colmap_models import (
     colmap_aligned_layout,
     colmap_exif_layout,
     colmap_matrix_layout,
     colmap_names_layout,
-    dji_folder,
-    read_scene,
 )
+from tests.datasets.surveys.dji_folders import dji_folder
+from tests.datasets.surveys.survey import NAMES, Made, read_scene
 from tests.support import files_below, run_main
 
 
@@ -85,14 +83,18 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
         ["there are 2 positions for a model", "at least 4"],
     ),
     "no positions": (georeference("DJI_0001.JPG one two three\n"), ["holds the line", "4 x 4"]),
+    "a name twice": (
+        georeference("DJI_0001.JPG 1 2 3\nDJI_0001.JPG 1 2 4\n"),
+        ["a name that it had before", "each name once"],
+    ),
     "positions of others": (georeference("IMG_9.JPG 1 2 3\n"), ["none of its 1 name is among"]),
     "a mirror": (
         georeference("1 0 0 0\n0 1 0 0\n0 0 -1 0\n0 0 0 1\n"),
-        ["turns space inside out", "a similarity"],
+        ["mirrors or flattens", "a similarity"],
     ),
     "a shear": (
         georeference("1 0.5 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
-        ["rotation is not orthonormal in 1 of 1 (the matrix"],
+        ["shears or mirrors", "a similarity"],
     ),
     "no GPS": (no_gps, ["no photo has a GPS position"]),
     "no model": (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +10,19 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.surveys.dji_stamps import read_time_stamps
 from airzoo_bench.datasets.surveys.dji_tags import read_tags
-from tests.datasets.surveys.layouts import (
+from tests.datasets.surveys.dji_folders import dji_folder, write_time_stamps
+from tests.datasets.surveys.survey import (
     CORNER,
     GROUND_M,
     NAMES,
     PHOTO,
     Made,
-    dji_folder,
     options_of,
     prior_file,
     read_scene,
-    write_time_stamps,
 )
-from tests.support import files_below, run_main
+from tests.geoids import EGM2008, proj_with, undulation_m, write_geoid
+from tests.support import run_main
 
 
 def scene(made: Made, folder: Path, *more: object):
@@ -121,6 +120,8 @@ def test_what_is_said_fits_what_was_given(
     assert "the photos' own positions and angles" in said.out
     assert "m from the photos' GPS" not in said.out
     assert "no prior" not in said.err
+    assert run_main("check-geometry", "place") == 0
+    assert "no prior" not in "".join(capsys.readouterr())
     priors = prior_file(made, 5e-5)
     priors.write_text("".join(priors.read_text().splitlines(keepends=True)[:-1]))
     assert run_main(*command, "--priors", priors, "--name", "other") == 0
@@ -138,6 +139,44 @@ def test_it_prepares_without_a_surface(
     assert "5 queries" in said.out
     assert "the photos' metadata are the truth" in said.out
     assert "where the drone took off" in said.err
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_heights_above_the_ellipsoid_become_those_of_the_surface(
+    made: Made, tmp_path: Path, stamped: bool
+) -> None:
+    """Time stamps are above the ellipsoid, and surface models above a geoid, as a rule."""
+    write_geoid(tmp_path, EGM2008)
+    folder = dji_folder(made)
+    if stamped:
+        write_time_stamps(made, folder)
+    priors = ("--priors", prior_file(made, 5e-5))
+    vertical = ("--vertical-crs", "EPSG:4979", "--dsm-vertical-crs", "EPSG:3855")
+    undulation = undulation_m(*made.lonlat.mean(axis=0))
+
+    with proj_with(tmp_path):
+        found = scene(made, folder, *vertical, *priors)
+        both = scene(made, folder, *vertical, *priors, "--priors-vertical-crs", "EPSG:4979")
+
+    above = made.centres[:, 2] - undulation
+    np.testing.assert_allclose(found.poses.centres[:, 2], above, atol=0.01)
+    np.testing.assert_allclose(found.priors.centres[:, 2], made.centres[:, 2])
+    np.testing.assert_allclose(both.priors.centres[:, 2], above, atol=0.01)
+    altitudes = [found.metadata[name].altitude_m for name in NAMES]
+    np.testing.assert_allclose(altitudes, found.poses.centres[:, 2], atol=0.01)
+    assert "heights of the poses are converted to the surface model's" in " ".join(found.notes)
+
+
+def test_the_plane_is_converted_with_the_photos(made: Made, tmp_path: Path) -> None:
+    write_geoid(tmp_path, EGM2008)
+    vertical = ("--vertical-crs", "EPSG:4979", "--dsm-vertical-crs", "EPSG:3855")
+    arguments = ["dji", "--source", dji_folder(made), "--dom", made.dom, *vertical]
+
+    with proj_with(tmp_path):
+        found = read_scene(arguments)
+
+    undulation = undulation_m(*made.lonlat.mean(axis=0))
+    assert found.plane_height_m == pytest.approx(GROUND_M - undulation, abs=0.01)
 
 
 @pytest.mark.parametrize("suffixes", [True, False])
@@ -181,101 +220,6 @@ def test_lenses(
     assert {key: found.lens[key] for key in lens} == pytest.approx(lens)
     assert bool(found.lens) == bool(lens)
     assert named in found.lens_from
-
-
-def stamps_of_others(made: Made) -> Path:
-    folder = dji_folder(made)
-    write_time_stamps(made, folder, off_deg=1e-3)
-    return folder
-
-
-def stamps_unlike(made: Made) -> Path:
-    folder = dji_folder(made)
-    (folder / "a_Timestamp.MRK").write_text("1\t282401.66\t[2404]\t22.77,Lat\t114.1,Lon\n")
-    return folder
-
-
-def stamps_unnumbered(made: Made) -> Path:
-    folder = dji_folder(made)
-    write_time_stamps(made, folder)
-    for name in NAMES:
-        (folder / name).rename(folder / name.replace("000", "900"))
-    return folder
-
-
-def stripped(made: Made) -> Path:
-    return dji_folder(made, without=("GimbalYawDegree",))
-
-
-def stamps_of_two_flights(made: Made) -> Path:
-    folder = dji_folder(made)
-    first = write_time_stamps(made, folder, off_deg=2e-5).read_text()
-    path = write_time_stamps(made, folder)
-    path.write_text(path.read_text() + first)
-    return folder
-
-
-WRONG: dict[str, tuple[Callable[[Made], Path], list[str]]] = {
-    "time stamps of two flights": (
-        stamps_of_two_flights,
-        ["several time stamps have one number: 5 of 5 (first 3: 1, 2, 3)"],
-    ),
-    "photos made smaller": (
-        # As if the photo had been 80 px wide: 42 px are 36 mm, 84 px are 72 mm.
-        lambda made: dji_folder(made, film_mm=36, changes={"DewarpData": "d;84,84,0,0,0,0,0,0,0"}),
-        ["DJI_0001.JPG: DJI's DewarpData has fx = 84 px", "makes 41.6025 px", "--camera"],
-    ),
-    "no RTK": (
-        lambda made: dji_folder(made, flags=(None, None, 34, 34, 16)),
-        ["1 with RtkFlag 16, 2 with RtkFlag 34, 2 with no RtkFlag", "--rtk any"],
-    ),
-    "no angles": (stripped, ["no photo has a position, an altitude and gimbal angles"]),
-    "time stamps of others": (stamps_of_others, ["more than 5 m from the photos of their number"]),
-    "unlike time stamps": (stamps_unlike, ["a_Timestamp.MRK, line 1: holds 5 numbers: '1 282401"]),
-    "no such numbers": (stamps_unnumbered, ["no photo has the number of a time stamp"]),
-    "no lens": (
-        lambda made: dji_folder(made, without=("DewarpData",)),
-        ["photos state no camera: 5 of 5", "--camera"],
-    ),
-    "a broken lens": (
-        lambda made: dji_folder(made, changes={"DewarpData": "2024-05-01;1,2,3"}),
-        ["DJI_0001.JPG: DJI's DewarpData is '1,2,3'", "9 numbers"],
-    ),
-    "a lens in mm": (
-        lambda made: dji_folder(made, changes={"DewarpData": "d;3.6,3.6,0,0,0,0,0,0,0"}),
-        ["fx = 3.6 px in a photo 40 px wide"],
-    ),
-    "no take-off": (
-        lambda made: dji_folder(made, without=("RelativeAltitude",)),
-        ["no surface model, and photos have no RelativeAltitude", "--dsm"],
-    ),
-}
-
-
-@pytest.mark.parametrize("what", WRONG)
-def test_one_message_and_nothing_written(
-    what: str, made: Made, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    make, expected = WRONG[what]
-    folder = make(made)
-    maps = ("--dom", made.dom) if what == "no take-off" else made.maps
-
-    assert run_main("prepare", "dji", "--source", folder, *maps, "--name", "place") == 2
-
-    said = capsys.readouterr().err
-    for text in expected:
-        assert text in said
-    assert not data.exists() or files_below(data) == set()
-
-
-def test_priors_that_are_the_truth_are_refused(
-    made: Made, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sources = ("--source", dji_folder(made), *made.maps, "--priors", prior_file(made, 0.0))
-
-    assert run_main("prepare", "dji", *sources, "--name", "place") == 2
-
-    assert "its positions are the truth" in capsys.readouterr().err
 
 
 def test_a_map_in_degrees_gets_the_photos_zone(made: Made) -> None:

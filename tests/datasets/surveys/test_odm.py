@@ -14,15 +14,8 @@ import rasterio
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.surveys.odm_lens import lens_of_camera
-from tests.datasets.surveys.layouts import (
-    CORNER,
-    GROUND_M,
-    Made,
-    odm_project,
-    photos_layout,
-    read_scene,
-    write_odm_part,
-)
+from tests.datasets.surveys.odm_projects import odm_project, write_odm_part
+from tests.datasets.surveys.survey import CORNER, GROUND_M, Made, photos_layout, read_scene
 from tests.support import BRIGHTON, files_below, run_main
 
 

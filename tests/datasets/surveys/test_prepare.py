@@ -11,16 +11,30 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench import evaluate
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.geometry.frames import to_lonlat
-from tests.datasets.surveys import layouts
-from tests.datasets.surveys.layouts import CENTRE, CRS, FOCAL, NAMES, PHOTO, Made, make_survey
+from tests.datasets.surveys.colmap_models import colmap_matrix_layout
+from tests.datasets.surveys.dji_folders import dji_layout
+from tests.datasets.surveys.odm_projects import odm_layout
+from tests.datasets.surveys.pose_tables import gimbal_table
+from tests.datasets.surveys.survey import (
+    CENTRE,
+    CRS,
+    FOCAL,
+    NAMES,
+    PHOTO,
+    PINHOLE,
+    Made,
+    make_survey,
+    prior_file,
+)
 from tests.support import run_main
 
 LAYOUTS = {
-    "poses": layouts.gimbal_table,
-    "odm": layouts.odm_layout,
-    "dji": layouts.dji_layout,
-    "colmap": layouts.colmap_matrix_layout,
+    "poses": gimbal_table,
+    "odm": odm_layout,
+    "dji": dji_layout,
+    "colmap": colmap_matrix_layout,
 }
 
 
@@ -58,7 +72,7 @@ def predictions(path: Path, folder: Path, made: Made, *, turned: bool = False) -
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_exact_predictions_score_perfect(layout: str, tmp_path: Path) -> None:
-    made = make_survey(tmp_path / "a b 测区", layouts.PINHOLE)
+    made = make_survey(tmp_path / "a b 测区", PINHOLE)
     folder = prepared(LAYOUTS[layout](made), tmp_path / "out")
 
     scores = evaluate(predictions(tmp_path / "p.npz", folder, made), data=folder).overall
@@ -69,10 +83,24 @@ def test_exact_predictions_score_perfect(layout: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
+def test_sides_of_tiles_may_be_in_metres(
+    layout: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = make_survey(tmp_path / "place")
+    out = tmp_path / "out"
+    named = ("--name", "place", "--tile-size-m", 63.8, "--out", out)
+
+    assert run_main("prepare", *LAYOUTS[layout](made), *named) == 0
+
+    assert "tiles of 63.8 m are 64 px of the map, at 1 m per pixel" in capsys.readouterr().err
+    assert Benchmark.open(out).file.tracks["retrieval"]["gallery"]["tile_sizes_px"] == [64]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_exact_poses_score_perfect_in_matching(layout: str, tmp_path: Path) -> None:
     """Priors are 4 m off; poses off by 7 m and 1.5 degrees score what they should."""
-    made = make_survey(tmp_path / "place", layouts.PINHOLE)
-    arguments = [*LAYOUTS[layout](made), "--priors", layouts.prior_file(made, 5e-5)]
+    made = make_survey(tmp_path / "place", PINHOLE)
+    arguments = [*LAYOUTS[layout](made), "--priors", prior_file(made, 5e-5)]
     folder = prepared(arguments, tmp_path / "out")
 
     exact = matching(tmp_path / "p.npz", folder, made.rotation, made.centres)
@@ -100,7 +128,7 @@ def matching(
 def test_it_is_named_after_the_source(tmp_path: Path, data: Path) -> None:
     made = make_survey(tmp_path / "made")
 
-    assert run_main("prepare", *layouts.odm_layout(made), "--tile-size", 64) == 0
+    assert run_main("prepare", *odm_layout(made), "--tile-size", 64) == 0
 
     assert (data / "project" / "protocols" / "project-retrieval.toml").is_file()
     assert (data / "project" / "benchmark.toml").is_file()
@@ -108,7 +136,7 @@ def test_it_is_named_after_the_source(tmp_path: Path, data: Path) -> None:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_plane_may_be_the_ground(layout: str, tmp_path: Path) -> None:
-    made = make_survey(tmp_path / "place", layouts.PINHOLE)
+    made = make_survey(tmp_path / "place", PINHOLE)
     arguments = LAYOUTS[layout](made)
     if "--dsm" in arguments:
         place = arguments.index("--dsm")

@@ -13,29 +13,37 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.retrieval.footprints import cast_footprints
 from tests.datasets.published.uav_visloc_tree import FLIGHTS, make_tree
 from tests.datasets.published.uav_visloc_tree import read as read_flight
-from tests.datasets.surveys import layouts
-from tests.datasets.surveys.layouts import Made, make_survey, photos_layout, read_scene
+from tests.datasets.surveys.colmap_models import (
+    colmap_aligned_layout,
+    colmap_exif_layout,
+    colmap_matrix_layout,
+    colmap_names_layout,
+)
+from tests.datasets.surveys.dji_folders import dji_layout, dji_stamped_layout
+from tests.datasets.surveys.odm_projects import odm_layout, odm_newer_layout, odm_shots_layout
+from tests.datasets.surveys.pose_tables import gimbal_table, metashape_table, pix4d_table
+from tests.datasets.surveys.survey import CRS, LENS, Made, make_survey, photos_layout, read_scene
 
 # With the most that a centre may be off, in metres: tables of DJI hold so many digits.
 EVERY: dict[str, tuple[Callable[[Made], list[object]], float]] = {
-    "gimbal angles and degrees": (layouts.gimbal_table, 1e-6),
-    "Pix4D's omega, phi, kappa": (layouts.pix4d_table, 1e-6),
-    "Metashape's reference": (layouts.metashape_table, 1e-6),
-    "OpenDroneMap": (layouts.odm_layout, 1e-6),
-    "OpenDroneMap's shots.geojson": (layouts.odm_shots_layout, 1e-6),
-    "a newer OpenDroneMap": (layouts.odm_newer_layout, 1e-6),
-    "DJI": (layouts.dji_layout, 1e-3),
-    "DJI with time stamps": (layouts.dji_stamped_layout, 1e-3),
-    "COLMAP in the CRS": (layouts.colmap_aligned_layout, 1e-6),
-    "COLMAP and a matrix": (layouts.colmap_matrix_layout, 1e-6),
-    "COLMAP and positions by name": (layouts.colmap_names_layout, 1e-6),
-    "COLMAP and GPS": (layouts.colmap_exif_layout, 1e-2),
+    "gimbal angles and degrees": (gimbal_table, 1e-6),
+    "Pix4D's omega, phi, kappa": (pix4d_table, 1e-6),
+    "Metashape's reference": (metashape_table, 1e-6),
+    "OpenDroneMap": (odm_layout, 1e-6),
+    "OpenDroneMap's shots.geojson": (odm_shots_layout, 1e-6),
+    "a newer OpenDroneMap": (odm_newer_layout, 1e-6),
+    "DJI": (dji_layout, 1e-3),
+    "DJI with time stamps": (dji_stamped_layout, 1e-3),
+    "COLMAP in the CRS": (colmap_aligned_layout, 1e-6),
+    "COLMAP and a matrix": (colmap_matrix_layout, 1e-6),
+    "COLMAP and positions by name": (colmap_names_layout, 1e-6),
+    "COLMAP and GPS": (colmap_exif_layout, 1e-2),
 }
 
 
 @pytest.mark.parametrize("layout", EVERY)
 def test_same_truth_as_own_photos(layout: str, tmp_path: Path) -> None:
-    lens = layouts.LENS | {"k3": 0.0} if "COLMAP" in layout else layouts.LENS
+    lens = LENS | {"k3": 0.0} if "COLMAP" in layout else LENS
     made = make_survey(tmp_path / "a b 测区", lens)
     write, metres = EVERY[layout]
     expected = read_scene(photos_layout(made))
@@ -43,7 +51,7 @@ def test_same_truth_as_own_photos(layout: str, tmp_path: Path) -> None:
     found = read_scene(write(made))
 
     assert found.names == expected.names
-    assert found.crs == expected.crs == layouts.CRS
+    assert found.crs == expected.crs == CRS
     np.testing.assert_allclose(found.poses.centres, expected.poses.centres, rtol=0, atol=metres)
     turn = 1e-4 if layout == "COLMAP and GPS" else 1e-8
     np.testing.assert_allclose(found.poses.rotation, expected.poses.rotation, rtol=0, atol=turn)

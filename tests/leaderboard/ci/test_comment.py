@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import pytest
@@ -16,6 +15,7 @@ from airzoo_bench.leaderboard.ci.artifact import (
 )
 from airzoo_bench.leaderboard.ci.comment import MARK, MOST_BYTES, code, comment_on
 from airzoo_bench.results.result import ScoreColumn
+from tests.leaderboard.ci.rendered import outside_code
 
 HOSTILE = [
     "@everyone",
@@ -45,18 +45,6 @@ def artifact(kind: str = "scored", **more: Any) -> Artifact:
         kind=kind,
         **(stated | {"track": "retrieval", "folder": "mine"} | more),  # type: ignore[arg-type]
     )
-
-
-def outside_code(text: str) -> str:
-    """Return what a renderer of Markdown would look at: all but blocks and spans of code."""
-    kept, fence = [], False
-    for line in text.split("\n"):
-        if line.startswith("````"):
-            fence = not fence
-        elif not fence:
-            kept.append(re.sub(r"`[^`]*`", "", line))
-    assert not fence
-    return "\n".join(kept)
 
 
 SOUND = outside_code(comment_on(artifact(method="Salad", team="Lab")))

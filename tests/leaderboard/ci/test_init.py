@@ -16,8 +16,12 @@ from tests.support import run_main
 
 
 @pytest.mark.parametrize("hosted", [[], ["--gitlab"]])
-def test_init_writes_a_board_that_can_be_read(tmp_path: Path, hosted: list[str]) -> None:
+def test_init_writes_a_board_that_can_be_read(
+    tmp_path: Path, hosted: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run_main("leaderboard", "init", tmp_path / "b", "--repository", "lab/x-1", *hosted) == 0
+    third = capsys.readouterr().err.splitlines()[2]  # names its file as the first two do
+    assert str(tmp_path / "b" / (".gitlab-ci.yml" if hosted else ".github/CODEOWNERS")) in third
     board = read_board(tmp_path / "b" / "leaderboard.toml")
     assert (board.repository, board.url) == ("lab/x-1", "https://lab.github.io/x-1/")
     written = {p.relative_to(tmp_path / "b").as_posix() for p in (tmp_path / "b").rglob("*.*")}

@@ -21,7 +21,7 @@ from typer.testing import Result
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.leaderboard.sealed import scoring
 from tests.leaderboard.ci.repositories import event, git, write_event
-from tests.leaderboard.ci.test_walk_through import ADA, BOARD, Board, submit
+from tests.leaderboard.ci.walk import ADA, BOARD, MAINTAINER, Board, submit
 from tests.support import write_raster
 
 pytest.importorskip("pyrage")
@@ -117,13 +117,7 @@ def test_sealed_submission_from_pull_request_to_board(
     # What was pushed after the scoring is not what is merged: the board says so.
     newest = git(fork, "rev-parse", "HEAD")
     board.merge(1, newest, ADA)
-    data = board.home / "late"
-    done = board.command(
-        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
-        "--root", board.main,
-    )  # fmt: skip
-    assert done.exit_code == 1
-    assert "were not scored against the sealed truth before they were merged" in done.stderr
+    board.rescore(code=1, said="were not scored against the sealed truth before they were merged")
     git(board.main, "revert", "--no-edit", "HEAD")
     git(board.main, "push", "--quiet", "origin", "HEAD:main")
 
@@ -142,11 +136,22 @@ def test_sealed_submission_from_pull_request_to_board(
     public = Path(os.environ["AIRZOO_BENCH_DATA"]) / "made" / "benchmark.toml"
     old = answer["truth_commitment"]
     public.write_text(public.read_text().replace(old, "0" * 64))
-    done = board.command(
-        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out",
-        board.home / "resealed", "--root", board.main,
-    )  # fmt: skip
-    assert "scored against an earlier truth" in done.stderr
+    board.rescore(code=1, said="scored against an earlier truth")
+
+    # One that is on the board stays where it is, and the log says how it comes to the new truth.
+    board.run("leaderboard", "ci", "record", run.parents[4], "--remote", board.hosted.folder)
+    data = board.rescore(said="not scored again: another truth; a new commit of the submission")
+    assert [path.name for path in data.glob("runs/made/retrieval/salad/*")] == ["1"]
+
+
+def test_what_supersedes_another_is_scored_too(board: Board, perfect: dict[str, list[Any]]) -> None:
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Cress", "--supersedes", "salad")
+    work = scored(board, 1, board.propose(fork, 1), MAINTAINER)
+    opened(board, work)
+    assert json.loads((work / "found-sealed.json").read_text())["answer"]["overall"]
 
 
 def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any]]) -> None:

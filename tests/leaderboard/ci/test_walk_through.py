@@ -3,146 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import Result
 
 from airzoo_bench.leaderboard.ci import merging
 from airzoo_bench.leaderboard.ci.git import BoardError
-from tests.leaderboard.ci.repositories import Hosted, event, git, write_event
-from tests.support import MadeScene, write_predictions
-
-ADA, BOB, MAINTAINER = 1001, 1002, 1
-BOARD = """
-schema = 1
-title = "Made board"
-maintainers = [1]
-[[benchmarks]]
-name = "made"
-title = "Made"
-protocols = ["made-retrieval"]
-"""
-Run = Callable[..., Result]
-
-
-class Board:
-    """The hosted repository, and what CI and people do with it."""
-
-    def __init__(self, home: Path, command: Run) -> None:
-        self.home, self.command = home, command
-        self.runs = 0
-        self.hosted = Hosted.create(home / "hosted.git", {".keep": b""})
-        self.main = self.clone("main")
-
-    def clone(self, name: str) -> Path:
-        git(self.home, "clone", "--quiet", str(self.hosted.folder), name)
-        return self.home / name
-
-    def run(self, *arguments: object, code: int = 0) -> Result:
-        done = self.command(*arguments)
-        assert done.exit_code == code, (done.output, done.exception)
-        return done
-
-    def push_main(self, message: str) -> None:
-        git(self.main, "add", "-A")
-        git(self.main, "commit", "--quiet", "-m", message)
-        git(self.main, "push", "--quiet", "origin", "HEAD:main")
-
-    def propose(self, fork: Path, number: int, *what: str) -> str:
-        """Commit in a fork and let a pull request point to it."""
-        git(fork, "add", "-A", *what)
-        git(fork, "commit", "--quiet", "-m", f"change of {number}")
-        git(fork, "push", "--quiet", "--force", "origin", f"HEAD:refs/pull/{number}/head")
-        return git(fork, "rev-parse", "HEAD")
-
-    def ci(self, number: int, head: str, account: int, *, code: int = 0) -> str:
-        """Play the workflow's jobs, and return the comment."""
-        self.runs += 1
-        work = self.home / f"run{self.runs}"
-        work.mkdir()
-        file = write_event(work / "event.json", event(number, head, account))
-        found, remote = work / "found-score.json", self.hosted.folder
-        self.run(
-            "leaderboard", "ci", "score", "--event", file, "--remote", remote, "--out", found,
-            "--work", work / "work", "--root", self.main, "--outputs", work / "outputs", code=code,
-        )  # fmt: skip
-        if (work / "outputs").read_text() == "kind=scored\n":
-            self.ledger("scored", "--artifact", found)
-        self.run("leaderboard", "ci", "comment", found, "--out", work / "comment.md")
-        return (work / "comment.md").read_text()
-
-    def ledger(self, outcome: str, *arguments: object) -> Result:
-        return self.run(
-            "leaderboard", "ci", "ledger", outcome, *arguments,
-            "--remote", self.hosted.folder, "--root", self.main,
-        )  # fmt: skip
-
-    def merge(self, number: int, head: str, account: int) -> None:
-        git(self.main, "pull", "--quiet", "--ff-only", "origin", "main")
-        git(self.main, "fetch", "--quiet", "origin", f"refs/pull/{number}/head")
-        git(self.main, "merge", "--quiet", "--squash", head)
-        git(self.main, "commit", "--quiet", "-m", f"merge of {number}")
-        git(self.main, "push", "--quiet", "origin", "HEAD:main")
-        file = self.home / "closed.json"
-        write_event(file, event(number, head, account, merged=True))
-        self.ledger("merged", "--event", file)
-
-    def rescore(self) -> Path:
-        """Score what was merged, and return the folder of all runs."""
-        self.runs += 1
-        data = self.home / f"data{self.runs}"
-        self.run(
-            "leaderboard", "ci", "rescore", "--remote", self.hosted.folder, "--out", data,
-            "--root", self.main,
-        )  # fmt: skip
-        return data
-
-    def build(self) -> Path:
-        """Play the workflow of the board, and return the site."""
-        data = self.rescore()
-        site = self.home / f"site{self.runs}"
-        self.run(
-            "leaderboard", "build", "--runs", data / "runs", "--out", site, "--submissions",
-            self.main / "submissions", "--board", self.main / "leaderboard.toml", "--jobs", 1,
-        )  # fmt: skip
-        self.run("leaderboard", "ci", "record", data, "--remote", self.hosted.folder)
-        return site
-
-    def data_file(self, path: str) -> str:
-        return git(self.hosted.folder, "show", f"leaderboard-data:{path}")
-
-
-@pytest.fixture
-def board(tmp_path: Path, data: Path, command: Run) -> Board:
-    """Return a board of the made benchmark, as `leaderboard init` begins it."""
-    made = Board(tmp_path / "world", command)
-    made.run("leaderboard", "init", made.main, "--repository", "lab/board")
-    (made.main / "leaderboard.toml").write_text(BOARD)
-    made.push_main("A board")
-    return made
-
-
-def submit(board: Board, fork: Path, arrays: dict[str, Any], method: str, *more: object) -> Path:
-    """Make a submission by the documented commands, and return its folder."""
-    predictions = write_predictions(fork.parent / f"{method}.npz", "made-retrieval", **arrays)
-    board.run(
-        "submission", "new", predictions, "--board", fork, "--protocol", "made-retrieval",
-        "--method", method, "--summary", "Ranks tiles.", "--team", "Example Lab",
-        "--contact", "ada@example.org", "--author", "Ada Example", "--licence", "CC-BY-4.0",
-        "--stages", "single-stage", "--training-data", "none", *more,
-    )  # fmt: skip
-    [folder] = (fork / "submissions/made/retrieval").glob(f"{method.lower()}*")
-    board.run("submission", "check", folder)
-    return folder
-
-
-def worse(perfect: dict[str, list[Any]]) -> dict[str, list[Any]]:
-    """Return predictions whose every second query is answered badly."""
-    ranked = [row[::-1] if n % 2 else row for n, row in enumerate(perfect["ranked_ids"])]
-    return {**perfect, "ranked_ids": ranked}
+from tests.leaderboard.ci.repositories import git
+from tests.leaderboard.ci.walk import ADA, BOARD, BOB, MAINTAINER, Board, submit, worse
+from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 
 @pytest.fixture
@@ -244,6 +116,31 @@ def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     assert "Rank **1** of 1" in board.ci(3, board.propose(other, 3), BOB)
 
 
+def test_run_of_an_earlier_truth_or_protocol_is_scored_again(
+    board: Board, data: Path, scenes: list[MadeScene], perfect: dict[str, list[Any]]
+) -> None:
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    board.build()
+    protocol = data / "made/protocols/made-retrieval.toml"
+    text = protocol.read_text()
+    protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
+    again = board.rescore(said="scored again: protocol v3, now v4")
+    assert sorted(path.name for path in again.glob("runs/made/retrieval/salad/*")) == ["1", "2"]
+    protocol.write_text(text)
+    shutil.rmtree(data / "made")
+    first = [[(tile + 1) % scenes[0].n_tiles for tile in found] for found in scenes[0].positives]
+    changed = [replace(scenes[0], positives=first), *scenes[1:]]
+    write_benchmark(data / "made", made_protocol(changed), changed)
+    site = board.build(said="scored again: another truth")
+    table = json.loads((site / "api/v1/tables/made-retrieval/table.json").read_text())
+    assert [row["version"] for row in table["rows"] if row["kind"] == "re-scored"] == [2]
+    page = json.loads((site / "api/v1/tables/made-retrieval/methods/salad.json").read_text())
+    assert [version["number"] for version in page["history"]] == [2, 1]
+    assert "another protocol or truth" in page["history"][0]["changes"]
+    board.rescore(said="")
+
+
 def test_claimed_result_that_is_not_so_is_refused_and_shown(
     board: Board, home: Path, perfect: dict[str, list[Any]]
 ) -> None:
@@ -251,7 +148,7 @@ def test_claimed_result_that_is_not_so_is_refused_and_shown(
     predictions = write_predictions(home / "p.npz", "made-retrieval", **worse(perfect))
     board.run("eval", "retrieval", predictions, "--out", home / "eval", "--method", "Salad")
     folder = submit(board, fork, worse(perfect), "Salad", "--result", home / "eval/result.json")
-    assert "agrees with the re-scored one" in board.ci(1, board.propose(fork, 1), ADA)
+    assert "does not contradict the re-scored one" in board.ci(1, board.propose(fork, 1), ADA)
     result = json.loads((folder / "result.json").read_text())
     from airzoo_bench.results.result import Result as Scores
 
@@ -277,13 +174,7 @@ def test_name_that_another_took_meanwhile_stays_off_the_board(
     board.merge(1, heads["zoe"], 1)
     board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
     board.merge(2, heads["mallory"], 2)
-    data = board.home / "late"
-    done = board.command(
-        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
-        "--root", board.main,
-    )  # fmt: skip
-    assert done.exit_code == 1
-    assert "'S-A-L-A-D', which looks like 'Salad' on this board" in done.stderr
+    data = board.rescore(code=1, said="'S-A-L-A-D', which looks like 'Salad' on this board")
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
@@ -307,9 +198,16 @@ def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -
     assert "is refused" not in board.ci(2, board.propose(newer, 2), ADA)
 
 
-def test_no_board_is_built_of_a_folder_that_is_not_there(board: Board) -> None:
+def test_no_board_is_built_of_a_folder_that_is_not_there(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
     board.build()  # without a submission there is a folder, and nothing in it
     site = board.home / "site"
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    above = board.rescore()
+    done = board.command("leaderboard", "build", "--runs", above, "--out", site)
+    assert f"--runs {above / 'runs'}" in str(done.exception)
     done = board.command("leaderboard", "build", "--runs", board.home / "rnus", "--out", site)
     assert "the board would lose all that were scored" in str(done.exception)
     assert not site.exists()

@@ -152,6 +152,27 @@ class TestCommunityEvaluations:
         assert all(name.replace("-", "").isalnum() for name in names)
 
 
+@pytest.mark.parametrize(
+    ("licence", "written"), [("CC-BY-4.0", "cc-by-4.0"), ("odbl", "odbl"), ("Other", "other")]
+)
+def test_licences_are_written_as_the_hub_does(
+    licence: str, written: str, runs: list[Path], tmp_path: Path
+) -> None:
+    options = ["--dataset", DATASET, "--licence", licence, "--out", tmp_path]
+    assert run_main("export", "huggingface", *runs, *options) == 0
+    assert f'license: "{written}"\n' in (tmp_path / "dataset/README.md").read_text()
+
+
+@pytest.mark.parametrize("licence", ["mine", "MIT OR Apache-2.0", "LicenseRef-x", "a\nb: c", ""])
+def test_licences_that_the_hub_does_not_know(
+    licence: str, runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--dataset", DATASET, "--licence", licence, "--out", tmp_path / "x"]
+    assert run_main("export", "huggingface", *runs, *options) == 2
+    assert "the hub knows no licence" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
 @pytest.mark.parametrize("dataset", ["nowhere", "../x/y", "a/b/c", "a b/c", "-a/b", ""])
 def test_datasets_that_are_none(
     dataset: str, runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]

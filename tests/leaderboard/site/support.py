@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -121,3 +122,14 @@ def files_of(folder: Path) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+API = "api/v1"
+
+
+def read(site: Path, path: str) -> Any:
+    return json.loads((site / API / path).read_text(encoding="utf-8"))
+
+
+def rows_of(site: Path, table: str = "made") -> dict[str, Any]:
+    return {row["id"]: row for row in read(site, f"tables/{table}/table.json")["rows"]}

@@ -1,40 +1,35 @@
-"""A board of runs: rows, ranks, history, pairs; the same bytes from whatever way to them."""
+"""A board of runs: rows, ranks, history, pairs."""
 
 from __future__ import annotations
 
 import base64
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from airzoo_bench.core.errors import UserError
 from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.site import kept_pairs
 from airzoo_bench.leaderboard.site.api_files import MARK
 from airzoo_bench.leaderboard.site.build import build_board
-from airzoo_bench.leaderboard.site.pages import _Pages
 from airzoo_bench.results.best import value_of
 from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import read_scored
 from airzoo_bench.statistics.samples import ResamplingConfig
-from tests.leaderboard.site.support import built, files_of, given, method, some_runs, write_version
+from tests.leaderboard.site.support import (
+    API,
+    built,
+    files_of,
+    given,
+    method,
+    read,
+    rows_of,
+    some_runs,
+    write_version,
+)
 from tests.statistics.support import ERROR, HIT, write_method
-
-API = "api/v1"
-
-
-def read(site: Path, path: str) -> Any:
-    return json.loads((site / API / path).read_text(encoding="utf-8"))
-
-
-def rows_of(site: Path, table: str = "made") -> dict[str, Any]:
-    return {row["id"]: row for row in read(site, f"tables/{table}/table.json")["rows"]}
 
 
 def matrix(pairs: Any, name: str) -> np.ndarray:
@@ -42,14 +37,6 @@ def matrix(pairs: Any, name: str) -> np.ndarray:
     found = np.full((count, count), np.nan)
     found[np.triu_indices(count, 1)] = np.frombuffer(base64.b64decode(pairs[name]), "<f4")
     return found
-
-
-@pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("board")
-    some_runs(folder / "runs")
-    built(folder)
-    return folder
 
 
 def test_rows_and_their_facts(root: Path) -> None:
@@ -139,21 +126,6 @@ def test_the_board_lists_its_tables(root: Path) -> None:
     assert (made["id"], made["methods"], made["current"]) == ("made", 4, True)
 
 
-def test_the_same_bytes_from_nothing_from_a_cache_and_in_any_order(
-    root: Path, tmp_path: Path
-) -> None:
-    expected = files_of(root / "site")
-    shutil.copytree(root / "runs", tmp_path / "runs", copy_function=shutil.copy)
-    moved = sorted((tmp_path / "runs/made/retrieval").iterdir(), reverse=True)
-    for path in moved:  # entries come back in another order
-        path.rename(path.with_name(f"{path.name}~")).rename(path)
-    write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.9))
-    built(tmp_path)  # fills the cache, with a method that is not on the board later
-    shutil.rmtree(tmp_path / "runs/made/retrieval/m1/2")
-    assert files_of(built(tmp_path)) == expected
-    assert files_of(built(tmp_path, out="other", cache="empty")) == expected
-
-
 @pytest.mark.parametrize("results", [[0, 1, 2], [2, 0, 1]])
 def test_plain_results_in_any_order(tmp_path: Path, results: list[int]) -> None:
     paths = [write_method(tmp_path / f"r{n}", method(f"Net {n}", 0.3 + n / 10)) for n in range(3)]
@@ -163,35 +135,6 @@ def test_plain_results_in_any_order(tmp_path: Path, results: list[int]) -> None:
     assert rows["net-0"]["team"] == ""
     one = built(tmp_path, out="sorted", results=paths)
     assert files_of(one) == files_of(site)
-
-
-def test_two_processes_give_the_same_bytes(root: Path) -> None:
-    site = build_board(given(root), root / "two", root / "fresh", jobs=2, note=print)
-    assert files_of(site) == files_of(root / "site")
-
-
-def test_only_pages_whose_input_changed_are_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    some_runs(tmp_path / "runs", 3)
-    built(tmp_path)
-    made, page = [], _Pages._page
-
-    def noted(self: _Pages, path: str, *more: Any, **values: Any) -> tuple[str, str]:
-        made.append(path)
-        return page(self, path, *more, **values)
-
-    monkeypatch.setattr(_Pages, "_page", noted)
-    built(tmp_path)
-    front = ["index.html", "reproduction.html", "downloads.html", "about.html"]
-    assert made == front
-    made.clear()
-    write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.42, seed=1))
-    site = built(tmp_path)
-    assert {f"tables/made/{name}.html" for name in ("index", "compare", "methods/m1")} <= {*made}
-    assert all(path in front or path.startswith("tables/made/") for path in made)
-    assert len(made) < len(list(site.rglob("*.html"))) / 2
-    assert files_of(site) == files_of(built(tmp_path, "again", "another cache"))
 
 
 def test_names_that_would_share_a_page_do_not(tmp_path: Path) -> None:
@@ -222,15 +165,25 @@ def test_what_supersedes_has_the_history_of_both(tmp_path: Path) -> None:
     assert [one["folder"] for one in history] == ["new", "old"]
 
 
-def test_earlier_truths_stand_apart_and_are_not_ranked_together(tmp_path: Path) -> None:
+def test_earlier_truths_stand_apart_and_are_not_ranked_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     some_runs(tmp_path / "runs", 2)
-    other = method("Late", 0.9, truth="u" * 64)
-    write_version(tmp_path / "runs", "late", 1, other, day=20)
+    for name, skill in (("late", 0.9), ("later", 0.3)):
+        other = method(name.title(), skill, truth="u" * 64)
+        write_version(tmp_path / "runs", name, 1, other, day=20)
+    built(tmp_path)
+    # Each table keeps its own pairs.
+    monkeypatch.setattr(kept_pairs, "pair_p_values", None)
     site = built(tmp_path)
     tables = read(site, "board.json")["benchmarks"][0]["tables"]
-    assert [(one["current"], one["methods"]) for one in tables] == [(True, 1), (False, 2)]
+    assert [(one["current"], one["methods"]) for one in tables] == [(True, 2), (False, 2)]
     assert "another truth" in tables[1]["apart"]
-    assert rows_of(site)["late"]["scores"]["recall@1"]["rank"] == [1, 1]
+    now = rows_of(site)
+    assert [now[name]["scores"]["recall@1"]["rank"] for name in ("late", "later")] == [
+        [1, 1],
+        [2, 2],
+    ]
     apart = rows_of(site, tables[1]["id"])
     assert [apart[name]["scores"]["recall@1"]["rank"] for name in ("m1", "m0")] == [[1, 1], [2, 2]]
 
@@ -266,23 +219,6 @@ def test_conditions_follow_the_rows(tmp_path: Path) -> None:
     assert found["groups"][0]["recall@1"]["value"][0] == pytest.approx(fog)
 
 
-def test_a_folder_that_is_no_board_is_not_replaced(tmp_path: Path) -> None:
-    some_runs(tmp_path / "runs", 1)
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site/thesis.tex").touch()
-    with pytest.raises(UserError, match="not replaced"):
-        built(tmp_path)
-    assert (tmp_path / "site/thesis.tex").exists()
-
-
-def test_two_builds_at_once_are_refused(tmp_path: Path) -> None:
-    from airzoo_bench.core.temporaries import only_writer
-
-    some_runs(tmp_path / "runs", 1)
-    with only_writer(tmp_path / "site"), pytest.raises(UserError, match="another build"):
-        built(tmp_path)
-
-
 def test_tables_stand_in_the_order_of_the_board(tmp_path: Path) -> None:
     order = ["airzoo-mini-retrieval", "airzoo-mini-matching"]
     for protocols in (order, order[::-1]):
@@ -292,52 +228,6 @@ def test_tables_stand_in_the_order_of_the_board(tmp_path: Path) -> None:
         index = json.loads((site / "api/v1/board.json").read_text(encoding="utf-8"))
         mini = next(one for one in index["benchmarks"] if one["name"] == "airzoo-mini")
         assert [table["protocol"] for table in mini["tables"]] == protocols
-
-
-_KILLER = """
-import os, random, signal, sys, time
-from pathlib import Path
-from tests.leaderboard.site.support import built, files_of
-root, moments = Path(sys.argv[1]), int(sys.argv[2])
-old, new = files_of(root / "site"), files_of(built(root, out="whole", cache="cold"))
-assert old != new
-start = time.perf_counter()
-built(root, out="timed", cache="other")
-whole = time.perf_counter() - start
-for moment in range(moments):
-    child = os.fork()
-    if child == 0:
-        built(root)
-        os._exit(0)
-    time.sleep(whole * 1.1 * (moment + 0.5) / moments)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    found = files_of(root / "site")
-    assert found in (old, new), moment
-    if moment % 3 == 2:
-        assert files_of(built(root)) == new, moment
-        left = [path.name for path in root.iterdir() if "airzoo" in path.name]
-        assert not left, left
-assert files_of(built(root)) == new
-print("held")
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no fork")
-@pytest.mark.parametrize("moments", [9, pytest.param(100, marks=pytest.mark.slow)])
-def test_a_killed_build_leaves_the_board_whole(root: Path, tmp_path: Path, moments: int) -> None:
-    shutil.copytree(root / "runs", tmp_path / "runs")
-    shutil.copytree(root / "site", tmp_path / "site")
-    write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.9))
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[3]), *sys.path]),
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", _KILLER, str(tmp_path), str(moments)],
-        env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.stdout == "held\n", done.stderr
 
 
 def test_a_board_without_anything_says_what_is_published(tmp_path: Path) -> None:

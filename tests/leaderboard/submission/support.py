@@ -65,3 +65,8 @@ def checked(folder: Path, data: Path, **options: Any) -> CheckedSubmission:
     root = folder.parents[3]
     board = read_board(root / BOARD_FILE)
     return check_submission(folder, board, data, known=known_submissions(root), **options)
+
+
+def only_error(found: CheckedSubmission) -> str:
+    assert len(found.errors) == 1, [str(error) for error in found.errors]
+    return str(found.errors[0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,10 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.datasets.geometry_checks import footprint_sets
 from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.results.result import write_result
-from tests.leaderboard.submission.support import checked, write, write_board
+from tests.leaderboard.submission.support import checked, only_error, write, write_board
 from tests.support import MadeScene, made_protocol, write_benchmark
-
-
-@pytest.fixture
-def board(tmp_path: Path) -> Path:
-    write_board(tmp_path / "board")
-    return tmp_path / "board"
-
-
-def only_error(found: CheckedSubmission) -> str:
-    assert len(found.errors) == 1, [str(error) for error in found.errors]
-    return str(found.errors[0])
 
 
 def test_a_sound_submission_has_no_fault(board: Path, data: Path, perfect: Any) -> None:
@@ -56,93 +43,6 @@ def test_what_eval_mends_by_an_option_is_mended_by_a_key(
     assert "none of its query ids belongs to made" in message
     assert "correct key 'protocol' in submission.toml" in message
     assert "--protocol" not in message
-
-
-class TestPlace:
-    def test_a_benchmark_that_the_board_has_not(
-        self, board: Path, data: Path, perfect: Any
-    ) -> None:
-        home = write(board, perfect)
-        moved = board / "submissions" / "mad" / "retrieval" / "salad"
-        moved.parent.mkdir(parents=True)
-        shutil.move(home, moved)
-        assert "no place for a submission (did you mean 'made'?)" in only_error(
-            checked(moved, data)
-        )
-
-    def test_another_track(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        moved = board / "submissions" / "made" / "matching" / "salad"
-        moved.parent.mkdir(parents=True)
-        shutil.move(home, moved)
-        message = only_error(checked(moved, data))
-        assert "the folder is of matching of made" in message
-        assert "submissions/made/retrieval" in message
-
-    def test_a_protocol_that_the_board_has_not(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect, protocol="airzoo-mini-retrieval")
-        assert "by which this board does not score made" in only_error(checked(home, data))
-
-    def test_a_protocol_is_never_a_path(
-        self, board: Path, data: Path, perfect: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.chdir(tmp_path)
-        (tmp_path / "own.toml").write_text("x", encoding="utf-8")
-        home = write(board, perfect, protocol="own.toml")
-        assert "by which this board does not score made" in only_error(checked(home, data))
-
-
-class TestFiles:
-    def test_a_link(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        (home / "names.txt").symlink_to("/etc/passwd")
-        assert "a link, a pipe or a device" in only_error(checked(home, data))
-
-    def test_a_pipe(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        os.mkfifo(home / "pipe")
-        assert "a link, a pipe or a device" in only_error(checked(home, data))
-
-    def test_what_nobody_speaks_of(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        (home / "conftest.py").write_text("", encoding="utf-8")
-        assert "1 entry (conftest.py)" in only_error(checked(home, data))
-
-    def test_too_many(
-        self, board: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr("airzoo_bench.leaderboard.predictions_given._MOST_FILES", 1)
-        assert "holds more than 1 files and folders" in only_error(
-            checked(write(board, perfect), data)
-        )
-
-    def test_too_large(self, board: Path, data: Path, perfect: Any) -> None:
-        write_board(board, "[limits]\ncommitted_bytes = 1000\n")
-        message = only_error(checked(write(board, perfect), data))
-        assert "at most 1,000 bytes" in message
-        assert "--url" in message
-
-    def test_other_bytes_than_announced(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        file = home / "preds.npz"
-        content = bytearray(file.read_bytes())
-        content[-1] ^= 1
-        file.write_bytes(bytes(content))
-        assert "key 'predictions.sha256' is" in only_error(checked(home, data))
-        file.write_bytes(bytes(content) + b"x")
-        assert "key 'predictions.bytes' is" in only_error(checked(home, data))
-
-    def test_a_file_that_is_not_there(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        (home / "preds.npz").unlink()
-        assert "key 'predictions.file' is 'preds.npz', which is not there" in only_error(
-            checked(home, data)
-        )
-
-    def test_no_submission_file(self, board: Path, data: Path) -> None:
-        home = board / "submissions" / "made" / "retrieval" / "salad"
-        home.mkdir(parents=True)
-        assert "no such submission file" in only_error(checked(home, data))
 
 
 class TestAddress:

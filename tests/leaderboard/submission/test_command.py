@@ -67,6 +67,13 @@ def test_what_is_made_is_found_sound(
     assert "checked and scored, nothing wrong was found" in found.stdout
 
 
+def test_what_it_supersedes_must_be_there(board: Path, preds: Path, command: Command) -> None:
+    made = command("submission", "new", preds, *OPTIONS, "--supersedes", "salat")
+    assert isinstance(made.exception, UserError)
+    assert "'supersedes' is 'salat', which is not there" in str(made.exception)
+    assert not (board / "submissions" / "made").exists()
+
+
 def test_what_a_claim_says_does_nothing_to_the_terminal(
     board: Path, data: Path, perfect: Any, command: Command
 ) -> None:
@@ -238,7 +245,7 @@ def test_an_interrupted_one_leaves_nothing_half(board: Path, preds: Path, comman
     script = (
         "import shutil, time\n"
         "copy = shutil.copyfile\n"
-        "def slow(*a): print('copying', flush=True); time.sleep(60)\n"
+        "def slow(*a): print('copying', flush=True); time.sleep(600)\n"
         "shutil.copyfile = slow\n"
         "from airzoo_bench.__main__ import main\n"
         "main()\n"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.leaderboard.submission.support import write_board
+from tests.support import HANGS_S
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
 FILES = ["made/retrieval/salad/" + name for name in ("{}", "result.json", "submission.toml")]
@@ -36,7 +37,7 @@ def test_whole_or_not_at_all(kind: str, tmp_path: Path) -> None:
         capture_output=True,
         check=True,
         text=True,
-        timeout=300,
+        timeout=HANGS_S,
     )
     found = json.loads(done.stdout)
     assert len(found) >= 100

@@ -75,6 +75,11 @@ def test_other_names_are_refused_with_the_reason(name: str) -> None:
     [
         ("SALAD", "Salad"),
         ("SALAD", "SA-LAD"),
+        ("SALAD", "SALAD."),
+        ("SALAD", '"SALAD"'),
+        ("SALAD", "(SALAD)"),
+        ("SALAD", "SALAD,"),
+        ("SALAD", "SALAD~"),
         ("VGG16", "VGGl6"),
         ("Cornet", "Comet"),
         ("LoFTR", "L0FTR"),

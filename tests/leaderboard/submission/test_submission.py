@@ -71,6 +71,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
     "script": ({"code": "javascript:alert(1)"}, "key 'code' is 'javascript:alert(1)'"),
     "quote": ({"paper": 'https://example.org/"onclick='}, "key 'paper'"),
+    "user": ({"code": "https://github.com@evil.example/"}, "without a user"),
+    "hidden": ({"code": "https://example.org/\u202etxt.exe"}, "percent-encoded"),
+    "alike": ({"code": "https://g\u0456thub.com/lab"}, "in hosts as xn--"),
     "stages": (
         {"pipeline": {"stages": "two"}},
         "key 'pipeline.stages' is 'two': Input should be 'single-stage' or 're-ranked' (such as "

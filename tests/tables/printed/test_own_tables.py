@@ -21,7 +21,7 @@ from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.printed.cells import Published
 from airzoo_bench.tables.printed.scores import Family, read_score
 from airzoo_bench.tables.printed.table import read_published
-from tests.results.test_result import result
+from tests.results.made import result
 from tests.support import run_main
 
 PROTOCOLS = ("airzoo-mini-retrieval", "airzoo-mini-matching", "airzoo-mini-reconstruction")

@@ -150,6 +150,19 @@ def test_reported_rows_are_apart_and_findings_stand_beside_their_cells() -> None
     assert '<li id="note-2"><b>†2</b> Method 1, R@1, printed 61.20' in text
 
 
+def test_intervals_are_explained_where_there_are_any() -> None:
+    files = sample()
+    said = files["tables/airzoo-mini-retrieval/table.json"]["about_intervals"]
+    pages = {path: page.decode() for path, page in render_pages(files).items()}
+    found = {
+        name: said in pages[f"tables/airzoo-mini-retrieval/{name}.html"]
+        for name in ("index", "scenes", "scene-1", "conditions", "ranks")
+    }
+    assert found == {
+        "index": True, "scenes": True, "scene-1": True, "conditions": False, "ranks": False
+    }  # fmt: skip
+
+
 def test_hostile_texts_make_no_markup(hostile_pages: dict[str, Page]) -> None:
     plain = render_pages(sample(14))
     assert hostile_pages.keys() == plain.keys()

@@ -172,6 +172,9 @@ def test_a_comparison_shows_what_the_file_of_pairs_has(
     better = "A is better" if values[a] > values[b] else "B is better"
     assert cells[7] == (better if holm <= 0.05 else "cannot be told apart")
     assert len(opened.all("#scenes tbody tr")) == 2
+    runs = [f"runs/airzoo-mini/retrieval/{names[n]}/{1 + n % 3}" for n in (a, b)]
+    command = f"airzoo-bench compare {' '.join(runs)} --scene city"
+    assert opened.one("#command code:last-child").text == command
 
 
 def test_the_compared_methods_are_changed_and_swapped(opened: Opened, board: Path) -> None:

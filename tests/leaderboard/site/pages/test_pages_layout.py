@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.leaderboard.site.make_sample import sample
+from tests.leaderboard.site.pages.conftest import written
 from tests.leaderboard.site.pages.visiting import KINDS, TABLE, screen, visit
 from tests.report.browser import NEEDS_CHROMIUM, Opened
 
@@ -41,6 +43,32 @@ def test_text_of_twice_the_size_fits(opened: Opened, board: Path) -> None:
             assert size == "30px"
             whole, wide, outside = opened.driver.execute_script(OUTSIDE)
             assert (whole, outside) == (wide, []), kind
+
+
+def test_long_names_and_lists_make_no_long_rows_and_no_column_is_cut_on_a_desk(
+    opened: Opened, tmp_path: Path
+) -> None:
+    files = sample()
+    for row in files["tables/airzoo-mini-retrieval/table.json"]["rows"]:
+        if row["kind"] == "re-scored":
+            row["method"] = "Hierarchical Cross-View Geo-Localisation with Optimal Transport"
+            row["training_data"] = [f"dataset-{number}" for number in range(60)]
+            row["hardware"] = "8 x H200, 141 GB"
+    board = written(tmp_path, files)
+    with screen(opened, 1280):
+        for name in ("index", "methods/method-1"):
+            visit(opened, board / TABLE / f"{name}.html")
+            cut = opened.driver.execute_script(
+                "return [...document.querySelectorAll('.scroll')]"
+                ".filter((n) => n.scrollWidth > n.clientWidth).map((n) => n.innerText)"
+            )
+            assert cut == [], name
+            tall = opened.driver.execute_script(
+                "return Math.max(...[...document.querySelectorAll('.wide tr')]"
+                ".map((n) => n.offsetHeight))"
+            )
+            assert name != "index" or tall < 150
+            assert name == "index" or "dataset-59" in opened.one(".keys").text
 
 
 def test_the_column_of_names_stays_in_sight_on_a_phone(opened: Opened, board: Path) -> None:

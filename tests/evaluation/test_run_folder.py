@@ -1,0 +1,86 @@
+"""What a run would replace is never what it is made from."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.run_files import check_run_folder, save
+from tests.support import files_below, run_main, write_predictions
+
+
+@pytest.fixture
+def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
+    """Return a folder with predictions wherever a run would replace them, and links to it."""
+    folder = tmp_path / "out"
+    for name in ("clouds/deep", "figures"):
+        (folder / name).mkdir(parents=True)
+    path = write_predictions(folder / "clouds" / "deep" / "p.npz", "made-retrieval", **perfect)
+    for name in ("figures/p.npz", "timings.csv", "result.json", "mine.npz"):
+        shutil.copy(path, folder / name)
+    (tmp_path / "link").symlink_to(folder, target_is_directory=True)
+    (tmp_path / "p.npz").symlink_to(path)
+    (folder / "clouds" / "away.npz").symlink_to(folder / "mine.npz")
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "p.npz").symlink_to(path)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "out/clouds/deep/p.npz",
+        "out/clouds/deep",
+        "out/clouds",
+        "out/clouds/away.npz",
+        "out/figures/p.npz",
+        "out/timings.csv",
+        "out/result.json",
+        "link/clouds/deep/p.npz",
+        "p.npz",
+        "scenes",
+    ],
+)
+@pytest.mark.parametrize("place", ["out", "link", "out/clouds/.."])
+def test_predictions_in_what_a_run_replaces_are_refused_before_any_work(
+    given: str, place: str, out: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home, before = out.parent, files_below(out)
+    ask = ("eval", "retrieval", home / given, "--data", data, "--out", home / place)
+    assert run_main(*ask) == 2
+    said = capsys.readouterr().err
+    assert said.count("the run would replace ") == 1
+    assert "name another --out" in said
+    assert "takes the place" not in said
+    assert files_below(out) == before
+
+
+def test_other_inputs_and_what_is_saved_from_python_are_refused_too(
+    out: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ("--names", out / "clouds" / "names.csv")
+    ask = ("eval", "retrieval", out / "mine.npz", "--data", data, "--out", out)
+    assert run_main(*ask, *names) == 2
+    assert "the run would replace clouds" in capsys.readouterr().err
+    run = evaluate(out / "clouds" / "deep" / "p.npz", data=data)
+    with pytest.raises(UsageError, match="would replace clouds"):
+        save(run, out)
+
+
+def test_predictions_beside_what_a_run_replaces_stay(out: Path, data: Path) -> None:
+    before = (out / "mine.npz").read_bytes()
+    ask = ("eval", "retrieval", out / "mine.npz", "--data", data, "--out", out)
+    assert run_main(*ask) == 0
+    assert (out / "mine.npz").read_bytes() == before
+
+
+def test_predictions_in_a_bucket_are_refused_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("airzoo_bench.evaluation.run_files.check_writable", lambda url: None)
+    with pytest.raises(UsageError, match="would replace clouds"):
+        check_run_folder("s3://bucket/out/", ["s3://bucket/out/clouds/p.npz"])
+    check_run_folder("s3://bucket/out", ["s3://bucket/out/mine.npz", "s3://other/out/clouds"])

@@ -1,0 +1,258 @@
+"""Pull requests that reach beyond their own folder are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+import tomli_w
+from typer.testing import Result
+
+from airzoo_bench.leaderboard.ci.data_branch import DataBranch
+from airzoo_bench.leaderboard.ci.git import RefusedError
+from airzoo_bench.leaderboard.ci.ledger import write_ledger
+from tests.leaderboard.ci.pull_requests import BOARD, HOME, LEDGER, MINE, SOUND, TOML, World
+from tests.leaderboard.ci.rendered import outside_code
+from tests.leaderboard.ci.repositories import File, event, git, write_event
+
+HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
+    "two submissions": (
+        SOUND | {f"{HOME}/second/submission.toml": TOML},
+        "changes more than one folder: 2 (submissions/made/retrieval/mine, "
+        "submissions/made/retrieval/second)",
+    ),
+    "renamed folder with the old metadata": (
+        {
+            f"{HOME}/old/submission.toml": None,
+            f"{HOME}/old/p.npz": None,
+            f"{HOME}/new/submission.toml": b'method = "Old"\n',
+            f"{HOME}/new/p.npz": b"old",
+        },
+        "changes more than one folder",
+    ),
+    "someone else's folder": (
+        {f"{HOME}/theirs/p.npz": b"mine now"},
+        "this folder is on the board already, and belongs to another account",
+    ),
+    "someone else's folder, withdrawn": (
+        {f"{HOME}/theirs/p.npz": None, f"{HOME}/theirs/submission.toml": None},
+        "belongs to another account",
+    ),
+    "a folder that someone else had": (
+        {f"{HOME}/gone/submission.toml": TOML},
+        "this folder was on the board already, and belongs to another account",
+    ),
+    "one's own folder and another's": (
+        SOUND | {f"{HOME}/theirs/p.npz": b"mine now"},
+        "changes more than one folder",
+    ),
+    "a workflow besides": (
+        SOUND | {".github/workflows/leaderboard.yml": b"on: push\n"},
+        "changes other files than those of a submission: 1 (.github/workflows/leaderboard.yml)",
+    ),
+    "attributes of the repository": (
+        SOUND | {".gitattributes": b"* filter=lfs\n"},
+        "changes other files than those of a submission: 1 (.gitattributes)",
+    ),
+    "attributes in the folder": (
+        SOUND | {f"{HOME}/mine/.gitattributes": b"* filter=x\n"},
+        "a .gitattributes could change what others read of these files",
+    ),
+    "attributes in other letters": (
+        SOUND | {f"{HOME}/mine/.GitAttributes": b"* filter=x\n"},
+        "a .gitattributes could change",
+    ),
+    "hidden file": (SOUND | {f"{HOME}/mine/.env": b"x"}, "the name begins with a dot"),
+    "case-only rename of a folder": (
+        {f"{HOME}/Theirs/submission.toml": TOML},
+        "differs from the folder theirs of the board only in case",
+    ),
+    "names that differ in case": (
+        SOUND | {f"{HOME}/mine/P.npz": b"2"},
+        "differs from another name only in case",
+    ),
+    "blank": (SOUND | {f"{HOME}/mine/a b.npz": b"x"}, "the name has blanks or line breaks"),
+    "line break": (SOUND | {f"{HOME}/mine/a\nb.npz": b"x"}, "the name has blanks or line breaks"),
+    "leading dash": (SOUND | {f"{HOME}/mine/-rf": b"x"}, "the name begins with a dash"),
+    "two dashes": (SOUND | {f"{HOME}/mine/--": b"x"}, "the name begins with a dash"),
+    "folder with a leading dash": ({f"{HOME}/--help/submission.toml": TOML}, "begins with a dash"),
+    "not UTF-8": (SOUND | {f"{HOME}/mine/\udcff.npz": b"x"}, "the name is not UTF-8"),
+    "not NFC": (
+        SOUND | {f"{HOME}/mine/e\u0301.npz": b"x"},
+        "the name is not in Unicode's normal form NFC",
+    ),
+    "right to left": (
+        SOUND | {f"{HOME}/mine/a\u202egpj.npz": b"x"},
+        "the name has characters that do not print",
+    ),
+    "Cyrillic": (
+        SOUND | {f"{HOME}/mine/\u0430.npz": b"x"},
+        "the name has other characters than those of plain names",
+    ),
+    "markup": (
+        SOUND | {f"{HOME}/mine/<img src=x>": b"x"},
+        "the name has blanks or line breaks",
+    ),
+    "long name": (SOUND | {f"{HOME}/mine/{'a' * 200}": b"x"}, "is longer than 120 letters"),
+    "deep folders": (SOUND | {f"{HOME}/mine/{'a/' * 20}x": b"x"}, "lies in more than 12 folders"),
+    "symbolic link": (
+        SOUND | {f"{HOME}/mine/link": ("120000", b"/etc/passwd")},
+        "is a symbolic link",
+    ),
+    "metadata as a symbolic link": (
+        {f"{HOME}/mine/submission.toml": ("120000", b"../../../../leaderboard.toml")},
+        "is a symbolic link",
+    ),
+    "submodule": (
+        SOUND | {f"{HOME}/mine/sub": ("160000", b"a" * 40)},
+        "is a submodule",
+    ),
+    "executable": (
+        SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")},
+        "is an executable file",
+    ),
+    "the folder itself is a link": (
+        {f"{HOME}/mine": ("120000", b"theirs")},
+        "not the folder of a submission",
+    ),
+    "the folder itself is a submodule": (
+        {f"{HOME}/mine": ("160000", b"a" * 40)},
+        "not the folder of a submission",
+    ),
+    "pointer of LFS": (
+        SOUND
+        | {
+            f"{HOME}/mine/p.npz": b"version https://git-lfs.github.com/spec/v1\n"
+            b"oid sha256:" + b"0" * 64 + b"\nsize 3\n"
+        },
+        "is a pointer of Git LFS, not the file itself",
+    ),
+    "file beside the folders": ({f"{HOME}/x.toml": TOML}, "not the folder of a submission"),
+    "unknown benchmark": (
+        {"submissions/mode/retrieval/x/submission.toml": TOML},
+        "this board has no benchmark 'mode' (did you mean 'made'?)",
+    ),
+    "unknown track": (
+        {"submissions/made/retreival/x/submission.toml": TOML},
+        "this board has no track 'retreival' (did you mean 'retrieval'?)",
+    ),
+    "metadata of 50 MB": (
+        SOUND | {f"{HOME}/mine/submission.toml": b"a = 1\n" * 8_400_000},
+        "has 50,400,000 bytes",
+    ),
+    "predictions that are too large": (
+        SOUND | {f"{HOME}/mine/p.npz": b"x" * 1_000_001},
+        "the files have more than 1,000,000 bytes",
+    ),
+    "100,000 files": (
+        SOUND | {f"{HOME}/mine/f{number}": b"x" for number in range(100_000)},
+        "more than 2,000 files",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_pull_request_is_refused_with_its_message(
+    world: World, name: str, command: Callable[..., Result], tmp_path: Path
+) -> None:
+    files, message = HOSTILE[name]
+    head = world.hosted.pull_of(1, files)
+    (tmp_path / "leaderboard.toml").write_text(
+        tomli_w.dumps(BOARD.model_dump(by_alias=True, exclude_none=True)), encoding="utf-8"
+    )
+    remote = str(world.hosted.folder)
+    branch = DataBranch.open(tmp_path / "data.git", remote)
+    branch.write(lambda _: {"ledger.csv": write_ledger(LEDGER)}, "ledger")
+    scored = command(
+        "leaderboard", "ci", "score", "--event",
+        write_event(tmp_path / "event.json", event(1, head, MINE)), "--remote", remote,
+        "--root", tmp_path, "--data", tmp_path, "--work", tmp_path / "work",
+        "--out", tmp_path / "found.json",
+    )  # fmt: skip
+    assert scored.exit_code == 1, scored.exception
+    assert scored.stdout == "refused\n"
+    assert message in scored.stderr.replace("\n| ", "\n")
+    assert all(line.startswith("| ") for line in scored.stderr.splitlines())
+    assert "\x1b" not in scored.stderr
+    comment = tmp_path / "comment.md"
+    command("leaderboard", "ci", "comment", tmp_path / "found.json", "--out", comment)
+    assert message in comment.read_text(encoding="utf-8")
+    assert message not in outside_code(comment.read_text(encoding="utf-8"))
+    written = [path for path in (tmp_path / "work" / "submissions").rglob("*") if path.is_file()]
+    assert not written or "LFS" in name
+
+
+def test_tree_with_dots_that_only_plumbing_makes(world: World) -> None:
+    folder = world.hosted.folder
+    blob = world.hosted.commit(world.hosted.tip(), SOUND)
+    inner = bytes.fromhex(_tree(world, blob, f"{HOME}/mine"))
+    tree = (
+        b"40000 ..\0"
+        + inner
+        + b"100644 submission.toml\0"
+        + bytes.fromhex(_tree(world, blob, f"{HOME}/mine/submission.toml"))
+    )
+    mine = _store(folder, tree)
+    beside = {"mine": mine} | {
+        name: _tree(world, blob, f"{HOME}/{name}") for name in ("old", "theirs")
+    }
+    parts = [f"40000 {name}\0".encode() + bytes.fromhex(one) for name, one in beside.items()]
+    track = _store(folder, b"".join(parts))
+    made = _store(folder, b"40000 retrieval\0" + bytes.fromhex(track))
+    submissions = _store(folder, b"40000 made\0" + bytes.fromhex(made))
+    root = _store(
+        folder,
+        b"100644 README.md\0" + bytes.fromhex(_tree(world, blob, "README.md"))
+        + b"40000 submissions\0" + bytes.fromhex(submissions),
+    )  # fmt: skip
+    head = world.hosted.commit_tree(world.hosted.tip(), root)
+    world.hosted.pull(1, head)
+    [fault] = world.look(1, head)[:1]
+    assert fault.what == "'..' is no name of a file"
+    assert not (world.folder / "out").exists()
+
+
+def _tree(world: World, commit: str, path: str) -> str:
+    return git(world.hosted.folder, "rev-parse", f"{commit}:{path}")
+
+
+def _store(folder: Path, tree: bytes) -> str:
+    return git(folder, "hash-object", "-t", "tree", "-w", "--stdin", "--literally", stdin=tree)
+
+
+def test_folders_beyond_what_git_can_follow(world: World) -> None:
+    path = f"{HOME}/mine/{'a/' * 30_000}x"
+    stream = (
+        "blob\nmark :1\ndata 1\nx\ncommit refs/heads/deep\ncommitter a <a@b> 1 +0000\n"
+        f"data 1\nx\nfrom {world.hosted.tip()}\nM 100644 :1 {path}\n"
+    )
+    git(world.hosted.folder, "fast-import", "--quiet", stdin=stream.encode())
+    head = world.hosted.tip("deep")
+    world.hosted.pull(1, head)
+    [fault] = world.look(1, head)
+    assert isinstance(fault, RefusedError)
+
+
+def test_merges_across_that_would_set_another_s_folder_back(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Git picks the later of two merge bases; against that one, theirs looks untouched."""
+    hosted, name = world.hosted, f"{HOME}/theirs/p.npz"
+    first = hosted.tip()
+    newer = hosted.commit(first, {name: b"theirs, better"})
+    with monkeypatch.context() as later:
+        later.setenv("GIT_COMMITTER_DATE", "4000000000 +0000")
+        own = hosted.commit(first, {"README.md": b"older\n"})
+
+    def merge(one: str, other: str, files: Mapping[str, File | None]) -> str:
+        tree = git(hosted.folder, "rev-parse", f"{hosted.commit(one, files)}^{{tree}}")
+        return git(hosted.folder, "commit-tree", "-p", one, "-p", other, tree, stdin=b"m")
+
+    hosted.move("refs/heads/main", merge(newer, own, {"README.md": b"older\n"}))
+    head = merge(own, newer, SOUND)  # without what they have made better
+    hosted.pull(1, head)
+    merged = git(hosted.folder, "merge-tree", "--write-tree", "main", head).split()[0]
+    assert git(hosted.folder, "show", f"{merged}:{name}") == "theirs"
+    [fault] = world.look(1, head)
+    assert "went apart from the branch at 2 commits" in fault.what

@@ -1,0 +1,12 @@
+"""A made world, one a file."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.matching.world import World, make_world
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))

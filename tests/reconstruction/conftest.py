@@ -1,0 +1,21 @@
+"""A made world of two scenes, one a file, which is the data root."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.reconstruction.world import (
+    World,
+    make_world,
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world") / "data")
+
+
+@pytest.fixture
+def world(made: World, monkeypatch: pytest.MonkeyPatch) -> World:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(made.root))
+    return made

@@ -1,0 +1,154 @@
+"""`airzoo-bench plot`: kinds, options, sizes, and what cannot be drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from airzoo_bench.cli.plot import parse_length
+from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.report import draw
+from airzoo_bench.results.records import Scored
+from tests.report.made import (
+    reconstruction_method,
+    retrieval_method,
+    run,
+    texts_of,
+    write_methods,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "inches"), [("3.3in", 3.3), ("8.4 cm", 8.4 / 2.54), (".5E", None)]
+)
+def test_a_width_is_in_inches_or_centimetres(text: str, inches: float | None) -> None:
+    if inches is not None:
+        assert parse_length(text) == pytest.approx(inches)
+        return
+    with pytest.raises(UsageError, match="no width"):
+        parse_length(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("1in", "small"), ("2m", "no width"), ("99in", "large")]
+)
+def test_widths_that_cannot_be(text: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        parse_length(text)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        ("recall",),
+        ("recall", "--up-to", 3),
+        ("errors",),
+        ("intervals", "--score", "R@1"),
+        ("scenes",),
+        ("condition", "--by", "weather"),
+        ("condition", "--by", "altitude_m", "--bins", "50,100"),
+        ("condition", "--by", "scene", "--score", "error_m", "--width", "8.4cm"),
+    ],
+)
+def test_every_kind_is_drawn(tmp_path: Path, ask: tuple[object, ...]) -> None:
+    paths = write_methods(tmp_path, [retrieval_method("a", 0), retrieval_method("b", 1)])
+    done = run("plot", ask[0], *paths, *ask[1:], "-o", tmp_path / "x.svg")
+    assert done.exit_code == 0, done.output
+    assert "<svg" in (tmp_path / "x.svg").read_text()
+
+
+def test_thresholds_are_of_reconstruction(tmp_path: Path) -> None:
+    paths = write_methods(tmp_path, [reconstruction_method("a", 0), reconstruction_method("b", 1)])
+    done = run("plot", "thresholds", *paths, "-o", tmp_path / "x.png")
+    assert done.exit_code == 0, done.output
+    methods = [reconstruction_method("a", 0)]
+    settings = {"scores": {"headline_below_m": 10.0}}
+    used = methods[0].result.protocol.model_copy(update={"settings": settings})
+    result = methods[0].result.model_copy(update={"protocol": used})
+    figure = draw.thresholds([Scored("a", result, methods[0].records)])
+    panels = figure.axes
+    assert "d = 10 m, of the headline" in texts_of(figure)
+    assert all(10 in axes.lines[-1].get_xdata() for axes in panels)
+    overall = methods[0].result.overall
+    np.testing.assert_allclose(
+        [axes.lines[0].get_ydata() for axes in panels],
+        [[100 * overall[f"{w}_{d}m"] for d in (1, 10)] for w in ("precision", "recall", "f1")],
+    )
+
+
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (("thresholds", "-o", "x.png"), "no precision over distance"),
+        (("recall", "-o", "x.gif"), "cannot be written as .gif"),
+        (("recall", "-o", "x."), "without an ending"),
+        (("recall", "--up-to", 9, "-o", "x.png"), "keeps 5 ranks"),
+        (("condition", "-o", "x.png"), "needs --by"),
+        (("condition", "--by", "wether", "-o", "x.png"), "'weather'"),
+        (("errors", "--score", "R@1", "-o", "x.png"), "no error"),
+        (("scenes", "--score", "recall@", "-o", "x.png"), "'recall@1'"),
+        (("recal", "-o", "x.png"), "did you mean 'recall'"),
+        (("recall", "--width", "wide", "-o", "x.png"), "no width"),
+        (("recall", "--height", "tall", "-o", "x.png"), "no height"),
+        (("recall", "--scene", "eats", "-o", "x.png"), "no scene 'eats'"),
+    ],
+)
+def test_what_cannot_be_drawn(tmp_path: Path, ask: tuple[object, ...], said: str) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
+    where = [tmp_path / a if str(a).startswith("x.") else a for a in ask]
+    done = run("plot", where[0], path, *where[1:])
+    assert isinstance(done.exception, UserError)
+    assert said in str(done.exception)
+    assert not list(tmp_path.glob("x.*"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "option"),
+    [
+        ("recall", "--by"),
+        ("scenes", "--bins"),
+        ("recall", "--score"),
+        ("errors", "--up-to"),
+        ("scenes", "--scene"),
+    ],
+)
+def test_an_option_of_another_kind(tmp_path: Path, kind: str, option: str) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
+    done = run("plot", kind, path, option, "1", "-o", tmp_path / "x.png")
+    assert done.exit_code == 2
+    assert f"No such option: {option}" in done.output
+    assert not list(tmp_path.glob("x.*"))
+
+
+def test_dots_per_inch(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
+    widths = []
+    for dpi in (None, 150, 300):
+        out = tmp_path / "x.png"
+        asked = () if dpi is None else ("--dpi", dpi)
+        assert run("plot", "recall", path, "--width", "3in", "-o", out, *asked).exit_code == 0
+        with Image.open(out) as picture:
+            widths.append(picture.width)
+            assert picture.info["dpi"] == pytest.approx((dpi or 150, dpi or 150), abs=0.1)
+    assert widths == [450, 450, 900]
+    done = run("plot", "recall", path, "--dpi", 300, "-o", tmp_path / "x.pdf")
+    assert "--dpi is for .png" in str(done.exception)
+
+
+def test_a_kind_left_out_is_told_how_to_fix(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
+    done = run("plot", path, path, "-o", tmp_path / "x.png")
+    assert "name the kind before the results" in str(done.exception)
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    done = run("plot", "recall", path, "-o", blocked / "x.png")
+    assert isinstance(done.exception, UserError)
+
+
+def test_ranks_are_of_retrieval(tmp_path: Path) -> None:
+    [path] = write_methods(tmp_path, [reconstruction_method("a", 0)])
+    done = run("plot", "recall", path, "-o", tmp_path / "x.png")
+    assert "no ranks" in str(done.exception)

@@ -1,0 +1,44 @@
+"""A result with all its parts."""
+
+from __future__ import annotations
+
+import math
+
+from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
+from airzoo_bench.results.result import Result, ScoreColumn
+
+
+def result(method: str = "Method", **overall: float) -> Result:
+    values = {"recall@1": 0.1 + 0.2, "distance_m": math.inf} | overall
+    columns = (
+        ScoreColumn(
+            key="recall@1",
+            title="R@1",
+            unit="share",
+            higher_is_better=True,
+            average="mean",
+            headline=True,
+        ),
+        ScoreColumn(
+            key="distance_m",
+            title="Distance",
+            unit="m",
+            higher_is_better=False,
+            average="median",
+            headline=False,
+        ),
+    )
+    return Result(
+        track="retrieval",
+        protocol=ProtocolUsed(name="p", version=1, fingerprint="f", settings={"k": [1, None]}),
+        truth=TruthUsed(benchmark="b", version=1, fingerprint="t", scene_titles={"s": "Scene"}),
+        predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
+        versions={"airzoo-bench": "1"},
+        columns=columns,
+        counts={"s": {"queries": 3}},
+        extra_queries=0,
+        notes=("A note.",),
+        scenes={"s": values},
+        overall=values,
+        pooled=values,
+    ).with_checksum()
