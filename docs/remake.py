@@ -44,7 +44,7 @@ PICTURE = re.compile(
     r"<!-- picture: (\w+) (.+?) -->\n!\[[^\]]*\]\((images/gallery-[\w-]+\.(?:png|jpg))\)"
 )
 # What a slow machine says besides.
-TIME_LEFT = re.compile(r", about \d+ \w+ left$")
+TIME_LEFT = re.compile(r"(, about \d+ \w+ left| \.\.\.)$")
 SCREEN_PX, BORDER_PX, MOST_BYTES = 1000, 12, 120_000
 
 
