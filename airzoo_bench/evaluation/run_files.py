@@ -16,7 +16,7 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.report import RunReport
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.results.files import RecordsKind
-from airzoo_bench.results.records_csv import csv_blocks
+from airzoo_bench.results.records_csv import write_csv
 from airzoo_bench.results.records_parquet import write_parquet
 from airzoo_bench.results.result import read_result, write_result
 from airzoo_bench.storage.cache import cache_folder
@@ -178,10 +178,10 @@ def save(
         written = staged / records.file
         if records is RecordsKind.PARQUET:
             write_parquet(evaluation.records, written)
+            checksum = sha256_of(written)
         else:
-            with written.open("wb") as stream:
-                stream.writelines(csv_blocks(evaluation.records))
-        result = evaluation.result.with_records(sha256_of(written))
+            checksum = write_csv(evaluation.records, written)
+        result = evaluation.result.with_records(checksum)
         write_result(staged / "result.json", result)
         for name, write in evaluation.given.track.files.items():
             write(evaluation, staged / name)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -12,7 +15,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ROWS", "column_kind", "csv_blocks", "texts_of"]
+__all__ = ["ROWS", "column_kind", "csv_blocks", "texts_of", "write_csv"]
 
 ROWS = 1 << 16
 """Written at a time."""
@@ -21,6 +24,42 @@ _QUOTED = '[,"\r\n]'
 _PLAIN = (1e-4, 1e9)
 # those below the first of these, and those up to the second but for a zero: 1e-7 for 1e-07.
 _SMALL = (1e-9, 1e-6)
+
+
+def write_csv(records: pd.DataFrame, path: Path) -> str:
+    """Write a table as CSV, each block while the next one is made.
+
+    Parameters
+    ----------
+    records : DataFrame
+        See `csv_blocks`.
+    path : Path
+
+    Returns
+    -------
+    str
+        SHA-256 of the file, in hexadecimal.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    digest = hashlib.sha256()
+    with path.open("wb") as stream, ThreadPoolExecutor(1) as writer:
+
+        def write(block: bytes) -> None:
+            stream.write(block)
+            digest.update(block)
+
+        last: Future[None] | None = None
+        for block in csv_blocks(records):
+            if last is not None:
+                last.result()
+            last = writer.submit(write, block)
+        if last is not None:
+            last.result()
+    return digest.hexdigest()
 
 
 def csv_blocks(records: pd.DataFrame) -> Iterator[bytes]:

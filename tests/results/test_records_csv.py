@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.results import records_csv
-from airzoo_bench.results.records_csv import csv_blocks
+from airzoo_bench.results.records_csv import csv_blocks, write_csv
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\r"), max_size=5)
 COLUMNS = {
@@ -65,6 +68,23 @@ def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
     table.loc[10, "x"] = 0.0
     monkeypatch.setattr(records_csv, "ROWS", 7)
     assert written(table) == table.to_csv(index=False, lineterminator="\n")
+
+
+def test_a_file_has_its_blocks_in_order(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(records_csv, "ROWS", 7)
+    table = pd.DataFrame({"id": range(1000), "x": np.arange(1000) / 7})
+    checksum = write_csv(table, tmp_path / "records.csv")
+    content = (tmp_path / "records.csv").read_bytes()
+    assert content.decode() == table.to_csv(index=False, lineterminator="\n")
+    assert checksum == sha256(content).hexdigest()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("rows", [3, 10_000])
+def test_a_full_disk_is_told(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(records_csv, "ROWS", 1000)
+    with pytest.raises(OSError, match="No space left"):
+        write_csv(pd.DataFrame({"id": range(rows), "x": 0.5}), Path("/dev/full"))
 
 
 def test_numbers_of_every_size_are_written_as_python_writes_them() -> None:
