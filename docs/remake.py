@@ -71,7 +71,8 @@ def transcript(block: str, home: Path) -> str:
     """Return a block with its commands and what they print now."""
     commands = [line for line in block.splitlines() if line.startswith("$ ")]
     printed = [run(command[2:], home, may_find=True).strip("\n") for command in commands]
-    return "\n\n".join(f"{c}\n{p}".rstrip() for c, p in zip(commands, printed, strict=True)) + "\n"
+    parts = [f"{c}\n{p}".rstrip() for c, p in zip(commands, printed, strict=True)]
+    return "\n\n".join(parts).replace(str(home), "~") + "\n"
 
 
 def typeset(command: str, home: Path) -> Image.Image:
