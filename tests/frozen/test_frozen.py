@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,9 @@ def test_a_session_is_as_it_was_recorded(
     if session == "brighton":
         request.getfixturevalue("brighton")
     assert replay(session, tmp_path) == recorded
+
+
+def test_the_page_of_airzoo_mini_shows_what_the_demo_printed() -> None:
+    page = (HERE.parents[1] / "docs" / "airzoo-mini.md").read_text(encoding="utf-8")
+    [shown] = re.findall(r"^```\n(SIFT and VLAD on .*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert f"$ airzoo-bench demo --out r\n{shown}" in (HERE / "mini.txt").read_text("utf-8")
