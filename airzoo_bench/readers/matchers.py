@@ -110,12 +110,12 @@ class _Roma(PairFiles):
 
         values = pixels_of(_opened(path, memory_bytes), "matches", 4)
         first, second = values[:, :2], values[:, 2:]
-        beyond = (np.abs(values) > _NORMALISED).any(axis=1)
-        if len(beyond) and beyond.mean() > _MOST:
+        beyond = int((np.abs(values) > _NORMALISED).any(axis=1).sum())
+        if beyond > _MOST * len(values):
             return first, second
-        if beyond.any():
+        if beyond:
             raise PredictionError(
-                f"{counted(int(beyond.sum()), 'match')} of {len(values):,} beyond -1 "
+                f"{counted(beyond, 'match')} of {len(values):,} beyond -1 "
                 f"to 1, up to {np.abs(values).max():.4g}: normalised or not?",
                 where=path,
                 expected="matches from -1 to 1, edge to edge, as RoMa itself cuts them off, or all "

@@ -106,7 +106,7 @@ def test_roma_beyond_its_edges(world: World, tmp_path: Path, evaluated: Evaluate
     fields = dict(np.load(path))
     fields["matches"][0, 0] = 1.003
     np.savez(path, **fields)
-    with pytest.raises(PredictionError, match="1 match of .* up to 1.003: normalised or not"):
+    with pytest.raises(PredictionError, match=r"1 match of .* up to 1\.003: normalised or not"):
         evaluated(path.parent)
 
 
