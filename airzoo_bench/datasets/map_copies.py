@@ -7,7 +7,12 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.geometry.virtual_rasters import source_elements
+from airzoo_bench.geometry.virtual_rasters import (
+    is_virtual,
+    place_source,
+    source_elements,
+    source_of,
+)
 
 __all__ = ["copy_map"]
 
@@ -27,7 +32,7 @@ def copy_map(source: Path, target: Path) -> None:
         The raster cannot be read.
     """
     with opened(source) as dataset:
-        files = [Path(name) for name in dataset.files]
+        files, virtual = [Path(name) for name in dataset.files], is_virtual(dataset)
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(source, target)
     for file in files:
@@ -36,7 +41,7 @@ def copy_map(source: Path, target: Path) -> None:
             rest = file.name.removeprefix(source.name)
             ending = target.suffix + rest if rest != file.name else file.suffix
             shutil.copyfile(file, target.with_name(target.stem + ending))
-    if source.suffix.lower() == ".vrt":
+    if virtual:
         _copy_sources(source, target)
 
 
@@ -46,10 +51,9 @@ def _copy_sources(source: Path, target: Path) -> None:
     home.mkdir()
     copies: dict[Path, str] = {}
     for element in source_elements(tree):
-        path = source.parent / (element.text or "")
+        path = source_of(element, source)
         if path not in copies:
             copies[path] = f"{len(copies):04d}{path.suffix.lower()}"
             copy_map(path, home / copies[path])
-        element.text = f"{home.name}/{copies[path]}"
-        element.set("relativeToVRT", "1")
+        place_source(element, f"{home.name}/{copies[path]}")
     tree.write(target, encoding="utf-8")

@@ -9,7 +9,7 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import horizontal_crs
-from airzoo_bench.geometry.frames import change_of_plane, from_lonlat
+from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, world_to_pixel
 
 __all__ = ["LONLAT_CRS", "to_map_pixels"]
@@ -17,15 +17,16 @@ __all__ = ["LONLAT_CRS", "to_map_pixels"]
 LONLAT_CRS = "EPSG:4326"
 """Longitude and latitude in degrees, x before y."""
 
-_ROUND_THE_EARTH = ("Mercator", "Popular Visualisation Pseudo Mercator")
+_LONGITUDES, _LATITUDES = (0.0, 1.0, 2.0), (0.0, 40.0)
+_ALIKE, _DIGITS = 1e-9, 9
 
 
 def to_map_pixels(source: Any, raster: RasterInfo) -> Callable[[Floats], Floats]:
     """Return what takes coordinates (..., 2) of a CRS to pixels of a raster.
 
-    Where the raster's CRS goes round the earth (degrees, Mercator), places lie on it by the turn
-    that is nearest to its middle: PROJ gives longitudes from -180 to 180, and a map may go from
-    179.9 to 180.1.
+    Where the raster's CRS goes round the earth (degrees, upright cylinders such as Mercator's),
+    places lie on it by the turn that is nearest to its middle: PROJ gives longitudes from -180 to
+    180, and a map may go from 179.9 to 180.1.
 
     Parameters
     ----------
@@ -53,10 +54,15 @@ def to_map_pixels(source: Any, raster: RasterInfo) -> Callable[[Floats], Floats]
 
 
 def _turn(crs: Any) -> float:
-    """Return by how much x grows once round the earth; 0 where a CRS does not go round it."""
+    """Return by how much x grows once round the earth; 0 where a CRS does not go round it.
+
+    Those go round it whose x is a multiple of the longitude, whatever the latitude. Longitudes are
+    those of the CRS itself: from WGS84 some datums lead to nowhere but in their own country.
+    """
     plane = horizontal_crs(crs)
-    operation = None if plane.is_geographic else plane.coordinate_operation
-    if operation is not None and not operation.method_name.startswith(_ROUND_THE_EARTH):
-        return 0.0
-    x = from_lonlat(plane, [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])[:, 0]
-    return 360.0 * float(np.abs(np.diff(x)).min())  # one of the steps may be across its edge
+    degrees = plane.geodetic_crs or plane
+    change = change_of_plane(degrees, plane)
+    x = change(np.array([[(lon, lat) for lon in _LONGITUDES] for lat in _LATITUDES]))[..., 0]
+    low, high = np.abs(np.diff(x, axis=1)).min(axis=1)  # one of the steps may be across its edge
+    around = round(2.0 * np.pi / degrees.axis_info[0].unit_conversion_factor, _DIGITS)
+    return around * float(low) if abs(low - high) <= _ALIKE * low else 0.0

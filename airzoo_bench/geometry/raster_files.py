@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.geometry.virtual_rasters import content_of
+from airzoo_bench.geometry.virtual_rasters import content_of, is_virtual
 from airzoo_bench.storage.rasters import Pointer, pointed, pointed_sha256, pointer_at
 
 __all__ = ["raster_files", "raster_sha256"]
 
+_OVERVIEWS = ".ovr"
 # What GDAL lists next to a raster, and whose content shows in what the raster says of itself.
-_SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")
+_SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", _OVERVIEWS)
 _WITHOUT_SIDE_FILES = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_PAM_ENABLED": "NO",
@@ -48,9 +48,17 @@ def raster_files(path: Path) -> list[Path]:
         with opened(waiting.pop()) as dataset:
             parts = [Path(name).absolute() for name in dataset.files]
         more = [part for part in parts if part not in found and part.is_file()]
-        waiting += [part for part in more if part.suffix.lower() == ".vrt"]
+        waiting += [part for part in more if _is_virtual(part)]
         found += more
     return [path, *sorted(set(found) - {path, path.absolute()})]
+
+
+def _is_virtual(path: Path) -> bool:
+    try:
+        with opened(path) as dataset:
+            return is_virtual(dataset)
+    except RasterError:  # a side file
+        return False
 
 
 def raster_sha256(path: Path) -> str:
@@ -62,7 +70,8 @@ def raster_sha256(path: Path) -> str:
     of itself because of the rest; statistics and overviews change nothing.
 
     Of a virtual raster (VRT) it is over its own text and the checksums of the rasters that this
-    names.
+    names; overviews of these count where it does not take them pixel by pixel, since GDAL then
+    reads its numbers from them.
 
     Parameters
     ----------
@@ -79,50 +88,55 @@ def raster_sha256(path: Path) -> str:
     RasterError
         It cannot be read, or lies at a URL and rests on more than one file there.
     """
-    return _sha256(path, {})
+    return _Sums().of(path, shrunk=False)
 
 
-def _sha256(path: Path, known: dict[Path, str | None]) -> str:
-    """Return a raster's checksum; known are those of others, None while they are under way."""
-    place = path.resolve()
-    found = known.get(place) if place in known else _computed(path, known)
-    if found is None:
-        raise RasterError("a virtual raster that is made of itself", where=path)
-    known[place] = found
-    return found
+class _Sums:
+    """The checksums of a raster and of all it is made of, each found once."""
 
+    def __init__(self) -> None:
+        self._known: dict[tuple[Path, bool], str | None] = {}  # None while they are under way
 
-def _computed(path: Path, known: dict[Path, str | None]) -> str:
-    known[path.resolve()] = None
-    pointer = pointer_at(pointed(path))
-    if path.suffix.lower() == ".vrt":
-        own = _sha256_of_virtual(path, known, pointer)
-    else:
-        own = sha256_of(path) if pointer is None else pointed_sha256(path, pointer)
-    with opened(path) as dataset:
-        stated = _stated(dataset)
-        beside = _holding_numbers(path, dataset.files[1:])
-    if beside and pointer is not None:
-        raise RasterError(
-            f"at a URL, with files beside it that nobody can hold to a checksum: {beside[0].name}",
-            where=path,
-            expected="one file that holds all of it",
-            fix="put masks into the file (gdal_translate) before `prepare`, and upload that",
-        )
-    if not beside and stated == _stated_alone(path):
-        return own
-    return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])
+    def of(self, path: Path, shrunk: bool) -> str:
+        """Return a raster's; `shrunk` where it is read at another size than its own."""
+        place = path.resolve(), shrunk
+        found = self._known[place] if place in self._known else self._computed(path, shrunk)
+        if found is None:
+            raise RasterError("a virtual raster that is made of itself", where=path)
+        self._known[place] = found
+        return found
 
+    def _computed(self, path: Path, shrunk: bool) -> str:
+        self._known[path.resolve(), shrunk] = None
+        pointer = pointer_at(pointed(path))
+        with opened(path) as dataset:
+            virtual, stated = is_virtual(dataset), _stated(dataset)
+            files = [Path(name) for name in dataset.files[1:]]
+        if virtual:
+            own = self._of_virtual(path, shrunk, pointer)
+        else:
+            own = sha256_of(path) if pointer is None else pointed_sha256(path, pointer)
+        beside = _holding_numbers(path, files, virtual=virtual, shrunk=shrunk)
+        if beside and pointer is not None:
+            raise RasterError(
+                f"at a URL, with files beside it that nobody can hold to a checksum: "
+                f"{beside[0].name}",
+                where=path,
+                expected="one file that holds all of it",
+                fix="put masks into the file (gdal_translate) before `prepare`, and upload that",
+            )
+        if not beside and stated == _stated_alone(path):
+            return own
+        return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])
 
-def _sha256_of_virtual(path: Path, known: dict[Path, str | None], pointer: Pointer | None) -> str:
-    if pointer is not None:
-        raise RasterError(
-            "a virtual raster at a URL, whose sources nobody can hold to a checksum",
-            where=path,
-            fix="make one GeoTIFF of it (gdal_translate -of COG), and prepare with that",
-        )
-    with opened(path):  # a raster, and not any text
-        return fingerprint(content_of(path, partial(_sha256, known=known)))
+    def _of_virtual(self, path: Path, shrunk: bool, pointer: Pointer | None) -> str:
+        if pointer is not None:
+            raise RasterError(
+                "a virtual raster at a URL, whose sources nobody can hold to a checksum",
+                where=path,
+                fix="make one GeoTIFF of it (gdal_translate -of COG), and prepare with that",
+            )
+        return fingerprint(content_of(path, lambda source, less: self.of(source, shrunk or less)))
 
 
 def _stated(dataset: Any) -> list[Any]:
@@ -143,9 +157,8 @@ def _stated_alone(path: Path) -> list[Any] | None:
         return None
 
 
-def _holding_numbers(path: Path, files: list[str]) -> list[Path]:
+def _holding_numbers(path: Path, files: list[Path], *, virtual: bool, shrunk: bool) -> list[Path]:
     """Return the files beside a raster that hold numbers, without those it is made of."""
-    parts = [Path(name) for name in files]
-    if path.suffix.lower() == ".vrt":
-        parts = [one for one in parts if one.name.startswith(f"{path.name}.")]
-    return [one for one in parts if one.suffix.lower() not in _SIDE_FILES]
+    left_out = [ending for ending in _SIDE_FILES if not (shrunk and ending == _OVERVIEWS)]
+    parts = [one for one in files if not virtual or str(one).startswith(f"{path}.")]
+    return [one for one in parts if one.suffix.lower() not in left_out]

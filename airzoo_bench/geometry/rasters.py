@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,15 @@ __all__ = [
     "world_to_pixel",
     "world_to_pixel_steps",
 ]
+
+
+# What an environment may have set otherwise, and no checksum shows: where the pixels of a GeoTIFF
+# lie, and whether damaged ones are zeros.
+_FIXED = {
+    "GTIFF_POINT_GEO_IGNORE": "FALSE",
+    "GTIFF_HONOUR_NEGATIVE_SCALEY": "FALSE",
+    "GTIFF_IGNORE_READ_ERRORS": "FALSE",
+}
 
 
 @dataclass(frozen=True)
@@ -107,11 +116,11 @@ def opened(path: str | Path, **settings: str) -> Iterator[Any]:
     if not pointed(Path(path)).is_file():
         raise RasterError("no such file", where=path)
     pointer = pointer_at(Path(path))
-    settings = ({} if pointer is None else pointer.settings()) | settings
+    settings = _FIXED | ({} if pointer is None else pointer.settings()) | settings
     if pointer is not None:
         _forget_other_versions(pointer)
     try:
-        with rasterio.Env(**settings) if settings else nullcontext():
+        with rasterio.Env(**settings):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", NotGeoreferencedWarning)
                 dataset = rasterio.open(path if pointer is None else pointer.virtual)

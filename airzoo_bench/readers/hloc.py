@@ -68,7 +68,7 @@ class Hloc(Reader):
             try:
                 first, second = pairs.pixels(group, one, other)
                 xy = (second, first) if swapped else (first, second)
-                rows.add(photo, reference, *xy)
+                rows.add(photo, reference, *xy, group)
             except PredictionError as error:
                 raise error.inside(f"{matches}, pair {group[:200]}") from error
         if not pairs.used:

@@ -25,10 +25,19 @@ def numbered(folder: Path, ending: str) -> list[Path]:
     Raises
     ------
     PredictionError
-        Some are missing, or there are none.
+        Some are missing, two have one number, or there are none.
     """
     files = [one for one in folder.iterdir() if one.name.endswith(ending) and one.is_file()]
-    found = {int(one.stem): one for one in files if one.stem.isascii() and one.stem.isdigit()}
+    files = sorted(one for one in files if one.stem.isascii() and one.stem.isdigit())
+    found = {int(one.stem): one for one in files}
+    twice = [one.name for one in files if found[int(one.stem)] != one]
+    if twice:
+        raise PredictionError(
+            f"files of one number with another: {first_of(twice)}",
+            where=folder,
+            expected=f"000000{ending} and on, one a view, as the method wrote them",
+            fix="take away those of another run",
+        )
     last = max(found, default=-1)
     lost = [f"{number:0{_DIGITS}d}{ending}" for number in range(min(last, 1 << 20))]
     lost = [name for number, name in enumerate(lost) if number not in found]

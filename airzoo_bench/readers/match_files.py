@@ -84,7 +84,7 @@ class PairFiles(Reader):
                     left.append(name)
                     continue
                 xy = self.pixels(one, *pair, reading.memory_bytes)
-                rows.add(*_photo_first(pair, xy))
+                rows.add(*_photo_first(pair, xy), name)
                 sizes = self.sizes(one)
                 if sizes is not None:
                     shapes.add(pair, xy, sizes)

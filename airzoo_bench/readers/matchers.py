@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.readers.match_files import PairFiles, field_of, npz_fields, pixels_of, stated_size
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ __all__ = ["DUST3R", "LOFTR", "MAST3R_VISLOC", "ROMA", "SUPERGLUE"]
 
 _CENTRE = 0.5
 _NORMALISED = 1.0 + 1e-6
+_MOST = 0.5  # of the matches; pixels of a whole picture are hardly ever in its first
 _SIZE_BYTES = 1 << 20
 _ALL_TAKEN = "all matches are taken, whatever their confidence"
 _RESIZED = (
@@ -108,8 +110,18 @@ class _Roma(PairFiles):
 
         values = pixels_of(_opened(path, memory_bytes), "matches", 4)
         first, second = values[:, :2], values[:, 2:]
-        if np.abs(values).max(initial=0.0) > _NORMALISED:
+        beyond = int((np.abs(values) > _NORMALISED).any(axis=1).sum())
+        if beyond > _MOST * len(values):
             return first, second
+        if beyond:
+            raise PredictionError(
+                f"{counted(beyond, 'match')} of {len(values):,} beyond -1 "
+                f"to 1, up to {np.abs(values).max():.4g}: normalised or not?",
+                where=path,
+                expected="matches from -1 to 1, edge to edge, as RoMa itself cuts them off, or all "
+                "in pixels of the full size",
+                fix="leave out what lies beyond -1 to 1, or save pixels (to_pixel_coordinates)",
+            )
         return (first + 1) / 2 * one.size, (second + 1) / 2 * other.size
 
 

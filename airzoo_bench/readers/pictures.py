@@ -149,6 +149,7 @@ class MatchRows:
     path: Path
     budget: Budget
     _rows: dict[str, list[tuple[Floats, Floats]]] = field(default_factory=dict)
+    _pairs: dict[tuple[str, tuple[int, int], bool], str] = field(default_factory=dict)
     _farthest: dict[str, Floats] = field(default_factory=dict)
     _count: int = 0
 
@@ -157,14 +158,29 @@ class MatchRows:
         """Whether no pair was taken yet."""
         return not self._rows
 
-    def add(self, photo: Picture, reference: Picture, photo_xy: Floats, map_xy: Floats) -> None:
+    def add(
+        self, photo: Picture, reference: Picture, photo_xy: Floats, map_xy: Floats, source: str
+    ) -> None:
         """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0).
+
+        The `source` is what they are called where they stand, for messages.
 
         Raises
         ------
         PredictionError
-            Pixels lie outside their picture, are not finite, or take too much memory.
+            Pixels lie outside their picture, are not finite, or take too much memory; or the pair
+            was taken before, as where a folder holds two runs.
         """
+        first = self._pairs.setdefault(
+            (str(photo.query), reference.origin, reference.whole), source
+        )
+        if first != source:
+            raise PredictionError(
+                f"{first[:200]} and {source[:200]} are both {photo.query} with the same part of "
+                "the map",
+                expected="the matches of each pair once, and not those of two runs together",
+                fix="leave out one of the two",
+            )
         self._count += len(photo_xy)
         self.budget.hold(self.path, "its matches", self._count * _BYTES_OF_MATCH)
         self._check(photo, photo_xy, "photo")

@@ -78,7 +78,8 @@ class VprReader(Reader):
             predictions = ranked_lists(path, lists, None, budget)
             said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
         conventions = (*_ran(logs), *names.said, *said)
-        return ReadPredictions(predictions, conventions, (*_unused(empty), *aside(left), *notes))
+        said_too = (*_unused(empty), *aside(left), *notes)
+        return ReadPredictions(predictions, conventions, said_too, names.beside(path))
 
 
 VPR = VprReader()

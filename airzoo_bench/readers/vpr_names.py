@@ -50,11 +50,17 @@ class NameSource:
     path: Path | None
     folders: tuple[Path, ...]
     used: dict[str, None] = field(default_factory=dict)
+    lists: dict[Path, None] = field(default_factory=dict)
 
     @property
     def said(self) -> tuple[str, ...]:
         """The conventions, for the result."""
         return tuple(self.used)
+
+    def beside(self, path: Path) -> tuple[Path, ...]:
+        """Return the lists of images that were read and do not lie below the predictions."""
+        home = path.resolve()
+        return tuple(one for one in self.lists if not one.resolve().is_relative_to(home))
 
     def of(
         self, log: VprLog, images: SceneImages, tiles: int, photos: int
@@ -84,6 +90,7 @@ class NameSource:
             self.used[_BY_COUNT] = None
             return _by_count(log, images, tiles, photos)
         self.used |= dict.fromkeys((listed[0].said, listed[1].said))
+        self.lists |= dict.fromkeys(one.file for one in listed if one and one.file)
         return listed[0].checked(tiles), listed[1].checked(photos)
 
     def _ours(self, folder: str | None) -> str | None:
@@ -140,6 +147,7 @@ class _Listed:
     folder: str
     names: list[str]
     said: str
+    file: Path | None = None
 
     def checked(self, rows: int) -> Sequence[str]:
         if len(self.names) != rows:
@@ -181,7 +189,7 @@ def _from_folder(folder: str | None, rows: int) -> _Listed | None:
         return None
     listed = Path(folder + "_images_paths.txt")
     if listed.is_file() and not listed.is_symlink():
-        return _Listed(folder, read_names(listed), _BY_FILE)
+        return _Listed(folder, read_names(listed), _BY_FILE, listed)
     files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
     now = [name for name in files if name.lower().endswith(_LISTED)]
     before = [name for name in files if name.endswith(_LISTED_BEFORE)]

@@ -19,6 +19,7 @@ from airzoo_bench.report.labels import noted, over_scenes, who
 from airzoo_bench.report.markers import draw_lines, draw_markers
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, finish
+from airzoo_bench.results.comparable import check_same_column
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import is_share, make_sample
@@ -229,8 +230,9 @@ def condition(
     Raises
     ------
     UsageError
-        See `airzoo_bench.tables.breakdown.group_records`.
+        See `airzoo_bench.tables.breakdown.group_records`; or the column differs between methods.
     """
+    check_same_column(methods, by)
     grouping = group_records(methods[0].records, by, bins)
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])
     medians = np.full(len(methods), score.average == "median")

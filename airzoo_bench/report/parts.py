@@ -25,6 +25,7 @@ from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import compared_pairs, references, standings
 from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import is_hit
+from airzoo_bench.tables.breakdown import condition_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -128,6 +129,9 @@ def _notes(section: Section) -> list[dict[str, Any]]:
     for method in section.methods:
         for note in method.result.notes:
             said.setdefault(note, []).append(method.name)
+    for name in section.conditions_apart:
+        text = f"no scores by {condition_title(name)}: the results have other values of it"
+        said[text] = [method.name for method in section.methods]
     return [{"text": text, "methods": names} for text, names in said.items()]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.processes import Processes
-from airzoo_bench.results.comparable import check_same_queries
+from airzoo_bench.results.comparable import apart_in, check_same_queries
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.records_reading import column_names
@@ -86,8 +86,16 @@ class Section:
 
     @property
     def conditions(self) -> list[str]:
-        """Columns of conditions, such as weather."""
-        return condition_names(self.methods[0])
+        """Columns of conditions, such as weather, that are the same for all methods."""
+        return [name for name in condition_names(self.methods[0]) if not self._is_apart(name)]
+
+    @property
+    def conditions_apart(self) -> list[str]:
+        """Columns of conditions by which not all methods' queries have the same groups."""
+        return [name for name in condition_names(self.methods[0]) if self._is_apart(name)]
+
+    def _is_apart(self, condition: str) -> bool:
+        return apart_in(self.methods, condition) is not None
 
     @property
     def left_out(self) -> str:

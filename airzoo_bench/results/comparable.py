@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
-from airzoo_bench.core.errors import ResultError, first_of
+from airzoo_bench.core.errors import ResultError, UsageError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
 
 __all__ = [
+    "apart_in",
     "check_comparable",
+    "check_same_column",
     "check_same_queries",
     "first_names",
     "other_settings",
@@ -192,3 +194,42 @@ def _check_queries(first: Scored, other: Scored) -> None:
         expected="results on the same queries",
         fix="score all predictions again with the same benchmark folder",
     )
+
+
+def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
+    """Return the first method whose records have a column otherwise than the first one's, if any.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        On the same queries, see `check_same_queries`.
+    column : str
+        Of the first one's records.
+    """
+    own = methods[0].records[column]
+    unlike = (m for m in methods if column not in m.records or not own.equals(m.records[column]))
+    return next(unlike, None)
+
+
+def check_same_column(methods: Sequence[Scored], by: str) -> None:
+    """Refuse to put all methods' queries into groups that one of them made.
+
+    Parameters
+    ----------
+    methods : sequence of Scored
+        See `apart_in`.
+    by : str
+        A column; one that there is none of is left to others to refuse.
+
+    Raises
+    ------
+    UsageError
+        It differs between methods.
+    """
+    other = apart_in(methods, by) if by in methods[0].records else None
+    if other is not None:
+        raise UsageError(
+            f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
+            expected="what is the same for all methods, such as a condition of the queries",
+            fix="name one result at a time",
+        )

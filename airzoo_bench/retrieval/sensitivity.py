@@ -15,6 +15,7 @@ from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, ResultError, UsageError
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.evaluation.evaluate import truth_fingerprint
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.results.records import Scored
@@ -71,6 +72,7 @@ def sensitivity(
     variants = tuple(variants_of(ranges, draws, seed))
     scores = _rescored(methods[0], settings)
     scenes = tuple(scene.id for scene in protocol.scenes)
+    _check_truth(benchmark, scenes, methods)
     shape = (len(scenes), len(methods), len(scores))
     base, values = np.empty(shape), np.empty((len(variants), *shape))
     unanswerable = np.zeros((len(variants), len(scenes)), np.int64)
@@ -103,6 +105,22 @@ def _rules(
             "to cast again",
         )
     return rules, protocol.scores
+
+
+def _check_truth(benchmark: Benchmark, scenes: Sequence[str], methods: Sequence[Scored]) -> None:
+    """Refuse results on another truth than the folder's: the floors would bear its name."""
+    truths = [read_truth(benchmark.scene_folder(scene), scene) for scene in scenes]
+    found = truth_fingerprint(truths)
+    for method in methods:
+        stated = method.result.truth.fingerprint
+        if stated != found:
+            raise ResultError(
+                f"{method.name} was scored on another truth than this folder's "
+                f"({stated[:12]} and {found[:12]})",
+                where=benchmark.folder,
+                expected="results of this benchmark folder",
+                fix="score the predictions again with `airzoo-bench eval retrieval ... --out DIR`",
+            )
 
 
 def _rescored(method: Scored, settings: RetrievalScores) -> list[ScoreColumn]:

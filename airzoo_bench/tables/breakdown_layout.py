@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.results.comparable import check_same_column
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import pooled_sample
@@ -83,7 +83,7 @@ def breakdown_table(
     UsageError
         See `group_records`; or the column differs between methods.
     """
-    _check_shared(methods, by)
+    check_same_column(methods, by)
     grouping = group_records(methods[0].records, by, bins, keep_empty=True)
     shown = _Variables(methods, scores)
     sample = pooled_sample(methods, scores)
@@ -126,20 +126,6 @@ def _rows(
         entries = zip(shown.all, values, found, strict=True)
         cells = (score_cell(score, value, interval) for (score, _), value, interval in entries)
         yield Row((Cell(label), Cell(count), *cells))
-
-
-def _check_shared(methods: Sequence[Scored], by: str) -> None:
-    """Refuse to put all methods' queries into groups that one of them made."""
-    first = methods[0].records
-    if by not in first:
-        return
-    for other in methods[1:]:
-        if by not in other.records or not first[by].equals(other.records[by]):
-            raise UsageError(
-                f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
-                expected="what is the same for all methods, such as a condition of the queries",
-                fix="name one result at a time",
-            )
 
 
 def _columns(shown: _Variables) -> list[Column]:

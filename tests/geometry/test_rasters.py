@@ -90,6 +90,21 @@ def test_no_warning_reaches_the_user(tmp_path: Path, recwarn: pytest.WarningsRec
     assert not recwarn.list
 
 
+def test_settings_of_a_machine_move_no_pixel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """GDAL would put a GeoTIFF of points half a pixel aside, under the same checksum."""
+    path = write_tif(tmp_path / "points.tif", np.zeros((4, 5), np.float32))
+    with rasterio.open(path, "r+") as dataset:
+        dataset.update_tags(AREA_OR_POINT="Point")
+        dataset.transform = Affine(2, 0, 1000, 0, -2, 5000)
+    usual = open_info(path).transform
+    monkeypatch.setenv("GTIFF_POINT_GEO_IGNORE", "TRUE")
+    with rasterio.open(path) as dataset:
+        assert dataset.transform != usual
+    assert open_info(path).transform == usual
+
+
 def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(RasterError, match="no such file"):
         open_info(tmp_path / "missing.tif")

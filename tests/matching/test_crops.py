@@ -131,7 +131,7 @@ def test_map_in_degrees() -> None:
     assert (x + width, y + height) == (np.ceil(column.max()), np.ceil(row.max()))
 
 
-@pytest.mark.parametrize("crs", [4326, 4167, 3857, 3832])
+@pytest.mark.parametrize("crs", [4326, 4167, 3857, 3832, 4087, 6933])
 @pytest.mark.parametrize("middle_lon", [180.0, -180.0])
 def test_a_map_across_the_180th_meridian(crs: int, middle_lon: float) -> None:
     """The crop is that of the same photo elsewhere, where longitudes do not jump."""

@@ -88,6 +88,14 @@ def test_missing_files(wrong: str, message: str, world: World, out: Path) -> Non
         scored(world, out)
 
 
+def test_two_files_of_one_number(world: World, out: Path) -> None:
+    """Which of the two counts would be the file system's choice."""
+    folder = out / "yard" / "depth"
+    (folder / "1.npy").write_bytes((folder / "000001.npy").read_bytes())
+    with pytest.raises(PredictionError, match=r"of one number with another: 1 \(000001\.npy\)"):
+        scored(world, out)
+
+
 def test_damaged_and_other_arrays(world: World, out: Path) -> None:
     path = out / "yard" / "depth" / "000001.npy"
     whole = path.read_bytes()

@@ -100,6 +100,28 @@ def test_roma_in_pixels(world: World, tmp_path: Path, evaluated: Evaluated, own:
     assert found == pytest.approx(own, abs=1e-9)
 
 
+def test_roma_beyond_its_edges(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    """A match at 1.003 would have all others of its file taken for pixels of the first pixel."""
+    path = matchers.write_roma(tmp_path, world) / "q3.npz"
+    fields = dict(np.load(path))
+    fields["matches"][0, 0] = 1.003
+    np.savez(path, **fields)
+    with pytest.raises(PredictionError, match=r"1 match of .* up to 1\.003: normalised or not"):
+        evaluated(path.parent)
+
+
+@pytest.mark.parametrize("other", ["old/hills/q3", "q3_q3_dom", "q3_dom_q3_matches"])
+def test_two_runs_in_one_folder_are_not_pooled(
+    other: str, world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    home = matchers.write_loftr(tmp_path, world)
+    place = home / f"{other}.npz"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(home / "q3.npz", place)
+    with pytest.raises(PredictionError, match="are both hills/q3 with the same part of the map"):
+        evaluated(home)
+
+
 def test_height_and_width_as_loftr_has_them(
     world: World, tmp_path: Path, evaluated: Evaluated, own: Any
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -157,7 +158,24 @@ class TestNames:
         np.save(log / "database_descriptors.npy", gallery[order])
         result = scored(log, one)
         assert perfect(result)
-        assert "_images_paths.txt" in result.result.predictions.reader.conventions[1]
+        reader = result.result.predictions.reader
+        assert "_images_paths.txt" in reader.conventions[1]
+        assert not any("read too" in said for said in reader.conventions)
+
+    def test_a_file_of_paths_beside_the_benchmarks_images_is_stated(
+        self, one: Path, log: Path
+    ) -> None:
+        """It decides which row is which tile, and the checksum of the predictions is without it."""
+        images = str(one / "made" / "images")
+        vpr.write_images(images, ONE[0])
+        tiles = Path(tile_file(images, ONE[0], 0)).parent
+        listed = "".join(f"t{number:05d}.png\n" for number in range(12))
+        file = Path(f"{tiles}_images_paths.txt")
+        file.write_text(listed)
+        vpr.write_log(log, ONE[0], images)
+        reader = scored(log, one).result.predictions.reader
+        sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+        assert f"read too: {file.name}, SHA-256 {sha256}" in reader.conventions
 
     def test_list_of_the_user(self, tmp_path: Path, one: Path, log: Path) -> None:
         order = np.random.default_rng(0).permutation(12)

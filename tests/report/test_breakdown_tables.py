@@ -11,6 +11,7 @@ import pytest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.records import Scored
 from tests.report.made import (
+    made_page,
     reconstruction_method,
     retrieval_method,
     run,
@@ -102,6 +103,25 @@ def test_groups_of_one_method_are_not_those_of_another(tmp_path: Path) -> None:
     assert isinstance(done.exception, UsageError)
     assert "the column of b is not that of a" in str(done.exception)
     assert run("breakdown", paths[0], "--by", "first_hit_rank").exit_code == 0
+
+
+def test_pictures_and_reports_do_not_put_queries_into_groups_of_another_method(
+    tmp_path: Path,
+) -> None:
+    """Conditions are no part of the truth: a benchmark whose weather was corrected has its own."""
+    one, other = retrieval_method("a", 0), retrieval_method("b", 1)
+    other.records["weather"] = other.records["weather"].to_numpy()[::-1]
+    paths = write_methods(tmp_path, [one, other])
+    picture = tmp_path / "x.png"
+    done = run("plot", "condition", *paths, "--by", "weather", "--score", "R@1", "-o", picture)
+    assert "the column of b is not that of a" in str(done.exception)
+    [part] = made_page(tmp_path, *paths).sections
+    for shown in (part["breakdowns"], part["queries"]["conditions"]):
+        assert [found.get("by", found.get("name")) for found in shown] == ["altitude_m"]
+    assert part["notes"][-1] == {
+        "text": "no scores by weather: the results have other values of it",
+        "methods": ["b", "a"],
+    }
 
 
 def test_an_unknown_column_names_all_that_there_are(tmp_path: Path) -> None:

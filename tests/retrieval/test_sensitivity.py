@@ -104,6 +104,13 @@ def test_what_was_scored_is_the_base(results: list[Path]) -> None:
     assert [score.title for score in found.scores] == ["R@1", "R@3", "R@5", "AP@5"]
 
 
+def test_results_of_an_earlier_truth_are_refused(results: list[Path], place: Place) -> None:
+    """Its queries and tiles have the names of this one's, and other answers."""
+    assert run_main(*place.arguments(), "--plane-height", 3, "--force") == 0
+    with pytest.raises(ResultError, match="sure was scored on another truth than this folder's"):
+        moved(results, AssumedRanges(height_m=5.0))
+
+
 def test_values_move_by_themselves_and_together(results: list[Path]) -> None:
     found = moved(results, AssumedRanges(0.1, 5.0, 5.0, 3.0))
     ends = ["field_of_view", "heading_deg", "height_m"]

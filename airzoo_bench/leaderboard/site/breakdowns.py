@@ -11,6 +11,8 @@ from airzoo_bench.leaderboard.site.rows import Scored, Scores
 
 __all__ = ["by_condition", "by_scene"]
 
+_GROUPS = "labels", "members"  # what two results that have the same groups of queries share
+
 
 def by_scene(table: TableFile, rows: Mapping[str, Scores]) -> dict[str, Any]:
     """Return scenes.json: each score of each scene, in the order of the rows."""
@@ -31,12 +33,16 @@ def by_scene(table: TableFile, rows: Mapping[str, Scores]) -> dict[str, Any]:
 def by_condition(
     table: TableFile, conditions: Sequence[Mapping[str, Any]], methods: Sequence[Scored]
 ) -> dict[str, Any]:
-    """Return conditions.json: each headline score in each group, in the order of the rows."""
+    """Return conditions.json: each headline score in each group, in the order of the rows.
+
+    There is none of a row whose records put other queries into the groups.
+    """
     own = {one.id: {c["by"]: c for c in one.measured.conditions} for one in methods}
 
     def value(row: Row, condition: Mapping[str, Any], group: int, key: str) -> Any:
         found = own.get(row.id, {}).get(condition["by"])
-        if found is None or found["labels"] != condition["labels"] or key not in found["values"]:
+        alike = found is not None and all(found[name] == condition[name] for name in _GROUPS)
+        if found is None or not alike or key not in found["values"]:
             return None
         return found["values"][key][group]
 

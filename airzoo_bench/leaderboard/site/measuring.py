@@ -33,7 +33,7 @@ from airzoo_bench.tables.breakdown import (
 
 __all__ = ["forget_others", "measure_all"]
 
-_FORMAT = "2"
+_FORMAT = "3"
 _VALUES = ".values"
 _SPREAD = 32  # fewer are measured before another process has started
 
@@ -180,6 +180,7 @@ def _conditions(method: Scored, scores: Sequence[ScoreColumn]) -> list[dict[str,
                 "title": condition_title(by),
                 "labels": list(grouping.labels),
                 "counts": grouping.counts.tolist(),
+                "members": hashlib.sha256(grouping.codes.tobytes()).hexdigest(),
                 "values": {s.key: row.tolist() for s, row in zip(scores, means, strict=True)},
             }
         )

@@ -219,6 +219,16 @@ def test_conditions_follow_the_rows(tmp_path: Path) -> None:
     assert found["groups"][0]["recall@1"]["value"][0] == pytest.approx(fog)
 
 
+def test_rows_whose_records_have_other_groups_have_no_scores_by_condition(tmp_path: Path) -> None:
+    for n in range(2):
+        made = method(f"Net {n}", 0.4 + n / 5)
+        made.records["weather"] = np.where(np.arange(50) % 2 == n, "fog", "sun")
+        write_version(tmp_path / "runs", f"n{n}", 1, made)
+    [found] = read(built(tmp_path), "tables/made/conditions.json")["conditions"]
+    values = [group["recall@1"]["value"] for group in found["groups"]]
+    assert [[one is None for one in value] for value in values] == [[True, False]] * 2
+
+
 def test_tables_stand_in_the_order_of_the_board(tmp_path: Path) -> None:
     order = ["airzoo-mini-retrieval", "airzoo-mini-matching"]
     for protocols in (order, order[::-1]):
