@@ -28,7 +28,6 @@ __all__ = ["MethodView", "method_view", "reproduction_rows"]
 
 _MOST_VERSIONS = 12
 _NUMBER = 24  # letters of a number as somebody prints it
-_BRANCH = "leaderboard-data"
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ class MethodView:
     reproductions: Sequence[Mapping[str, Any]]
 
 
-def method_view(table: Json, row: Json, found: Json | None, repository: str | None) -> MethodView:
+def method_view(table: Json, row: Json, found: Json | None, data_url: str | None) -> MethodView:
     """Return what the page of a row shows.
 
     Parameters
@@ -93,8 +92,8 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         Of table.json.
     found : mapping or None
         The method's own file, where there is one.
-    repository : str or None
-        Of the board, where runs lie on the data branch.
+    data_url : str or None
+        Where the board's branch of the data is seen, with its runs.
     """
     headline = [c for c in table["scores"] if c["headline"]] or table["scores"][:1]
     history = found["history"] if found else []
@@ -111,7 +110,7 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         scores=[_score_line(c, row) for c in table["scores"] if c["key"] in row["scores"]],
         columns=column_views(headline),
         scenes=_scene_lines(table, headline, found),
-        history=[_version(version, headline, repository) for version in history],
+        history=[_version(version, headline, data_url) for version in history],
         points=_points(history, lead["key"], table["id"]),
         score=f"{shown(lead['title'])} in {UNITS[lead['unit']]}",
         bibtex=_bibtex(found["bibtex"]) if found else "",
@@ -175,10 +174,10 @@ def _scene_lines(table: Json, columns: Sequence[Json], found: Json | None) -> li
     ]
 
 
-def _version(version: Json, columns: Sequence[Json], repository: str | None) -> VersionView:
+def _version(version: Json, columns: Sequence[Json], data_url: str | None) -> VersionView:
     files = None
-    if repository and version["files"]:
-        files = safe_url(f"https://github.com/{repository}/tree/{_BRANCH}/{version['files']}")
+    if data_url and version["files"]:
+        files = safe_url(f"{data_url}/{version['files']}")
     return VersionView(
         version["number"],
         version["date"] or "",
