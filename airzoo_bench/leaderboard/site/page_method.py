@@ -57,7 +57,7 @@ class MethodView:
 
     Attributes
     ----------
-    facts : sequence of tuple of str
+    facts : sequence of tuple of str and list of str
         What the method's authors say of it, by title.
     links : sequence of tuple of str
         Titles and addresses.
@@ -69,7 +69,7 @@ class MethodView:
     kind: str
     tag: str
     summary: str
-    facts: Sequence[tuple[str, str]]
+    facts: Sequence[tuple[str, list[str]]]
     links: Sequence[tuple[str, str]]
     notes: Sequence[str]
     findings: Sequence[str]
@@ -125,17 +125,18 @@ def _links(row: Json) -> list[tuple[str, str]]:
     return [(title, url) for title, url in found if url]
 
 
-def _facts(row: Json) -> list[tuple[str, str]]:
+def _facts(row: Json) -> list[tuple[str, list[str]]]:
+    """Return titles and texts; those of a list stand apart, so that each keeps its direction."""
     training = row["training_data"]
     seconds = row["seconds_per_query"]
     cost = f"{seconds:.3g} s a query" if seconds is not None else ""
     if cost and row["hardware"]:
         cost += f" on {shown(row['hardware'])}"
     measured = row["measured_seconds_per_query"]
-    facts = [
+    facts: list[tuple[str, str | list[str]]] = [
         ("Source", shown(row["source"], 1000) if row["source"] else ""),
         ("Team", shown(row["team"]) if row["team"] else ""),
-        ("Authors", ", ".join(map(shown, row["authors"]))),
+        ("Authors", [*map(shown, row["authors"])]),
         ("Submitted", row["date"] or ""),
         ("Scored here", row["rescored"] or ""),
         ("Pipeline", pipeline_of(row)),
@@ -144,7 +145,7 @@ def _facts(row: Json) -> list[tuple[str, str]]:
         ("Cost, as measured here", f"{measured:.3g} s a query" if measured is not None else ""),
         ("Licence", shown(row["licence"]) if row["licence"] else ""),
     ]
-    return [(title, text) for title, text in facts if text]
+    return [(title, [text] if isinstance(text, str) else text) for title, text in facts if text]
 
 
 def _finding(finding: Json, table: Json) -> str:
