@@ -23,7 +23,9 @@ def _group() -> None:
     """Make and run a board in a repository of your own."""
 
 
-@app.command(epilog=examples("leaderboard init board", "leaderboard init . --gitlab"))
+@app.command(
+    epilog=examples("leaderboard init board", "leaderboard init . --gitlab --repository lab/board")
+)
 def init(
     folder: Annotated[Path, typer.Argument(help="A repository, or a folder to become one.")],
     repository: Annotated[

@@ -31,7 +31,8 @@ EventOption = Annotated[
     typer.Option(help="The event as GitHub writes it, or a merge request of GitLab's API."),
 ]
 RemoteOption = Annotated[
-    str, typer.Option(help="URL or folder of the repository; $GIT_TOKEN is sent to it.")
+    str,
+    typer.Option(help="URL or folder of the repository; $GIT_TOKEN of $GIT_USER is sent to it."),
 ]
 RootOption = Annotated[
     Path, typer.Option(help="A checkout of the board's own branch, with leaderboard.toml.")
@@ -107,7 +108,11 @@ def ledger(
         ),
     ] = None,
     event: Annotated[
-        Path | None, typer.Option(help="Of the merge, for merged.", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Of the merge, for merged; or GitLab's list of a commit's.",
+            show_default=False,
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -124,10 +129,14 @@ def ledger(
     """
     from airzoo_bench.leaderboard.ci.artifact import read_artifact, write_artifact
     from airzoo_bench.leaderboard.ci.entries import enter, enter_merge
-    from airzoo_bench.leaderboard.ci.event import read_event
+    from airzoo_bench.leaderboard.ci.event import read_events
 
     if outcome is Outcome.MERGED:
-        say(enter_merge(read_event(_needed(event, "--event")), remote))
+        pulls = read_events(_needed(event, "--event"))
+        for pull in pulls:
+            say(enter_merge(pull, remote))
+        if not pulls:
+            say("this commit came by no merge request: nothing to enter")
         return
     given = _needed(artifact, "--artifact")
     word = cast("Word", outcome.value)
@@ -171,6 +180,9 @@ def comment(
         list[Path], typer.Argument(help="Of all steps in their order; the last that exists is it.")
     ],
     out: OutOption,
+    gitlab: Annotated[
+        bool, typer.Option("--gitlab", help="How GitLab merges, instead of GitHub.")
+    ] = False,
 ) -> None:
     """Write the comment on a pull request, in Markdown, from what was found alone."""
     from airzoo_bench.core.files import atomic_write
@@ -178,7 +190,7 @@ def comment(
     from airzoo_bench.leaderboard.ci.comment import comment_on
 
     with atomic_write(out, "w") as stream:
-        stream.write(comment_on(read_artifact(_last(artifacts))))
+        stream.write(comment_on(read_artifact(_last(artifacts)), gitlab=gitlab))
 
 
 @app.command(epilog=examples("leaderboard ci rescore --remote . --out runs"))

@@ -153,7 +153,8 @@ def new(
     shown = written.relative_to(Path.cwd()) if written.is_relative_to(Path.cwd()) else written
     put(f"{shown}\n")
     say(f"next: airzoo-bench submission check {shown}{with_data(data)}")
-    say("then commit this folder alone on a branch of its own, and open a pull request")
+    request = "merge" if rules.gitlab else "pull"
+    say(f"then commit this folder alone on a branch of its own, and open a {request} request")
 
 
 app.command("check", epilog=examples("submission check submissions/airzoo-mini/matching/sift"))(

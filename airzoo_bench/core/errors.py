@@ -53,7 +53,8 @@ class UserError(Exception):
         fix: str | None = None,
     ) -> None:
         self.what = what
-        self.where = None if where is None else str(where)
+        # Whoever names a file can put line breaks there, and what follows would pass for a message.
+        self.where = None if where is None else str(where).replace("\n", "\\x0a")
         self.expected = expected
         self.fix = fix
         super().__init__(str(self))

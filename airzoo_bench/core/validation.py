@@ -139,10 +139,13 @@ def _lacks_what_was_refused(item: Any, every: list[Any]) -> bool:
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
+    strange = item["type"] == "extra_forbidden"
     # Parts such as "<map>" name which of several tables was chosen, and are no keys.
-    named = ".".join(str(part) for part in item["loc"] if not str(part).startswith("<"))
+    *within, last = map(str, item["loc"] or [""])
+    parts = [part for part in within if not part.startswith("<")]
+    named = ".".join([*parts, last] if strange or not last.startswith("<") else parts)
     key = repr(named[:80])[1:-1]
-    if item["type"] == "extra_forbidden":
+    if strange:
         return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
     if item["type"] == "json_invalid":
         return f"not valid JSON: {item['ctx']['error']}"

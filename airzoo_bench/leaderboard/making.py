@@ -204,7 +204,8 @@ def _result_of(claimed: Path) -> Path:
 
 def _copy(source: Path, target: Path) -> None:
     if source.is_dir():
-        shutil.copytree(source, target)
+        # Modes stay behind: on some disks every file is executable, which no board takes.
+        shutil.copytree(source, target, copy_function=shutil.copyfile)
     else:
         shutil.copyfile(source, target)
 

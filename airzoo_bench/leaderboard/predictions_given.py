@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import stat
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 from airzoo_bench.core.errors import SubmissionError, UserError, first_of
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.leaderboard.addresses import WebAddress
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.names import fault_of_file_name
 from airzoo_bench.leaderboard.submission import (
@@ -19,6 +21,7 @@ from airzoo_bench.leaderboard.submission import (
 )
 
 __all__ = [
+    "DEPTH",
     "MOST_FILES",
     "RENAME",
     "check_entries",
@@ -29,6 +32,8 @@ __all__ = [
 
 MOST_FILES = 2000
 """What a folder of a submission holds at most, with its folders."""
+DEPTH = 12
+"""The most parts that a path in the repository has."""
 RENAME = "give it a name of A-Z, a-z, 0-9, _, . and -"
 FETCHED = "fetched-predictions"
 """The folder in the data root that predictions at an address are kept in, by their hash."""
@@ -37,21 +42,18 @@ FETCHED = "fetched-predictions"
 def check_folder(folder: Path, limits: Limits) -> Iterator[UserError]:
     """Yield what is wrong with the files of a submission, whatever they hold; none is opened."""
     count = size = 0
-    pending = [folder]
+    pending, names = [folder], set[str]()
     while pending:
         for entry in sorted(os.scandir(pending.pop()), key=lambda one: one.name):
             found = entry.stat(follow_symlinks=False)
             count += 1
-            if fault := fault_of_file_name(entry.name):
-                yield SubmissionError(fault, where=Path(entry.path), fix=RENAME)
+            if fault := _fault(Path(entry.path), found.st_mode, folder, names):
+                yield fault
                 return
             if stat.S_ISDIR(found.st_mode):
                 pending.append(Path(entry.path))
-            elif stat.S_ISREG(found.st_mode):
-                size += found.st_size
             else:
-                yield _no_plain_file(Path(entry.path))
-                return
+                size += found.st_size
             if count > MOST_FILES:
                 yield _too_many(folder)
                 return
@@ -70,6 +72,46 @@ def _too_many(folder: Path) -> SubmissionError:
         f"holds more than {MOST_FILES:,} files and folders",
         where=folder,
         fix="put the predictions into one archive, such as predictions.zip",
+    )
+
+
+def _fault(path: Path, mode: int, folder: Path, names: set[str]) -> SubmissionError | None:
+    if fault := _fault_of_name(path, folder, names):
+        return SubmissionError(fault, where=path, fix=RENAME)
+    if stat.S_ISDIR(mode):
+        return None
+    if not stat.S_ISREG(mode):
+        return _no_plain_file(path)
+    return _executable(path) if mode & stat.S_IXUSR and _has_modes(folder) else None
+
+
+def _fault_of_name(path: Path, folder: Path, names: set[str]) -> str:
+    """Say what is wrong with a path, if anything is; `names` are those seen before it."""
+    inner = path.relative_to(folder).parts
+    name = "/".join(inner).casefold()
+    if name in names:
+        return "differs from another name only in case"
+    names.add(name)
+    # Before it stand submissions, the benchmark, the track and the folder.
+    too_deep = f"lies in more than {DEPTH} folders" if len(inner) + 4 > DEPTH else ""
+    return fault_of_file_name(path.name) or too_deep
+
+
+def _has_modes(folder: Path) -> bool:
+    """Return whether git takes modes from this disk; on some every file is executable."""
+    asked = ["git", "-C", str(folder), "config", "--type=bool", "--get", "core.fileMode"]
+    try:
+        return subprocess.run(asked, capture_output=True, check=False).stdout.strip() != b"false"
+    except FileNotFoundError:
+        return True
+
+
+def _executable(path: Path) -> SubmissionError:
+    return SubmissionError(
+        "is an executable file",
+        where=path,
+        expected="a plain file",
+        fix="`chmod -x FILE`, and `git add FILE` once more",
     )
 
 
@@ -142,6 +184,7 @@ def _check_url_size(given: PredictionsGiven, limits: Limits) -> None:
 
 def _fetched(given: PredictionsGiven, data: Path, *, fetch: bool) -> Path | None:
     """Return the predictions at an address, once they are on this disk."""
+    WebAddress.parse(str(given.url))  # what `fetch` would refuse is refused without a network too
     home = data / FETCHED / given.sha256
     if fetch:
         from airzoo_bench.leaderboard.fetching import fetch as fetch_now

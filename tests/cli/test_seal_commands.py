@@ -95,6 +95,7 @@ def test_faults_of_places(sealed: SealedField, capsys: pytest.CaptureFixture[str
         capsys, "seal", sealed.folder, "--out", inside, "--archive", inside.with_name("a.age"), *to
     )
     where = ("--out", "p/m", "--archive", "p/a.age")
+    assert "fix:      give its path" in refused(capsys, "seal", "made", *where, *to)
     assert "is sealed" in refused(capsys, "seal", sealed.public, *where, *to)
     assert run_main("seal", sealed.folder, *where, *to) == 0
     capsys.readouterr()

@@ -65,14 +65,16 @@ def enter(found: Artifact, outcome: Outcome, remote: str, root: Path) -> Artifac
 def enter_merge(pull: PullRequest, remote: str) -> str:
     """Make the account of a merged pull request the owner of its folder, and say what was done."""
     if not pull.merged:
-        return f"pull request {pull.number} was closed without a merge: nothing to enter"
+        return f"pull request {pull.number} is not merged: nothing to enter"
     with _opened(remote) as branch:
-        scored = [
+        own = [
             line
             for line in branch.ledger()
-            if line.outcome == "scored"
-            and (line.pull_request, line.head) == (pull.number, pull.head)
+            if (line.pull_request, line.head) == (pull.number, pull.head)
         ]
+        if any(line.outcome == "merged" for line in own):
+            return f"pull request {pull.number} was entered as merged already: nothing to enter"
+        scored = [line for line in own if line.outcome == "scored"]
         if not scored:
             return f"no submission was scored at {pull.head[:12]}: nothing to enter"
         last = scored[-1]

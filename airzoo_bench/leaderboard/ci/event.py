@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import validation_message
 
-__all__ = ["PullRequest", "read_event"]
+__all__ = ["PullRequest", "read_event", "read_events"]
 
 Id = Annotated[int, Field(ge=1, lt=1 << 63)]
 Commit = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
@@ -90,9 +90,30 @@ def read_event(path: Path) -> PullRequest:
     SubmissionError
         It is missing, or is neither.
     """
+    found = _read(path)
+    if isinstance(found, PullRequest):
+        return found
+    raise _fault(path, "a list")
+
+
+def read_events(path: Path) -> list[PullRequest]:
+    """Read one event, or a list of GitLab's: the merge requests that a commit came by.
+
+    Raises
+    ------
+    SubmissionError
+        It is missing, or is neither.
+    """
+    found = _read(path)
+    return [found] if isinstance(found, PullRequest) else found
+
+
+def _read(path: Path) -> PullRequest | list[PullRequest]:
     text = read_text(path, SubmissionError, "event")
     try:
         data = json.loads(text)
+        if isinstance(data, list):
+            return [_gitlab(one) for one in data]
         return _gitlab(data) if isinstance(data, dict) and "iid" in data else _github(data)
     except ValidationError as error:
         raise _fault(path, validation_message(error, _GitHubEvent)) from error

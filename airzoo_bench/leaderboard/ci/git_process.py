@@ -11,10 +11,13 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import SubmissionError
 
-__all__ = ["TOKEN_VARIABLE", "BoardError", "GitProcess"]
+__all__ = ["TOKEN_VARIABLE", "USER_VARIABLE", "BoardError", "GitProcess"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
+
+USER_VARIABLE = "GIT_USER"
+"""The variable with the token's user, where GitHub's will not do: GitLab's job token has one."""
 
 _KEPT = ("PATH", "HOME", "SSL_CERT_FILE", "GIT_SSL_CAINFO", "HTTPS_PROXY", "https_proxy", "TMPDIR")
 _SETTINGS = {
@@ -100,7 +103,8 @@ class GitProcess:
         token = os.environ.get(TOKEN_VARIABLE)
         if not token or not self.remote.startswith("https://"):
             return kept | _SETTINGS
-        basic = base64.b64encode(f"x-access-token:{token}".encode()).decode("ascii")
+        user = os.environ.get(USER_VARIABLE, "x-access-token")
+        basic = base64.b64encode(f"{user}:{token}".encode()).decode("ascii")
         for_remote = {
             "GIT_CONFIG_COUNT": "1",
             "GIT_CONFIG_KEY_0": f"http.{self.remote}.extraHeader",

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 
 from airzoo_bench.leaderboard.ci.git import Entry, RefusedError
 from airzoo_bench.leaderboard.names import fault_of_file_name
-from airzoo_bench.leaderboard.predictions_given import RENAME
+from airzoo_bench.leaderboard.predictions_given import DEPTH, RENAME
 
 __all__ = ["check_entries", "checked_path", "shown_path"]
 
-_DEPTH = 12
 _KINDS = {
     "120000": "a symbolic link",
     "160000": "a submodule",
@@ -51,7 +50,7 @@ def checked_path(path: bytes) -> str:
 def _fault_of_whole(text: str, parts: Sequence[str]) -> str:
     if text != unicodedata.normalize("NFC", text):
         return "the name is not in Unicode's normal form NFC"
-    return f"lies in more than {_DEPTH} folders" if len(parts) > _DEPTH else ""
+    return f"lies in more than {DEPTH} folders" if len(parts) > DEPTH else ""
 
 
 def check_entries(entries: Sequence[Entry]) -> list[RefusedError]:

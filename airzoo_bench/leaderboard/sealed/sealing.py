@@ -124,6 +124,13 @@ def seal(
 
 def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -> None:
     source, out, file = (path.resolve() for path in (folder, public, archive))
+    if not (folder / "benchmark.toml").is_file():
+        raise UsageError(
+            "no benchmark folder here",
+            where=folder,
+            expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
+            fix="give its path: what is sealed is not looked for in the data root",
+        )
     if out.parent != file.parent:
         raise UsageError(
             f"{public} and {archive} lie in two folders",

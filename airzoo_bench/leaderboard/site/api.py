@@ -33,7 +33,6 @@ API = 1
 
 Kind = Literal["re-scored", "sealed", "reported", "floor"]
 Number = float | int | str | None
-_PLAIN = frozenset((str, int, bool, type(None)))
 
 
 @dataclass(frozen=True)
@@ -70,6 +69,8 @@ class BoardIndex:
     title: str
     url: str | None
     repository: str | None
+    repository_url: str | None
+    data_url: str | None
     updated: str | None
     made_with: str
     benchmarks: tuple[Benchmark, ...]
@@ -286,7 +287,7 @@ class MethodFile:
 
 def as_json(value: Any) -> Any:
     """Return what `json.dumps` can write: infinite numbers as text, as result.json has them."""
-    if type(value) in _PLAIN:
+    if value is None or type(value) in (str, int, bool):
         return value
     if isinstance(value, float):
         return ("Infinity" if value > 0 else "-Infinity") if math.isinf(value) else value

@@ -257,8 +257,7 @@ class ApiFiles:
         return BoardIndex(
             API,
             self.title,
-            None if board is None else board.url,
-            None if board is None else board.repository,
+            *((None,) * 4 if board is None else board.addresses),
             max(dates, default=None),
             __version__,
             tuple(benchmarks),

@@ -28,7 +28,6 @@ __all__ = ["MethodView", "method_view", "reproduction_rows"]
 
 _MOST_VERSIONS = 12
 _NUMBER = 24  # letters of a number as somebody prints it
-_BRANCH = "leaderboard-data"
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class MethodView:
 
     Attributes
     ----------
-    facts : sequence of tuple of str
+    facts : sequence of tuple of str and list of str
         What the method's authors say of it, by title.
     links : sequence of tuple of str
         Titles and addresses.
@@ -70,7 +69,7 @@ class MethodView:
     kind: str
     tag: str
     summary: str
-    facts: Sequence[tuple[str, str]]
+    facts: Sequence[tuple[str, list[str]]]
     links: Sequence[tuple[str, str]]
     notes: Sequence[str]
     findings: Sequence[str]
@@ -84,7 +83,7 @@ class MethodView:
     reproductions: Sequence[Mapping[str, Any]]
 
 
-def method_view(table: Json, row: Json, found: Json | None, repository: str | None) -> MethodView:
+def method_view(table: Json, row: Json, found: Json | None, data_url: str | None) -> MethodView:
     """Return what the page of a row shows.
 
     Parameters
@@ -93,8 +92,8 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         Of table.json.
     found : mapping or None
         The method's own file, where there is one.
-    repository : str or None
-        Of the board, where runs lie on the data branch.
+    data_url : str or None
+        Where the board's branch of the data is seen, with its runs.
     """
     headline = [c for c in table["scores"] if c["headline"]] or table["scores"][:1]
     history = found["history"] if found else []
@@ -111,7 +110,7 @@ def method_view(table: Json, row: Json, found: Json | None, repository: str | No
         scores=[_score_line(c, row) for c in table["scores"] if c["key"] in row["scores"]],
         columns=column_views(headline),
         scenes=_scene_lines(table, headline, found),
-        history=[_version(version, headline, repository) for version in history],
+        history=[_version(version, headline, data_url) for version in history],
         points=_points(history, lead["key"], table["id"]),
         score=f"{shown(lead['title'])} in {UNITS[lead['unit']]}",
         bibtex=_bibtex(found["bibtex"]) if found else "",
@@ -126,17 +125,18 @@ def _links(row: Json) -> list[tuple[str, str]]:
     return [(title, url) for title, url in found if url]
 
 
-def _facts(row: Json) -> list[tuple[str, str]]:
+def _facts(row: Json) -> list[tuple[str, list[str]]]:
+    """Return titles and texts; those of a list stand apart, so that each keeps its direction."""
     training = row["training_data"]
     seconds = row["seconds_per_query"]
     cost = f"{seconds:.3g} s a query" if seconds is not None else ""
     if cost and row["hardware"]:
         cost += f" on {shown(row['hardware'])}"
     measured = row["measured_seconds_per_query"]
-    facts = [
+    facts: list[tuple[str, str | list[str]]] = [
         ("Source", shown(row["source"], 1000) if row["source"] else ""),
         ("Team", shown(row["team"]) if row["team"] else ""),
-        ("Authors", ", ".join(map(shown, row["authors"]))),
+        ("Authors", [*map(shown, row["authors"])]),
         ("Submitted", row["date"] or ""),
         ("Scored here", row["rescored"] or ""),
         ("Pipeline", pipeline_of(row)),
@@ -145,7 +145,7 @@ def _facts(row: Json) -> list[tuple[str, str]]:
         ("Cost, as measured here", f"{measured:.3g} s a query" if measured is not None else ""),
         ("Licence", shown(row["licence"]) if row["licence"] else ""),
     ]
-    return [(title, text) for title, text in facts if text]
+    return [(title, [text] if isinstance(text, str) else text) for title, text in facts if text]
 
 
 def _finding(finding: Json, table: Json) -> str:
@@ -175,10 +175,10 @@ def _scene_lines(table: Json, columns: Sequence[Json], found: Json | None) -> li
     ]
 
 
-def _version(version: Json, columns: Sequence[Json], repository: str | None) -> VersionView:
+def _version(version: Json, columns: Sequence[Json], data_url: str | None) -> VersionView:
     files = None
-    if repository and version["files"]:
-        files = safe_url(f"https://github.com/{repository}/tree/{_BRANCH}/{version['files']}")
+    if data_url and version["files"]:
+        files = safe_url(f"{data_url}/{version['files']}")
     return VersionView(
         version["number"],
         version["date"] or "",

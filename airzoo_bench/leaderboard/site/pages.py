@@ -80,7 +80,7 @@ class _Pages:
         """Yield pages that are made from files of these paths, the board's name, and what else."""
         if self._kept is None:
             return _encoded(pages)
-        board = [self._board[key] for key in ("title", "made_with", "repository")]
+        board = [self._board[key] for key in ("title", "made_with", "repository", "data_url")]
         digests = [self._kept.digests[path] for path in paths]
         return self._kept.pages([paths, digests, board, *more], lambda: _encoded(pages))
 
@@ -145,7 +145,7 @@ class _Pages:
     ) -> Iterator[tuple[str, str]]:
         folder, name = f"tables/{table['id']}", plain_name(row["id"])
         found = self._files.get(f"{folder}/methods/{name}.json")
-        view: MethodView = method_view(table, row, found, self._board["repository"])
+        view: MethodView = method_view(table, row, found, self._board["data_url"])
         yield self._page(
             f"{folder}/methods/{name}.html",
             "method.html",

@@ -27,9 +27,29 @@ _GITHUB = {
     "CODEOWNERS": ".github/CODEOWNERS",
 }
 _GITLAB = {"gitlab-ci.yml": ".gitlab-ci.yml"}
+_WORDS = {
+    "github": {
+        "@REQUEST@": "pull request",
+        "@WHEN@": "Each push edits that comment.",
+        "@USERS@": "https://api.github.com/users/NAME",
+    },
+    "gitlab": {
+        "@REQUEST@": "merge request",
+        "@WHEN@": "A maintainer starts each run.",
+        "@USERS@": "https://gitlab.com/api/v4/users?username=NAME",
+    },
+}
+_GITHUB_HOST = """\
+url = "https://OWNER.github.io/REPOSITORY/"
+repository = "OWNER/REPOSITORY\""""
+_GITLAB_HOST = """\
+# url = "https://..."  # Deploy > Pages shows it
+repository = "OWNER/REPOSITORY"
+gitlab = "https://gitlab.com\""""
 _REQUIREMENTS = ".ci/requirements.txt"
 _SCHEMA = "docs/submission.schema.json"  # each submission.toml names it to editors
 _SCRIPTS = (".ci/get-data",)
+_NAMED = ("leaderboard.toml", ".gitlab-ci.yml")
 
 
 def starter_files(repository: str | None, *, gitlab: bool) -> dict[str, str]:
@@ -42,22 +62,20 @@ def starter_files(repository: str | None, *, gitlab: bool) -> dict[str, str]:
     gitlab : bool
         Whether CI is GitLab's.
     """
-    hosted = ("gitlab", _GITLAB) if gitlab else ("github", _GITHUB)
+    host, own = ("gitlab", _GITLAB) if gitlab else ("github", _GITHUB)
+    words = _WORDS[host] | {"@HOST@": _host(repository, gitlab=gitlab)}
     found = {
-        path: (files(__package__) / "files" / group / name).read_text(encoding="utf-8")
-        for group, names in (("both", _BOTH), hosted)
+        path: _filled((files(__package__) / "files" / group / name).read_text("utf-8"), words)
+        for group, names in (("both", _BOTH), (host, own))
         for name, path in names.items()
     }
+    if repository is not None:
+        found |= {path: _named(found[path], repository) for path in found if path in _NAMED}
     found[_SCHEMA] = schema_text()
     found[_REQUIREMENTS] = (
         "# What scores submissions. Pin all of it: pip freeze > .ci/requirements.txt\n"
         f"airzoo-bench[leaderboard]=={__version__}\n"
     )
-    if repository is not None:
-        owner, _, name = repository.partition("/")
-        stated = found["leaderboard.toml"]
-        stated = stated.replace("# repository = ", "repository = ").replace("# url = ", "url = ")
-        found["leaderboard.toml"] = stated.replace("OWNER", owner).replace("REPOSITORY", name)
     return found
 
 
@@ -81,11 +99,18 @@ def write_starter(folder: Path, repository: str | None, *, gitlab: bool) -> list
     Raises
     ------
     UsageError
-        One of the files is there; then none is written. Or the name is none of a repository.
+        One of the files is there; then none is written. Or the name is none of a repository, or
+        is missing for GitLab.
     """
-    if repository is not None and not _is_repository(repository):
+    if repository is None and gitlab:
         raise UsageError(
-            f"--repository {repository!r} is no name of a repository", expected="such as lab/board"
+            "on GitLab CI must know its own project, since it runs in no fork",
+            fix="add --repository, such as --repository lab/board",
+        )
+    if repository is not None and not _is_repository(repository, gitlab=gitlab):
+        raise UsageError(
+            f"--repository {repository!r} is no name of a repository",
+            expected="such as lab/vision/board" if gitlab else "such as lab/board",
         )
     content = starter_files(repository, gitlab=gitlab)
     there = [path for path in content if (folder / path).exists()]
@@ -111,10 +136,12 @@ def next_steps(folder: Path, *, gitlab: bool) -> list[str]:
         f"pin all packages in {folder / _REQUIREMENTS}",
     ]
     if gitlab:
-        steps.append(
-            f"do what the first lines of {folder / '.gitlab-ci.yml'} say: a token, protected "
-            "variables"
-        )
+        steps += [
+            f"do what the first lines of {folder / '.gitlab-ci.yml'} say: a protected branch, a "
+            "token, protected variables, who may start a pipeline",
+            "GitLab, Deploy > Pages: after the first pipeline it shows the address; put it into "
+            f"{folder / 'leaderboard.toml'} as url",
+        ]
     else:
         steps += [
             f"put your account into {folder / '.github/CODEOWNERS'}",
@@ -128,7 +155,25 @@ def next_steps(folder: Path, *, gitlab: bool) -> list[str]:
     return [f"{number}. {step}" for number, step in enumerate(steps, 1)]
 
 
-def _is_repository(name: str) -> bool:
+def _is_repository(name: str, *, gitlab: bool) -> bool:
     parts = name.split("/")
     plain = "".join(parts).translate(str.maketrans("", "", "._-"))
-    return len(parts) == 2 and all(parts) and plain.isalnum() and plain.isascii()
+    deep = len(parts) == 2 or (gitlab and len(parts) > 2)
+    return deep and all(parts) and plain.isalnum() and plain.isascii()
+
+
+def _host(repository: str | None, *, gitlab: bool) -> str:
+    """Return where the board is hosted, in lines of its leaderboard.toml."""
+    lines = _GITLAB_HOST if gitlab else _GITHUB_HOST
+    return lines if repository is not None else "# " + lines.replace("\n", "\n# ")
+
+
+def _filled(text: str, words: dict[str, str]) -> str:
+    for word, shown in words.items():
+        text = text.replace(word, shown)
+    return text
+
+
+def _named(text: str, repository: str) -> str:
+    owner, _, name = repository.rpartition("/")
+    return text.replace("OWNER", owner).replace("REPOSITORY", name)

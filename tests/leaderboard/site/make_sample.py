@@ -238,6 +238,8 @@ def sample(count: int = 12) -> dict[str, Any]:
         "A sample board",
         "https://example.org/board",
         "example/board",
+        "https://github.com/example/board",
+        "https://github.com/example/board/tree/leaderboard-data",
         "2026-11-20",
         "0.1.0",
         (

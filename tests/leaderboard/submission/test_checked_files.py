@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,32 @@ class TestFiles:
         home = write(board, perfect)
         (home / name).write_bytes(b"")
         assert said in only_error(checked(home, data))
+
+    def test_what_follows_a_line_break_in_a_name_is_no_message(
+        self, board: Path, data: Path, perfect: Any
+    ) -> None:
+        home = write(board, perfect)
+        (home / "x\nsalad: nothing wrong was found").write_bytes(b"")
+        assert "\nsalad" not in only_error(checked(home, data))
+
+    def test_modes_depths_and_twins_that_ci_refuses(
+        self, board: Path, data: Path, perfect: Any
+    ) -> None:
+        home = write(board, perfect)
+        (home / "PREDS.npz").write_bytes(b"")
+        assert "differs from another name only in case" in only_error(checked(home, data))
+        (home / "PREDS.npz").unlink()
+        deep = home.joinpath(*"abcdefgh")
+        deep.mkdir(parents=True)
+        (deep / "x").touch()
+        assert "lies in more than 12 folders" in only_error(checked(home, data))
+        shutil.rmtree(home / "a")
+        (home / "preds.npz").chmod(0o755)
+        assert "is an executable file" in only_error(checked(home, data))
+        # A disk without modes: git does not look at them either.
+        subprocess.run(["git", "init", "--quiet", board], check=True)
+        subprocess.run(["git", "-C", board, "config", "core.fileMode", "false"], check=True)
+        assert not checked(home, data).errors
 
     def test_folder_that_windows_takes_for_a_device(
         self, board: Path, data: Path, perfect: Any

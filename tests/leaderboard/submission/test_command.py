@@ -67,6 +67,27 @@ def test_what_is_made_is_found_sound(
     assert "checked and scored, nothing wrong was found" in found.stdout
 
 
+def test_what_comes_next_is_said_in_the_host_s_words(
+    board: Path, preds: Path, command: Command
+) -> None:
+    assert "open a pull request" in command("submission", "new", preds, *OPTIONS).stderr
+    file = board / "leaderboard.toml"
+    file.write_text(f'gitlab = "https://gitlab.com"\n{file.read_text()}')
+    made = command("submission", "new", preds, *OPTIONS, "--force")
+    assert "open a merge request" in made.stderr
+
+
+def test_modes_are_not_copied(board: Path, preds: Path, command: Command) -> None:
+    """Of a disk where every file is executable; no board takes such a file."""
+    folder = preds.with_name("many")
+    folder.mkdir()
+    preds = preds.rename(folder / preds.name)
+    preds.chmod(0o755)
+    assert command("submission", "new", folder, *OPTIONS).exit_code == 0
+    copied = board / "submissions" / "made" / "retrieval" / "salad" / "many" / preds.name
+    assert copied.stat().st_mode & 0o111 == 0
+
+
 def test_what_it_supersedes_must_be_there(board: Path, preds: Path, command: Command) -> None:
     made = command("submission", "new", preds, *OPTIONS, "--supersedes", "salat")
     assert isinstance(made.exception, UserError)

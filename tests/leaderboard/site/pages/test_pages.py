@@ -221,6 +221,26 @@ def test_a_row_whose_name_leads_elsewhere_is_a_bug() -> None:
         render_pages(files)
 
 
+def test_each_author_keeps_the_direction_of_the_name() -> None:
+    files = sample()
+    [row] = [
+        r for r in files["tables/airzoo-mini-retrieval/table.json"]["rows"] if r["id"] == "method-2"
+    ]
+    row["authors"] = ["محمد علي", "Ada Example"]
+    page = render_pages(files)["tables/airzoo-mini-retrieval/methods/method-2.html"].decode()
+    assert "<bdi>محمد علي</bdi>, <bdi>Ada Example</bdi></dd>" in page
+
+
+def test_pages_lead_to_the_host_that_the_board_states() -> None:
+    files = sample()
+    server = "https://gitlab.example.org/lab/vision/board"
+    files["board.json"] |= {"repository_url": server, "data_url": f"{server}/-/tree/data"}
+    page = render_pages(files)["tables/airzoo-mini-retrieval/methods/method-2.html"].decode()
+    assert f'<a href="{server}"' in page
+    assert f'"{server}/-/tree/data/runs/' in page
+    assert "github" not in page
+
+
 def test_a_board_without_any_entry_has_its_pages() -> None:
     files = sample()
     for path in files:
