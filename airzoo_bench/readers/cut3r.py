@@ -17,6 +17,8 @@ from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import cameras_only, looks_like_trajectory, read_trajectory
 from airzoo_bench.readers.view_files import (
     GivenArrays,
+    ViewNames,
+    check_count,
     in_photo_order,
     inverted,
     npz_fields,
@@ -54,7 +56,7 @@ class Cut3r(SceneReader):
     def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
         """See `SceneReader.conventions`."""
         places = list(scenes.places.values())
-        order = in_photo_order(scenes)
+        order = in_photo_order(scenes, _photos(places[0]))
         if any(_is_demo(place) for place in places):
             return (
                 "pose camera-to-world, axes of OpenCV",
@@ -76,13 +78,18 @@ class Cut3r(SceneReader):
                 expected="the folder that demo.py writes (--output_dir)",
                 fix=_LINES,
             )
-        names = view_names(scenes, place)
+        names = view_names(scenes, place, _photos(place))
         if _is_demo(place):
-            return _read_demo(place, memory, None if names is None else list(names.names))
+            return _read_demo(place, memory, names)
         path = place / _TRAJECTORY if place.is_dir() else place
         trajectory = read_trajectory(path, w_first=True)
         what = "demo.py --output_dir writes depth maps, too"
         return cameras_only(trajectory, None if names is None else list(names.names), what)
+
+
+def _photos(place: Path) -> Path:
+    """Return where the photos lie if they were copied beside what the method wrote of them."""
+    return (place if place.is_dir() else place.parent) / "images"
 
 
 def _is_demo(place: Path) -> bool:
@@ -105,7 +112,7 @@ def _is_pickled(path: Path) -> bool:
     return all(word in head for word in _PICKLED)
 
 
-def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePrediction:
+def _read_demo(place: Path, memory: int, names: ViewNames | None) -> ScenePrediction:
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget
@@ -113,6 +120,7 @@ def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePredic
 
     depth, cameras = numbered(place / "depth", ".npy"), numbered(place / "camera", ".npz")
     check_same_number(depth, cameras)
+    check_count(place, names, len(depth))
     budget = Budget(memory)
     matrices = _cameras(cameras, memory)
     given: dict[str, Any] = {
@@ -126,7 +134,7 @@ def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePredic
         check_same_number(depth, confidence)
         given["conf"] = lambda: _maps(confidence)
     if names is not None:
-        given["image_names"] = lambda: np.array(names, dtype=str)
+        given["image_names"] = lambda: np.array(names.names, dtype=str)
     return maps_of(GivenArrays(place, budget, given))
 
 

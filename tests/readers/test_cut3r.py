@@ -55,6 +55,32 @@ def test_names_may_be_given_in_any_order(world: World, tmp_path: Path) -> None:
         scored(world, out)
 
 
+def test_photos_beside_its_files_name_the_views(world: World, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for scene in ("yard", "lot"):
+        views = true_views(world, scene)
+        some = np.arange(len(views.names))[1:]
+        cut3r.write_scene(
+            out / scene,
+            type(views)(
+                views.names[1:], views.depth[some], views.intrinsics[some], views.w2c[some]
+            ),
+        )
+    with pytest.raises(PredictionError, match="has no image_names"):
+        scored(world, out)
+    for scene in ("yard", "lot"):
+        (out / scene / "images").mkdir()
+        for name in true_views(world, scene).names[1:]:
+            (out / scene / "images" / name).touch()
+    found = scored(world, out)
+    assert found.result.overall["ate_m"] < 1e-4
+    assert found.given.reader is not None
+    assert "views named by the images in images/, sorted by name" in found.given.reader.conventions
+    (out / "lot" / "images" / "zzz.jpg").touch()
+    with pytest.raises(PredictionError, match="names of images in"):
+        scored(world, out)
+
+
 def test_a_trajectory_alone_has_pose_scores_and_no_surface(world: World, tmp_path: Path) -> None:
     found = scored(world, cut3r.write_trajectories(tmp_path / "out", world))
     assert found.result.overall["pose_auc_3deg"] > 0.999
