@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ import scipy.io
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UserError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.evaluation.reader import find_reader
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.image_bag import read_bag
 from airzoo_bench.readers.retrieval import SceneImages
@@ -267,3 +269,19 @@ class TestTrec:
         order = np.random.default_rng(0).permutation(len(lines))
         path.write_text("".join(lines[number] for number in order))
         assert perfect(scored(path, home))
+
+    def test_a_run_that_broke_off_at_its_first_file(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        (path / "east" / "photos" / "q00000.jpg.npy").write_bytes(b"")
+        assert find_reader(path) == "anyloc"
+        with pytest.raises(
+            UserError, match=r"q00000\.jpg\.npy: no array of floating-point numbers"
+        ):
+            scored(path, home)
+
+    def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        shutil.copytree(path / "east", path, dirs_exist_ok=True)
+        shutil.rmtree(path / "east")
+        with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
+            scored(path, home)
