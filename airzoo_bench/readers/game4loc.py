@@ -32,7 +32,7 @@ np.savez(  # after it
     gallery_names=np.array(gallery_list),
 )
 """
-"""What is added to `evaluate` in game4loc/evaluate/gta.py or visloc.py."""
+"""What is added to `evaluate` in game4loc/evaluate/gta.py."""
 
 
 class Game4LocReader(Reader):

@@ -163,6 +163,22 @@ class TestScenesWithTheSameNames:
 class TestImagesByName:
     """Descriptors of photos and tiles in one folder or file."""
 
+    def test_a_run_that_broke_off_at_its_first_file(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        (path / "east" / "photos" / "q00000.jpg.npy").write_bytes(b"")
+        assert find_reader(path) == "anyloc"
+        with pytest.raises(
+            UserError, match=r"q00000\.jpg\.npy: no array of floating-point numbers"
+        ):
+            scored(path, home)
+
+    def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        shutil.copytree(path / "east", path, dirs_exist_ok=True)
+        shutil.rmtree(path / "east")
+        with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
+            scored(path, home)
+
     def test_what_is_neither_is_left_aside(self, tmp_path: Path, home: Path) -> None:
         path = anyloc.write(tmp_path, Place())
         np.save(path / "east" / "photos" / "x.jpg.npy", np.ones((1, DIMENSIONS), np.float32))
@@ -269,19 +285,3 @@ class TestTrec:
         order = np.random.default_rng(0).permutation(len(lines))
         path.write_text("".join(lines[number] for number in order))
         assert perfect(scored(path, home))
-
-    def test_a_run_that_broke_off_at_its_first_file(self, tmp_path: Path, home: Path) -> None:
-        path = anyloc.write(tmp_path, Place())
-        (path / "east" / "photos" / "q00000.jpg.npy").write_bytes(b"")
-        assert find_reader(path) == "anyloc"
-        with pytest.raises(
-            UserError, match=r"q00000\.jpg\.npy: no array of floating-point numbers"
-        ):
-            scored(path, home)
-
-    def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
-        path = anyloc.write(tmp_path, Place())
-        shutil.copytree(path / "east", path, dirs_exist_ok=True)
-        shutil.rmtree(path / "east")
-        with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
-            scored(path, home)
