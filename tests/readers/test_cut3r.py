@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,15 @@ def test_missing_files(wrong: str, message: str, world: World, out: Path) -> Non
     (folder / name).unlink()
     with pytest.raises(PredictionError, match=message):
         scored(world, out)
+
+
+def test_a_scene_without_its_cameras_is_named(world: World, out: Path) -> None:
+    shutil.rmtree(out / "yard" / "camera")
+    (out / "log.txt").touch()
+    notes = scored(world, out).result.notes
+    assert "scenes that the predictions lack, scored at their worst: 1 (yard)" in notes
+    assert "called as scenes, without all that one is read from, left aside: 1 (yard)" in notes
+    assert "files that belong to no scene, left aside: 1 (log.txt)" in notes
 
 
 def test_damaged_and_other_arrays(world: World, out: Path) -> None:
