@@ -41,7 +41,8 @@ class AnyLocReader(Reader):
         """See `Reader.read`."""
         from airzoo_bench.formats.npy import map_floats
         from airzoo_bench.readers.image_bag import read_bag
-        from airzoo_bench.readers.retrieval import SceneImages, compared
+        from airzoo_bench.readers.lengths import compared
+        from airzoo_bench.readers.retrieval import SceneImages
 
         def descriptor(number: int) -> Any:
             rows = map_floats(files[number])

@@ -15,12 +15,12 @@ from airzoo_bench.core.files import first_bytes, read_text
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
+from airzoo_bench.readers.lengths import compared
 from airzoo_bench.readers.retrieval import (
     NamedRows,
     SceneImages,
     aside,
     check_descriptors,
-    compared,
     gallery_rows,
     join,
     query_rows,

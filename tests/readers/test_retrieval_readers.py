@@ -47,16 +47,6 @@ def test_half_precision_of_hloc(tmp_path: Path, home: Path) -> None:
     assert not any("another than the method's own" in note for note in result.result.notes)
 
 
-def test_lengths_that_are_not_1_are_said(tmp_path: Path, home: Path) -> None:
-    path = game4loc.write(tmp_path, Place())
-    arrays = dict(np.load(path))
-    arrays["query_features"] *= 3
-    np.savez(path, **arrays)
-    notes = scored(path, home).result.notes
-    assert any("ranks by inner product, the protocol by L2" in note for note in notes)
-    assert any("are 3 to 3 long, not 1" in note for note in notes)
-
-
 @pytest.fixture
 def crowded(home: Path) -> Path:
     """Return a benchmark whose west has two photos more than queries, called as east's are."""
