@@ -33,6 +33,7 @@ __all__ = ["CUT3R", "Cut3r"]
 _FIRST = "000000"
 _TRAJECTORY = "pred_traj.txt"
 _PICKLED = (b"images_all", b"descr': '|O'")
+_DEMO = "the folder that demo.py writes (--output_dir)"
 _LINES = """write them as arrays, from Python:
   d = np.load("SCENE.npy", allow_pickle=True).item()
   np.savez("SCENE.npz", world_points=d["pts_all"].astype(np.float32))"""
@@ -51,11 +52,13 @@ class Cut3r(SceneReader):
         """Look at the first files of the folders, and at the lines of a trajectory."""
         if place.is_dir() and (_is_demo(place) or _is_trajectory(place / _TRAJECTORY)):
             return 0.9
-        return 0.9 if _is_trajectory(place) or _is_pickled(place) else 0.0
+        return 0.9 if _is_trajectory(place) or _is_pickled(place) or _is_video(place) else 0.0
 
     def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
         """See `SceneReader.conventions`."""
-        places = list(scenes.places.values())
+        places = [one for one in scenes.places.values() if not (_is_pickled(one) or _is_video(one))]
+        if not places:
+            return ()
         order = in_photo_order(scenes, _photos(places[0]))
         if any(_is_demo(place) for place in places):
             return (
@@ -75,8 +78,15 @@ class Cut3r(SceneReader):
             raise PredictionError(
                 "is a pickle of CUT3R's evaluation of point maps, which is never opened here",
                 where=place,
-                expected="the folder that demo.py writes (--output_dir)",
+                expected=_DEMO,
                 fix=_LINES,
+            )
+        if _is_video(place):
+            raise PredictionError(
+                "holds depth of CUT3R's evaluation of videos, which keeps no cameras",
+                where=place,
+                expected=_DEMO,
+                fix="run demo.py on the same photos",
             )
         names = view_names(scenes, place, _photos(place))
         if _is_demo(place):
@@ -99,6 +109,13 @@ def _is_demo(place: Path) -> bool:
 
 def _is_trajectory(path: Path) -> bool:
     return path.name == _TRAJECTORY and path.is_file() and looks_like_trajectory(path)
+
+
+def _is_video(place: Path) -> bool:
+    """Whether eval/video_depth wrote it; what is beside cameras is left to these."""
+    frames = (place / f"frame_0000{ending}" for ending in (".npy", ".png"))
+    cameras = (place / "camera", place / _TRAJECTORY)
+    return all(one.is_file() for one in frames) and not any(one.exists() for one in cameras)
 
 
 def _is_pickled(path: Path) -> bool:

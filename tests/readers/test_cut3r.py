@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.given import open_predictions
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.reader import find_reader
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import cut3r, vggt
 from tests.readers.samples.true_views import true_views
-from tests.reconstruction.world import World
+from tests.reconstruction.world import PROTOCOL, World
 
 __all__ = ["world"]
 
@@ -153,9 +155,23 @@ def test_the_pickle_of_its_evaluation_is_answered_with_the_lines(
     saved = {"images_all": points, "pts_all": points, "pts_gt_all": points, "masks_all": points}
     np.save(tmp_path / "yard.npy", saved, allow_pickle=True)  # type: ignore[arg-type]
     assert find_reader(tmp_path / "yard.npy") == "cut3r"
+    given = open_predictions(tmp_path, None, PROTOCOL, world.root, Resources())
+    assert given.reader is not None
+    assert not given.reader.conventions
     with pytest.raises(PredictionError, match="is a pickle of CUT3R") as caught:
         scored(world, tmp_path)
     lines = str(caught.value.fix).splitlines()[1:]
     code = "\n".join(line.strip() for line in lines).replace("SCENE", str(tmp_path / "yard"))
     exec(code, {"np": np})  # noqa: S102 - the lines that a message gives
     assert np.load(tmp_path / "yard.npz")["world_points"].shape == (2, 3, 4, 3)
+
+
+def test_depth_without_cameras_is_answered_with_the_demo(world: World, tmp_path: Path) -> None:
+    for scene in ("yard", "lot"):
+        (tmp_path / "out" / scene).mkdir(parents=True)
+        for number, depth in enumerate(true_views(world, scene).depth):
+            np.save(tmp_path / "out" / scene / f"frame_{number:04d}.npy", depth.astype("f4"))
+            (tmp_path / "out" / scene / f"frame_{number:04d}.png").touch()
+    assert find_reader(tmp_path / "out") == "cut3r"
+    with pytest.raises(PredictionError, match="evaluation of videos, which keeps no cameras"):
+        scored(world, tmp_path / "out")
