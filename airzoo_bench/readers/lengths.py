@@ -85,10 +85,10 @@ def _lengths(rows: Any) -> NDArray[np.float64]:
     """Return the lengths of some rows, spread over all of them."""
     import numpy as np
 
-    from airzoo_bench.retrieval.descriptor_rows import Rows, RowSource
+    from airzoo_bench.retrieval.descriptor_rows import Rows, RowSource, as_float32
     from airzoo_bench.retrieval.similarity import norms_of
 
     source = rows if isinstance(rows, Rows) else RowSource.of(rows)
     some = np.unique(np.linspace(0, len(source) - 1, _LOOKED_AT).astype(int)).tolist()
     read = (source.read(row, row + 1) for row in some)
-    return np.concatenate([norms_of(one, np.asarray(one, dtype=np.float32)) for one in read])
+    return np.concatenate([norms_of(one, as_float32(one)) for one in read])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -37,3 +38,15 @@ def test_the_length_of_queries_turns_no_ranking(tmp_path: Path, home: Path) -> N
 def test_tiles_that_were_kept_before_they_were_normalised(tmp_path: Path, home: Path) -> None:
     with pytest.raises(UserError, match=r"of the gallery are 1 to 1\.5 long"):
         scored(scaled(tmp_path, 1, 1.5), home)
+
+
+def test_a_signalling_nan_is_refused_without_a_warning(tmp_path: Path, home: Path) -> None:
+    path = scaled(tmp_path, 1, 1)
+    arrays = dict(np.load(path))
+    for name in ("query_features", "gallery_features"):
+        arrays[name].view(np.uint32)[0, 0] = 0x7F800001
+    np.savez(path, **arrays)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(UserError, match="NaN or infinite descriptors: 1 of"):
+            scored(path, home)
