@@ -17,6 +17,8 @@ from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.evaluate import counts_apart, namesake_notes
 from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.parts import Assigned, Resources, Truth
+from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.protocol.lookup import find_protocol
 
 __all__ = ["Checked", "check"]
 
@@ -75,7 +77,9 @@ def check(
     except UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
-        return Checked([error], [])
+        track = None if protocol is None else find_protocol(protocol, data).track
+        reader = read_by.reader or find_reader(path, track)
+        return Checked([error], [], [] if reader is None else [_title(reader, "read")])
     try:
         found = _checked(given, resources)
     except (PredictionError, CameraError) as error:
@@ -89,14 +93,19 @@ def check(
 def _described(given: Given) -> list[str]:
     if given.reader is None:
         return [f"{given.track.name} predictions for {given.protocol.name}"]
-    reader = READERS.get(given.reader.name)
-    verb = "writes" if len(reader.methods) == 1 else "write"
-    written = f", as {', '.join(reader.methods)} {verb} it" if reader.methods else ""
+    what = f"{given.track.name} predictions for {given.protocol.name}, read"
     return [
-        f"{reader.title}{written}: {given.track.name} predictions for {given.protocol.name}, read "
-        f"by --reader {given.reader.name}",
+        _title(given.reader.name, what),
         *(f"taken to be so: {convention}" for convention in given.reader.conventions),
     ]
+
+
+def _title(name: str, what: str) -> str:
+    """Say what files are that a reader takes for its own, who writes them and what reads them."""
+    reader = READERS.get(name)
+    verb = "writes" if len(reader.methods) == 1 else "write"
+    written = f", as {', '.join(reader.methods)} {verb} it" if reader.methods else ""
+    return f"{reader.title}{written}: {what} by --reader {name}"
 
 
 def _checked(given: Given, resources: Resources) -> Checked:

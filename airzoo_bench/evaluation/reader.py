@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from airzoo_bench.core.errors import UnreadableError, UsageError
+from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.parts import Predictions
@@ -23,6 +23,7 @@ __all__ = [
     "find_reader",
     "read_native",
     "reader_named",
+    "refuse_names",
 ]
 
 SURE = 0.5
@@ -30,6 +31,8 @@ SURE = 0.5
 
 POSSIBLE = 0.25
 """One that is as sure takes it where its track is the one that is asked for."""
+
+_OR = ", or "
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +106,15 @@ class Reader(ABC):
         How the files are recognised, in a sentence.
     methods : tuple of str
         Who writes this.
+    takes_names : bool
+        Whether it reads `Reading.names`. Where it does not, `--names` is refused.
     """
 
     track: ClassVar[str]
     title: ClassVar[str]
     layout: ClassVar[str]
     methods: ClassVar[tuple[str, ...]] = ()
+    takes_names: ClassVar[bool] = False
 
     @abstractmethod
     def recognise(self, path: Path) -> float:
@@ -209,10 +215,17 @@ def read_native(reader: Reader, path: Path, reading: Reading) -> ReadPredictions
     Raises
     ------
     UserError
-        See `Reader.read`; or there is a folder where the reader wants a file, or the reverse.
+        See `Reader.read`; or there is a folder where the reader wants a file, or the reverse; or
+        names are given to a reader that takes none.
     """
+    if not reader.takes_names:
+        refuse_names(reading, path, reader.title)
     try:
         return reader.read(path, reading)
+    except PredictionError as error:
+        if not reader.takes_names:
+            error.fix = _without_names(error.fix)
+        raise
     except (IsADirectoryError, NotADirectoryError) as error:
         raise UnreadableError(
             f"{(error.strerror or '').lower()}, and so not {reader.title}",
@@ -220,3 +233,25 @@ def read_native(reader: Reader, path: Path, reading: Reading) -> ReadPredictions
             expected=reader.title,
             fix="name the right file or folder; `airzoo-bench readers` lists what is read",
         ) from error
+
+
+def refuse_names(reading: Reading, where: Path, title: str) -> None:
+    """Refuse `--names` for files that name their images; unused, it would be called read.
+
+    Raises
+    ------
+    PredictionError
+        Names are given.
+    """
+    if reading.names is not None:
+        raise PredictionError(
+            f"read as {title}, where images have names; --names is for files without",
+            where=where,
+            fix="leave it out",
+        )
+
+
+def _without_names(fix: str | None) -> str | None:
+    """Leave out the ways to mend a fault that give names."""
+    ways = [way for way in (fix or "").split(_OR) if "--names" not in way]
+    return _OR.join(ways) or None

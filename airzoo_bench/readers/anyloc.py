@@ -33,14 +33,16 @@ class AnyLocReader(Reader):
         """See `Reader.recognise`."""
         if not path.is_dir():
             return 0.0
-        some = list(islice(_files(path), _TRIED))
-        return 0.9 if some and all(map(_is_descriptor, some)) else 0.0
+        # A run that broke off may have left a file without content.
+        shapes = [shape for shape in map(_shape, islice(_files(path), _TRIED)) if shape]
+        return 0.9 if shapes and all(map(_is_descriptor, shapes)) else 0.0
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
         from airzoo_bench.formats.npy import map_floats
         from airzoo_bench.readers.image_bag import read_bag
-        from airzoo_bench.readers.retrieval import SceneImages, compared
+        from airzoo_bench.readers.lengths import compared
+        from airzoo_bench.readers.retrieval import SceneImages
 
         def descriptor(number: int) -> Any:
             rows = map_floats(files[number])
@@ -71,13 +73,16 @@ def _files(path: Path) -> Iterator[Path]:
                 yield Path(home) / name
 
 
-def _is_descriptor(path: Path) -> bool:
+def _shape(path: Path) -> tuple[int, ...]:
+    """Return the shape of a file's numbers; none where it is no such file, or damaged."""
     from airzoo_bench.formats.npy import map_floats
 
-    if not path.is_file():
-        return False
     try:
-        shape = map_floats(path).shape
+        shape: tuple[int, ...] = map_floats(path).shape if path.is_file() else ()
     except PredictionError:
-        return False
+        return ()
+    return shape
+
+
+def _is_descriptor(shape: tuple[int, ...]) -> bool:
     return len(shape) == 2 and shape[0] == 1 and shape[1] >= _LEAST_LENGTH

@@ -17,6 +17,8 @@ from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import cameras_only, looks_like_trajectory, read_trajectory
 from airzoo_bench.readers.view_files import (
     GivenArrays,
+    ViewNames,
+    check_count,
     in_photo_order,
     inverted,
     npz_fields,
@@ -31,6 +33,7 @@ __all__ = ["CUT3R", "Cut3r"]
 _FIRST = "000000"
 _TRAJECTORY = "pred_traj.txt"
 _PICKLED = (b"images_all", b"descr': '|O'")
+_DEMO = "the folder that demo.py writes (--output_dir)"
 _LINES = """write them as arrays, from Python:
   d = np.load("SCENE.npy", allow_pickle=True).item()
   np.savez("SCENE.npz", world_points=d["pts_all"].astype(np.float32))"""
@@ -49,12 +52,14 @@ class Cut3r(SceneReader):
         """Look at the first files of the folders, and at the lines of a trajectory."""
         if place.is_dir() and (_is_demo(place) or _is_trajectory(place / _TRAJECTORY)):
             return 0.9
-        return 0.9 if _is_trajectory(place) or _is_pickled(place) else 0.0
+        return 0.9 if _is_trajectory(place) or _is_pickled(place) or _is_video(place) else 0.0
 
     def conventions(self, scenes: ScenePlaces) -> tuple[str, ...]:
         """See `SceneReader.conventions`."""
-        places = list(scenes.places.values())
-        order = in_photo_order(scenes)
+        places = [one for one in scenes.places.values() if not (_is_pickled(one) or _is_video(one))]
+        if not places:
+            return ()
+        order = in_photo_order(scenes, _photos(places[0]))
         if any(_is_demo(place) for place in places):
             return (
                 "pose camera-to-world, axes of OpenCV",
@@ -73,16 +78,28 @@ class Cut3r(SceneReader):
             raise PredictionError(
                 "is a pickle of CUT3R's evaluation of point maps, which is never opened here",
                 where=place,
-                expected="the folder that demo.py writes (--output_dir)",
+                expected=_DEMO,
                 fix=_LINES,
             )
-        names = view_names(scenes, place)
+        if _is_video(place):
+            raise PredictionError(
+                "holds depth of CUT3R's evaluation of videos, which keeps no cameras",
+                where=place,
+                expected=_DEMO,
+                fix="run demo.py on the same photos",
+            )
+        names = view_names(scenes, place, _photos(place))
         if _is_demo(place):
-            return _read_demo(place, memory, None if names is None else list(names.names))
+            return _read_demo(place, memory, names)
         path = place / _TRAJECTORY if place.is_dir() else place
         trajectory = read_trajectory(path, w_first=True)
         what = "demo.py --output_dir writes depth maps, too"
         return cameras_only(trajectory, None if names is None else list(names.names), what)
+
+
+def _photos(place: Path) -> Path:
+    """Return where the photos lie if they were copied beside what the method wrote of them."""
+    return (place if place.is_dir() else place.parent) / "images"
 
 
 def _is_demo(place: Path) -> bool:
@@ -92,6 +109,13 @@ def _is_demo(place: Path) -> bool:
 
 def _is_trajectory(path: Path) -> bool:
     return path.name == _TRAJECTORY and path.is_file() and looks_like_trajectory(path)
+
+
+def _is_video(place: Path) -> bool:
+    """Whether eval/video_depth wrote it; what is beside cameras is left to these."""
+    frames = (place / f"frame_0000{ending}" for ending in (".npy", ".png"))
+    cameras = (place / "camera", place / _TRAJECTORY)
+    return all(one.is_file() for one in frames) and not any(one.exists() for one in cameras)
 
 
 def _is_pickled(path: Path) -> bool:
@@ -105,7 +129,7 @@ def _is_pickled(path: Path) -> bool:
     return all(word in head for word in _PICKLED)
 
 
-def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePrediction:
+def _read_demo(place: Path, memory: int, names: ViewNames | None) -> ScenePrediction:
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget
@@ -113,6 +137,7 @@ def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePredic
 
     depth, cameras = numbered(place / "depth", ".npy"), numbered(place / "camera", ".npz")
     check_same_number(depth, cameras)
+    check_count(place, names, len(depth))
     budget = Budget(memory)
     matrices = _cameras(cameras, memory)
     given: dict[str, Any] = {
@@ -126,7 +151,7 @@ def _read_demo(place: Path, memory: int, names: list[str] | None) -> ScenePredic
         check_same_number(depth, confidence)
         given["conf"] = lambda: _maps(confidence)
     if names is not None:
-        given["image_names"] = lambda: np.array(names, dtype=str)
+        given["image_names"] = lambda: np.array(names.names, dtype=str)
     return maps_of(GivenArrays(place, budget, given))
 
 

@@ -23,7 +23,7 @@ _DOUBLE = 8
 
 LINES = """\
 gallery_features = []  # before the loop over gallery_loader
-gallery_features.append(gallery_features_batch.float().cpu())  # in it, after the features
+gallery_features.append(gallery_features_batch.float().cpu())  # last in it, once normalised
 np.savez(  # after it
     "features.npz",
     query_features=img_features_query.cpu().numpy(),
@@ -32,7 +32,10 @@ np.savez(  # after it
     gallery_names=np.array(gallery_list),
 )
 """
-"""What is added to `evaluate` in game4loc/evaluate/gta.py or visloc.py."""
+"""What is added to `evaluate` in game4loc/evaluate/gta.py."""
+
+
+_LATER = "keep gallery_features after they are normalised, as the last line of the loop"
 
 
 class Game4LocReader(Reader):
@@ -59,10 +62,10 @@ class Game4LocReader(Reader):
         """See `Reader.read`."""
         from airzoo_bench.formats.arrays import check_fields
         from airzoo_bench.formats.npz import NpzFile
+        from airzoo_bench.readers.lengths import compared, refuse_tiles_without_unit_length
         from airzoo_bench.readers.retrieval import (
             SceneImages,
             aside,
-            compared,
             gallery_rows,
             join,
             query_rows,
@@ -74,6 +77,7 @@ class Game4LocReader(Reader):
         queries = query_rows(*_features(file, "query", file.read), images, path)
         gallery = gallery_rows(*_features(file, "gallery", file.map), images, path)
         predictions = join(path, [queries], [gallery])
+        refuse_tiles_without_unit_length(path, predictions, _LATER)
         said, notes = compared("inner_product", reading.protocol, predictions)
         return ReadPredictions(predictions, said, (*aside(queries.strange), *notes))
 

@@ -31,7 +31,8 @@ class HlocGlobalReader(Reader):
         """See `Reader.read`."""
         from airzoo_bench.formats.hdf5 import Hdf5File
         from airzoo_bench.readers.image_bag import read_bag
-        from airzoo_bench.readers.retrieval import SceneImages, compared
+        from airzoo_bench.readers.lengths import compared
+        from airzoo_bench.readers.retrieval import SceneImages
 
         file = Hdf5File(path, reading.memory_bytes)
         names = [name.removesuffix(_KEY) for name in file.names() if name.endswith(_KEY)]

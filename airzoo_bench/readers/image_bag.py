@@ -122,7 +122,11 @@ def _sort(path: Path, names: Sequence[str], images: SceneImages) -> _Sorted:
 
 def _found(known: Any, names: Sequence[str], path: Path) -> list[str | None]:
     """Return the id of each name; where it is none of them, all are None."""
-    if not any(known.find(name) for name in names):
+    try:
+        strange = not any(map(known.find, names))
+    except PredictionError as error:
+        raise error.inside(path) from error
+    if strange:
         return [None] * len(names)
     found: list[str | None] = known.find_all(names, path)
     return found

@@ -80,12 +80,15 @@ class Pictures:
                 dom = scene.scene_map.dom
                 maps.append((scene.scene, dom.path.name))
                 size = (dom.width, dom.height)
-                self._known["map", scene.scene] = Picture("", scene.scene, None, size, whole=True)
+                self._known["map", scene.scene] = Picture(
+                    dom.path.name, scene.scene, None, size, whole=True
+                )
             for one, image, photo, crop in _queries(scene):
                 photos.append((one, image))
-                crops.append((one, one.split("/", 1)[1] + _CROP))
-                self._known["query", one] = Picture("", scene.scene, one, photo)
-                self._known["crop", one] = Picture("", scene.scene, None, crop[2:], crop[:2])
+                name = one.split("/", 1)[1] + _CROP
+                crops.append((one, name))
+                self._known["query", one] = Picture(image, scene.scene, one, photo)
+                self._known["crop", one] = Picture(name, scene.scene, None, crop[2:], crop[:2])
         left_out = names_in(scene.excluded for scene in scenes)
         self._names = [
             ImageNames.of("query", photos, left_out=left_out, scenes=known, change=change),

@@ -27,7 +27,6 @@ __all__ = [
     "SceneImages",
     "aside",
     "check_descriptors",
-    "compared",
     "gallery_rows",
     "join",
     "query_rows",
@@ -35,7 +34,6 @@ __all__ = [
     "tile_images",
 ]
 
-_UNIT_LENGTH = 1e-3  # how far from 1 lengths may be: half precision rounds by half of it
 _LONGEST_NAME = 80
 _COPIES_OF_TEXT = 5  # the ids, and what a run makes while it splits, sorts and compares them
 
@@ -256,43 +254,3 @@ def ranked_lists(
         if given is not None and scores is not None:
             given[row, : len(lists[query])] = scores[query]
     return QueryPredictions(path, None, np.array(list(lists), dtype=str), RankedIds(ids, given))
-
-
-def compared(
-    own: str, protocol: Any, predictions: RetrievalPredictions
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Say how descriptors are compared, and whether that is another way than the method's own.
-
-    Parameters
-    ----------
-    own : str
-        The method's metric: "l2", "inner_product", "cosine".
-    protocol : RetrievalProtocol
-    predictions : RetrievalPredictions
-        Descriptors.
-
-    Returns
-    -------
-    tuple, tuple
-        Conventions and notes. Over vectors of unit length all three metrics rank alike.
-    """
-    from airzoo_bench.retrieval.predictions import RankedIds
-    from airzoo_bench.retrieval.similarity import norms_of
-
-    content, metric = predictions.content, protocol.scores.descriptor_metric
-    said = (f"descriptors are compared by {_METRICS[metric]}, as the protocol says",)
-    if isinstance(content, RankedIds) or metric == own:
-        return said, ()
-    import numpy as np
-
-    lengths = norms_of(content.queries, np.asarray(content.queries, dtype=np.float32))
-    if (np.abs(lengths - 1) <= _UNIT_LENGTH).all():
-        return said, ()
-    return said, (
-        f"the method ranks by {_METRICS[own]}, the protocol by {_METRICS[metric]}, and the "
-        f"descriptors of queries are {lengths.min():.3g} to {lengths.max():.3g} long, not 1: the "
-        "ranking may be another than the method's own",
-    )
-
-
-_METRICS = {"l2": "L2 distance", "cosine": "cosine", "inner_product": "inner product"}

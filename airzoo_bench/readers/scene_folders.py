@@ -123,6 +123,7 @@ class SceneReader(Reader):
     """
 
     track = "reconstruction"
+    takes_names = True
 
     @abstractmethod
     def sure_of(self, place: Path) -> float:

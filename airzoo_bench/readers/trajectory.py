@@ -24,6 +24,7 @@ class _Trajectory(Reader):
     """Poses in the order of `--names`; `columns` numbers a row, `order` says which."""
 
     track = "matching"
+    takes_names = True
     columns: ClassVar[int]
     order: ClassVar[str]
 

@@ -45,10 +45,10 @@ class University1652Reader(Reader):
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
         from airzoo_bench.formats.mat5 import MatFile
+        from airzoo_bench.readers.lengths import compared
         from airzoo_bench.readers.retrieval import (
             SceneImages,
             aside,
-            compared,
             gallery_rows,
             join,
             query_rows,

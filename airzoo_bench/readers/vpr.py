@@ -15,12 +15,12 @@ from airzoo_bench.core.files import first_bytes, read_text
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
+from airzoo_bench.readers.lengths import compared
 from airzoo_bench.readers.retrieval import (
     NamedRows,
     SceneImages,
     aside,
     check_descriptors,
-    compared,
     gallery_rows,
     join,
     query_rows,
@@ -55,6 +55,7 @@ class VprReader(Reader):
     title = "a log folder of VPR-methods-evaluation"
     layout = "queries_descriptors.npy and database_descriptors.npy, or preds/NNN.txt, with info.log"
     methods = ("VPR-methods-evaluation", "SALAD", "MegaLoc", "AnyLoc", "BoQ", "CosPlace")
+    takes_names = True
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`."""

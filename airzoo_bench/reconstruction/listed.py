@@ -40,9 +40,14 @@ class ListedScenes:
             # What a mistyped name means is among the scenes that are missing.
             offered = [name[:80] + nearest(name[:80], list(missing), 1) for name in self.strange]
             notes.append(f"scenes that the protocol lacks, left aside: {first_of(offered)}")
-        if self.predictions.unknown_files:
-            files = _named(self.predictions.unknown_files)
-            notes.append(f"files that belong to no scene, left aside: {files}")
+        files = self.predictions.unknown_files
+        begun = tuple(name for name in files if name in missing)
+        if begun:
+            what = "called as scenes, without all that one is read from, left aside"
+            notes.append(f"{what}: {_named(begun)}")
+        strays = tuple(name for name in files if name not in begun)
+        if strays:
+            notes.append(f"files that belong to no scene, left aside: {_named(strays)}")
         return notes
 
 

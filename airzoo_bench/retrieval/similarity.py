@@ -95,8 +95,8 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 def _scaled(rows: NDArray[Any]) -> tuple[Floats, Ints]:
     """Divide rows by powers of two, which is exact, so that their squares do not underflow."""
-    double = rows.astype(np.float64)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused elsewhere
+        double = rows.astype(np.float64)
         _, exponents = np.frexp(np.abs(double).max(axis=1, initial=0.0))
         return np.ldexp(double, -exponents[:, None]), exponents
 

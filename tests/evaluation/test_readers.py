@@ -156,10 +156,35 @@ def test_names_are_for_readers(data: Path, tmp_path: Path, perfect: dict[str, li
         ab.evaluate(path, protocol="made-retrieval", names=path)
 
 
-def test_what_a_reader_refuses_is_an_error_of_the_check(ranked: Path) -> None:
+def test_what_a_reader_refuses_is_an_error_of_the_check(
+    ranked: Path, command: Callable[..., Result]
+) -> None:
     ranked.write_text(MAGIC)
     found = ab.check(ranked, protocol="made-retrieval")
     assert [error.what for error in found.errors] == ["is empty"]
+    ran = command("check", ranked, "--protocol", "made-retrieval")
+    assert ran.exit_code == 1
+    assert "ranked lists of Toy, as Toy writes it: read by --reader toy" in ran.stderr
+
+
+def test_names_are_refused_where_images_have_names(ranked: Path) -> None:
+    with pytest.raises(UserError, match="ranked lists of Toy, where images have names"):
+        ab.evaluate(ranked, protocol="made-retrieval", names=ranked)
+
+
+def test_names_are_offered_only_where_they_are_taken(
+    ranked: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: Any) -> ReadPredictions:
+        raise PredictionError("no such query", fix="write it again, or name it with --names")
+
+    monkeypatch.setattr(Toy, "read", refused)
+    with pytest.raises(PredictionError) as caught:
+        ab.evaluate(ranked, protocol="made-retrieval")
+    assert caught.value.fix == "write it again"
+    monkeypatch.setattr(Toy, "takes_names", True)
+    with pytest.raises(PredictionError, match="--names"):
+        ab.evaluate(ranked, protocol="made-retrieval", names=ranked)
 
 
 def test_readers_are_listed(toy: None, command: Callable[..., Result]) -> None:

@@ -42,6 +42,14 @@ def test_exact_models_are_perfect(world: World, tmp_path: Path) -> None:
     assert found.result.predictions.kind == "cloud"
 
 
+def test_a_list_of_names_is_refused_since_a_model_has_them(world: World, tmp_path: Path) -> None:
+    path = vggt_colmap.write(tmp_path / "out", world)
+    names = [f"{scene}/{name}" for scene in ("yard", "lot") for name in world.images(scene)]
+    (tmp_path / "names.txt").write_text("\n".join(names))
+    with pytest.raises(PredictionError, match="a COLMAP model, where images have names"):
+        scored(world, path, names=tmp_path / "names.txt")
+
+
 def test_the_samples_are_models_of_colmap(world: World, tmp_path: Path) -> None:
     pycolmap = pytest.importorskip("pycolmap")
     views, model = true_views(world, "yard"), one(world, tmp_path)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.given import open_predictions
+from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.reader import find_reader
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import cut3r, vggt
 from tests.readers.samples.true_views import true_views
-from tests.reconstruction.world import World
+from tests.reconstruction.world import PROTOCOL, World
 
 __all__ = ["world"]
 
@@ -52,6 +55,32 @@ def test_names_may_be_given_in_any_order(world: World, tmp_path: Path) -> None:
     (tmp_path / "names.txt").write_text("\n".join(names))
     check_perfect(scored(world, out, names=tmp_path / "names.txt"))
     with pytest.raises(PredictionError, match="order"):
+        scored(world, out)
+
+
+def test_photos_beside_its_files_name_the_views(world: World, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for scene in ("yard", "lot"):
+        views = true_views(world, scene)
+        some = np.arange(len(views.names))[1:]
+        cut3r.write_scene(
+            out / scene,
+            type(views)(
+                views.names[1:], views.depth[some], views.intrinsics[some], views.w2c[some]
+            ),
+        )
+    with pytest.raises(PredictionError, match="has no image_names"):
+        scored(world, out)
+    for scene in ("yard", "lot"):
+        (out / scene / "images").mkdir()
+        for name in true_views(world, scene).names[1:]:
+            (out / scene / "images" / name).touch()
+    found = scored(world, out)
+    assert found.result.overall["ate_m"] < 1e-4
+    assert found.given.reader is not None
+    assert "views named by the images in images/, sorted by name" in found.given.reader.conventions
+    (out / "lot" / "images" / "zzz.jpg").touch()
+    with pytest.raises(PredictionError, match="names of images in"):
         scored(world, out)
 
 
@@ -96,6 +125,15 @@ def test_two_files_of_one_number(world: World, out: Path) -> None:
         scored(world, out)
 
 
+def test_a_scene_without_its_cameras_is_named(world: World, out: Path) -> None:
+    shutil.rmtree(out / "yard" / "camera")
+    (out / "log.txt").touch()
+    notes = scored(world, out).result.notes
+    assert "scenes that the predictions lack, scored at their worst: 1 (yard)" in notes
+    assert "called as scenes, without all that one is read from, left aside: 1 (yard)" in notes
+    assert "files that belong to no scene, left aside: 1 (log.txt)" in notes
+
+
 def test_damaged_and_other_arrays(world: World, out: Path) -> None:
     path = out / "yard" / "depth" / "000001.npy"
     whole = path.read_bytes()
@@ -125,9 +163,23 @@ def test_the_pickle_of_its_evaluation_is_answered_with_the_lines(
     saved = {"images_all": points, "pts_all": points, "pts_gt_all": points, "masks_all": points}
     np.save(tmp_path / "yard.npy", saved, allow_pickle=True)  # type: ignore[arg-type]
     assert find_reader(tmp_path / "yard.npy") == "cut3r"
+    given = open_predictions(tmp_path, None, PROTOCOL, world.root, Resources())
+    assert given.reader is not None
+    assert not given.reader.conventions
     with pytest.raises(PredictionError, match="is a pickle of CUT3R") as caught:
         scored(world, tmp_path)
     lines = str(caught.value.fix).splitlines()[1:]
     code = "\n".join(line.strip() for line in lines).replace("SCENE", str(tmp_path / "yard"))
     exec(code, {"np": np})  # noqa: S102 - the lines that a message gives
     assert np.load(tmp_path / "yard.npz")["world_points"].shape == (2, 3, 4, 3)
+
+
+def test_depth_without_cameras_is_answered_with_the_demo(world: World, tmp_path: Path) -> None:
+    for scene in ("yard", "lot"):
+        (tmp_path / "out" / scene).mkdir(parents=True)
+        for number, depth in enumerate(true_views(world, scene).depth):
+            np.save(tmp_path / "out" / scene / f"frame_{number:04d}.npy", depth.astype("f4"))
+            (tmp_path / "out" / scene / f"frame_{number:04d}.png").touch()
+    assert find_reader(tmp_path / "out") == "cut3r"
+    with pytest.raises(PredictionError, match="evaluation of videos, which keeps no cameras"):
+        scored(world, tmp_path / "out")

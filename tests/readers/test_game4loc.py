@@ -10,8 +10,10 @@ import pytest
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.readers.game4loc import LINES
-from tests.readers.retrieval_support import Place, perfect, scored
+from tests.readers.retrieval_support import Place, perfect, scored, tile_file
 from tests.readers.samples import game4loc
+
+RECIPE = Path(__file__).parents[2] / "docs" / "recipes" / "game4loc.md"
 
 
 class _Tensor:
@@ -42,8 +44,31 @@ class TestGame4Loc:
         assert perfect(scored(tmp_path / "run" / "features.npz", home))
 
     def test_the_recipe_has_the_lines(self) -> None:
-        recipe = Path(__file__).parents[2] / "docs" / "recipes" / "game4loc.md"
-        assert LINES in recipe.read_text()
+        assert LINES in RECIPE.read_text()
+
+    def test_the_lines_of_eval_custom_write_what_is_read(
+        self, tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        place = Place()
+        arrays = np.load(game4loc.write(tmp_path, place))
+        (tmp_path / "run").mkdir()
+        monkeypatch.chdir(tmp_path / "run")
+        known: dict[str, Any] = {"np": np}
+        for kind in ("query", "gallery"):
+            known[f"img_features_{kind}"] = _Tensor(arrays[f"{kind}_features"])
+        known["query_path_list"] = [
+            f"/bench/data/{scene.id}/images/{one.split('/')[1]}.jpg"
+            for scene in place.scenes
+            for one in scene.query_ids
+        ]
+        known["gallery_path_list"] = [
+            tile_file("/bench", scene, number)
+            for scene in place.scenes
+            for number in range(scene.n_tiles)
+        ]
+        lines = RECIPE.read_text().split("```python\n")[-1].split("```")[0]
+        exec(lines, known)  # noqa: S102 - what users paste
+        assert perfect(scored(tmp_path / "run" / "features.npz", home))
 
     def test_the_lines_are_shown_where_a_field_is_lacking(self, tmp_path: Path, home: Path) -> None:
         path = game4loc.write(tmp_path, Place())

@@ -164,6 +164,12 @@ def test_dust3r_needs_its_size(world: World, tmp_path: Path, evaluated: Evaluate
         ("loftr", "mkpts0_f", np.full((60, 2), np.nan), "not finite"),
         ("roma", "matches", np.zeros((60, 2)), r"shape \(60, 2\)"),
         ("roma", "matches", np.full((60, 4), 5000.0), "outside it, the first at"),
+        (
+            "roma",
+            "matches",
+            np.full((60, 4), (9, 9, 5e3, 5e3)),
+            "60 pixels of 'q0_dom.tif' outside",
+        ),
         ("superglue", "matches", np.full(61, 60), "does not count the keypoints"),
         ("dust3r-matches", "size", np.array([1, 2]), "at which size"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ import scipy.io
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UserError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.evaluation.reader import find_reader
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.image_bag import read_bag
 from airzoo_bench.readers.retrieval import SceneImages
@@ -43,16 +45,6 @@ def test_half_precision_of_hloc(tmp_path: Path, home: Path) -> None:
     assert perfect(result)
     assert "float16, as the file has them" in result.result.predictions.reader.conventions[0]
     assert not any("another than the method's own" in note for note in result.result.notes)
-
-
-def test_lengths_that_are_not_1_are_said(tmp_path: Path, home: Path) -> None:
-    path = game4loc.write(tmp_path, Place())
-    arrays = dict(np.load(path))
-    arrays["query_features"] *= 3
-    np.savez(path, **arrays)
-    notes = scored(path, home).result.notes
-    assert any("ranks by inner product, the protocol by L2" in note for note in notes)
-    assert any("are 3 to 3 long, not 1" in note for note in notes)
 
 
 @pytest.fixture
@@ -160,6 +152,22 @@ class TestScenesWithTheSameNames:
 
 class TestImagesByName:
     """Descriptors of photos and tiles in one folder or file."""
+
+    def test_a_run_that_broke_off_at_its_first_file(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        (path / "east" / "photos" / "q00000.jpg.npy").write_bytes(b"")
+        assert find_reader(path) == "anyloc"
+        with pytest.raises(
+            UserError, match=r"q00000\.jpg\.npy: no array of floating-point numbers"
+        ):
+            scored(path, home)
+
+    def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        shutil.copytree(path / "east", path, dirs_exist_ok=True)
+        shutil.rmtree(path / "east")
+        with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
+            scored(path, home)
 
     def test_what_is_neither_is_left_aside(self, tmp_path: Path, home: Path) -> None:
         path = anyloc.write(tmp_path, Place())
