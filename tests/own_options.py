@@ -23,8 +23,8 @@ def foreign_options(words: list[str], message: str) -> set[str]:
     said = re.sub(
         r"`[^`]*`( with --[\w-]+)?|airzoo-bench .*|prepare (it again )?with --\w+", "", message
     )
-    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+(?![\w-])", said))
-    return (named & _all_options(root)) - own
+    foreign = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+(?![\w-])", said)) - own
+    return foreign & _all_options(root) if foreign else set()
 
 
 @lru_cache(maxsize=1)
