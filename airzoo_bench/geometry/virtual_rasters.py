@@ -28,6 +28,11 @@ def is_virtual(dataset: Any) -> bool:
     ----------
     dataset : Any
         Rasterio's.
+
+    Returns
+    -------
+    bool
+        True for a VRT.
     """
     return bool(dataset.driver == "VRT")
 
@@ -51,6 +56,18 @@ def source_elements(tree: ET.ElementTree[ET.Element]) -> Iterator[ET.Element]:
 def source_of(element: ET.Element, path: Path) -> Path:
     """Return the file that one of the `source_elements` of a virtual raster names.
 
+    Parameters
+    ----------
+    element : Element
+        Its text is the name.
+    path : Path
+        Of the virtual raster.
+
+    Returns
+    -------
+    Path
+        Of the file, beside the virtual raster where its name begins there.
+
     Raises
     ------
     RasterError
@@ -69,7 +86,15 @@ def source_of(element: ET.Element, path: Path) -> Path:
 
 
 def place_source(element: ET.Element, name: str) -> None:
-    """Have one of the `source_elements` name another file, relative to the virtual raster's."""
+    """Have one of the `source_elements` name another file.
+
+    Parameters
+    ----------
+    element : Element
+        It is changed.
+    name : str
+        Relative to the folder of the virtual raster.
+    """
     _forget_place(element)
     element.text = name
     element.set(_PLACE, "1")
