@@ -66,7 +66,7 @@ def source_of(element: ET.Element, path: Path) -> Path:
     Returns
     -------
     Path
-        Of the file, beside the virtual raster where its name begins there.
+        A name that is no whole path begins in the virtual raster's folder.
 
     Raises
     ------
