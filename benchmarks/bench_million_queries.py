@@ -177,15 +177,13 @@ def run(folder: Path, queries: int) -> None:
     if not (folder / "predictions.npz").exists():
         measured([*script, "--step", "input"])
     commands = {
-        "airzoo-bench eval, records as CSV": evaluation(folder, folder / "csv"),
-        "airzoo-bench eval --jobs 2": evaluation(folder, folder / "jobs", "--jobs", "2"),
-        "airzoo-bench eval, records as Parquet": evaluation(
-            folder, folder / "parquet", "--records", "parquet"
-        ),
+        "ours, records as CSV": evaluation(folder, folder / "csv"),
+        "ours, --jobs 2": evaluation(folder, folder / "jobs", "--jobs", "2"),
+        "ours, records as Parquet": evaluation(folder, folder / "parquet", "--records", "parquet"),
         **{peer: [*script, "--step", peer] for peer in PEERS},
     }
     used = {name: measured(command) for name, command in commands.items()}
-    base, apart = used["airzoo-bench eval, records as CSV"], differences(folder)
+    base, apart = used["ours, records as CSV"], differences(folder)
     print(f"{SCENES * queries:,} queries x {RANKS} ids\n")
     print(f"{'':38}{'wall s':>8}{'CPU s':>8}{'peak MB':>9}{'CPU x':>7}{'max |diff|':>12}")
     for name, one in used.items():
