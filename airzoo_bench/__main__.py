@@ -35,11 +35,7 @@ def main() -> None:
 
 
 def _obey_signals() -> None:
-    """Unwind at SIGTERM as at Ctrl-C, and end a run that does neither in time.
-
-    Python looks at signals between its own steps only: a solver that runs for minutes is told
-    nothing. A thread that sleeps until a signal comes then ends the process.
-    """
+    """Unwind at SIGTERM as at Ctrl-C, and end a run that does neither in time."""
     import signal
 
     signal.signal(signal.SIGINT, _interrupt)
@@ -76,11 +72,7 @@ def _end_in_time(ear: int) -> None:
 
 
 def _open_closed_streams() -> None:
-    """Let what is said to a closed stream go nowhere.
-
-    Of a stream that the shell closed (``>&-``) Python makes None; and the next file that is opened
-    would get its number, and what libraries say to that.
-    """
+    """Let what is said to a closed stream go nowhere."""
     from pathlib import Path
 
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):

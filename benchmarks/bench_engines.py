@@ -32,11 +32,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.core.progress import silent
 from airzoo_bench.engines.cluster import local_cluster
 from airzoo_bench.engines.processes import Processes
-from airzoo_bench.engines.report import RunReport
-from airzoo_bench.engines.watched import Watched
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
@@ -102,11 +99,7 @@ def bench_track(label: str, work: Work) -> None:
         print(f"  {'start of the cluster':28} {start:7.2f} s")
         there = []
         for _ in range(2):
-            dask.report = RunReport()
-            watched = Watched(dask, silent)
-            there.append(_shown("--engine dask", work, Resources(MEMORY, 1, engine=watched)))
-    for line in watched.report.lines():
-        print(f"    {line}")
+            there.append(_shown("--engine dask", work, Resources(MEMORY, 1, engine=dask)))
     assert len({found for _, found in (*here, *there)}) == 1, "the answers differ"
     (first, again), (dask_first, dask_again) = ([wall for wall, _ in of] for of in (here, there))
     print(

@@ -177,21 +177,19 @@ def run(folder: Path, queries: int) -> None:
     if not (folder / "predictions.npz").exists():
         measured([*script, "--step", "input"])
     commands = {
-        "ours, records as CSV": evaluation(folder, folder / "csv"),
+        "ours": evaluation(folder, folder / "csv"),
         "ours, --jobs 2": evaluation(folder, folder / "jobs", "--jobs", "2"),
-        "ours, records as Parquet": evaluation(folder, folder / "parquet", "--records", "parquet"),
         **{peer: [*script, "--step", peer] for peer in PEERS},
     }
     used = {name: measured(command) for name, command in commands.items()}
-    base, apart = used["ours, records as CSV"], differences(folder)
+    base, apart = used["ours"], differences(folder)
     print(f"{SCENES * queries:,} queries x {RANKS} ids\n")
     print(f"{'':38}{'wall s':>8}{'CPU s':>8}{'peak MB':>9}{'CPU x':>7}{'max |diff|':>12}")
     for name, one in used.items():
         sizes = f"{one.wall_s:8.1f}{one.cpu_s:8.1f}{one.peak_mb:9.0f}{one.cpu_s / base.cpu_s:7.2f}"
         print(f"{name:38}{sizes}{apart.get(name, '-'):>12}")
-    for form in ("csv", "parquet"):
-        size = (folder / form / f"records.{form}").stat().st_size
-        print(f"{f'records.{form}':38}{size / 1e6:8.0f} MB")
+    size = (folder / "csv" / "records.csv").stat().st_size
+    print(f"{'records.csv':38}{size / 1e6:8.0f} MB")
 
 
 def main() -> None:

@@ -1,14 +1,13 @@
-"""Time of the demo from nothing and again, and of rendering, as a user would run them.
+"""Time of the demo from nothing and again, and of its worlds, as a user would run them.
 
-Usage: ``python benchmarks/bench_mini_demo.py [--frames N]``
+Usage: ``python benchmarks/bench_mini_demo.py``
 
-Everything is made in a temporary folder. The budgets are 120 s for the demo from nothing, 45 s for
-the demo again, and 10 frames of 640 x 480 a second, on two cores.
+Everything is made in a temporary folder. The budgets are 120 s for the demo from nothing and 45 s
+for the demo again, on two cores.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
@@ -34,23 +33,10 @@ def run(home: Path, *arguments: str) -> float:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=120)
-    frames = parser.parse_args().frames
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         world = run(home, "mini", "world")
         print(f"both worlds, from nothing          {world:7.1f} s")
-        run(home, "mini", "trajectory", "--out", "whole.csv")
-        lines = (home / "whole.csv").read_text().splitlines()
-        step = (len(lines) - 1) // (frames + 1)
-        # The start of a process, its imports and the world count once for both.
-        for name, count in (("few.csv", 2), ("many.csv", frames + 2)):
-            chosen = [lines[0], *lines[1 : 1 + step * count : step]]
-            (home / name).write_text("\n".join(chosen) + "\n")
-        few = run(home, "mini", "render", "--trajectory", "few.csv", "--out", "few")
-        many = run(home, "mini", "render", "--trajectory", "many.csv", "--out", "many")
-        print(f"rendering 640 x 480, two processes {frames / (many - few):7.1f} frames/s")
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         print(f"demo, from nothing                 {run(home, 'demo'):7.1f} s")

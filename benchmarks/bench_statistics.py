@@ -101,13 +101,12 @@ def main() -> None:
     plan = ResamplingConfig(resamples=1_000 if few else 10_000)
     methods = random_methods(4 if few else 20, sizes, columns)
     ten = methods[:10]
-    resamples = ["--resamples", str(plan.resamples)]
     every = [text for column in columns for text in ("--score", column.key)]
     rows = {
         f"intervals of {len(ten)} methods, airzoo-bench": ours(ten, columns, plan),
         f"intervals of {len(ten)} methods, SciPy, counted up": scipys(ten, columns, plan),
-        f"compare {len(methods)} methods, 4 scores": command(methods, resamples),
-        f"compare {len(methods)} methods, all scores": command(methods, resamples + every),
+        f"compare {len(methods)} methods, 4 scores": command(methods, []),
+        f"compare {len(methods)} methods, all scores": command(methods, every),
     }
     print(f"{sum(sizes.values()):,} queries, {len(sizes)} scenes, {len(columns)} scores, ", end="")
     print(f"{plan.resamples:,} resamples\n\n{'':44}{'seconds':>8}{'CPU s':>8}")

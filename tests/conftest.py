@@ -27,17 +27,17 @@ settings.register_profile("mutants", derandomize=True, phases=(Phase.explicit, P
 
 # Files that take longest, begun first: one that began last would keep a single worker busy.
 LONGEST = (
-    "cli/all_tracks/test_tables.py",
-    "hostile/test_fuzz.py",
-    "cli/all_tracks/test_differences.py",
-    "cli/all_tracks/test_pictures_and_pages.py",
-    "datasets/mini/test_prepare.py",
     "engines/test_tracks.py",
+    "datasets/mini/test_world.py",
+    "hostile/test_fuzz.py",
+    "reconstruction/test_runs.py",
     "leaderboard/ci/test_walk_through.py",
+    "matching/test_baseline.py",
+    "cli/all_tracks/test_tables.py",
+    "cli/test_reconstruction_notes.py",
     "retrieval/test_ranked_descriptors.py",
-    "leaderboard/ci/test_hostile_pull_requests.py",
-    "engines/test_lost_scheduler.py",
-    "datasets/mini/test_scores.py",
+    "cli/all_tracks/test_pictures_and_pages.py",
+    "engines/test_dask.py",
 )
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -102,22 +103,28 @@ def test_the_table_has_every_room() -> None:
     assert set(floors()) == rooms
 
 
-def long_files(folder: Path) -> list[tuple[str, int]]:
-    """Return the files of Python below a folder that have over 300 lines, and how many."""
-    lengths = {path: len(path.read_text().splitlines()) for path in sorted(folder.rglob("*.py"))}
-    return [(path.relative_to(folder).as_posix(), n) for path, n in lengths.items() if n > 300]
+def weights(home: Path) -> Counter[str]:
+    """Return the lines of Python in each room."""
+    found: Counter[str] = Counter()
+    for path in (home / PACKAGE).rglob("*.py"):
+        parts = path.relative_to(home / PACKAGE).parts
+        room = "datasets/mini" if parts[:2] == ("datasets", "mini") else parts[0]
+        found[room if len(parts) > 1 else "top"] += len(path.read_text().splitlines())
+    return found
 
 
-@pytest.mark.parametrize("folder", [PACKAGE, "tests", "benchmarks"])
-def test_files_are_short(folder: str) -> None:
-    assert long_files(HOME / folder) == []
+def limits() -> dict[str, int]:
+    """Return the limit of each room, from the table of docs/architecture.md."""
+    text = (HOME / "docs" / "architecture.md").read_text()
+    rows = text.partition("| room | limit | aim |")[2].partition("\n\n")[0]
+    return {room: int(limit) for room, limit in re.findall(r"`([\w/]+)` \| (\d+) \|", rows)}
 
 
-def test_files_of_over_300_lines_are_seen(tmp_path: Path) -> None:
-    (tmp_path / "tests").mkdir()
-    for count in (300, 301):
-        (tmp_path / "tests" / f"test_{count}.py").write_text("\n" * count)
-    assert long_files(tmp_path) == [("tests/test_301.py", 301)]
+def test_no_room_exceeds_its_limit() -> None:
+    found, allowed = weights(HOME), limits()
+    assert set(found) == set(allowed)
+    over = {room: (count, allowed[room]) for room, count in found.items() if count > allowed[room]}
+    assert over == {}
 
 
 def borrowed(folder: Path) -> list[str]:

@@ -52,12 +52,19 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> str:
     return made_on("this one", "flights", tmp_path_factory.mktemp("here") / "f")
 
 
-@pytest.mark.parametrize("processor", list(PROCESSORS))
+@pytest.mark.parametrize(
+    "processor",
+    [
+        "no vectors",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in PROCESSORS if one != "no vectors"),
+    ],
+)
 def test_flights(processor: str, flights: str, tmp_path: Path) -> None:
     assert flights.count("\n") == 4
     assert made_on(processor, "flights", tmp_path / "f") == flights
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("processor", ["Nehalem", "no vectors"])
 def test_real_photos(processor: str, brighton: Path, tmp_path: Path) -> None:
     here = made_on("this one", "photos", tmp_path / "here", brighton)

@@ -52,13 +52,7 @@ def refused(what: str) -> Iterator[None]:
 
 
 def numbers(name: str, values: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """Return numbers as an array of a shape, in which None is any length.
-
-    Raises
-    ------
-    ArgumentError
-        Not numbers, or of another shape; an empty list has any shape.
-    """
+    """Return numbers as an array of a shape, in which None is any length."""
     expected = f"numbers of shape {_written(shape)}"
     array = as_array(name, values, expected)
     if array.dtype.kind not in "iuf":
@@ -79,14 +73,7 @@ def floats(name: str, values: Any, shape: tuple[int | None, ...]) -> Floats:
 
 
 def in_order(name: str, values: Any) -> Any:
-    """Return what keeps an order and all that it shows, and refuse the rest.
-
-    Raises
-    ------
-    ArgumentError
-        A set or a dict, whose order or values would be passed over; an array some of whose entries
-        are masked, which NumPy would unmask.
-    """
+    """Return what keeps an order and all that it shows, and refuse the rest."""
     if isinstance(values, Set | Mapping):
         raise ArgumentError(
             f"is a {type(values).__name__}",
@@ -119,13 +106,7 @@ def as_array(name: str, values: Any, expected: str) -> NDArray[Any]:
 
 
 def path_of(name: str, value: Any) -> Path:
-    """Return a path.
-
-    Raises
-    ------
-    ArgumentError
-        It is something else, or no file system has such a name.
-    """
+    """Return a path."""
     if not isinstance(value, str | Path):
         raise ArgumentError(
             f"is {value!r}"[:80], where=name, expected="a path, such as 'results/mymethod'"
@@ -171,14 +152,7 @@ def coordinates(
     *,
     any_history: bool = False,
 ) -> Floats:
-    """Return finite points of the world, in metres, or what else is of such digits.
-
-    Raises
-    ------
-    ArgumentError
-        Also for coordinates of a type that does not keep centimetres of them, as float32 does not
-        of projected ones; unless `any_history`, also where they went through such a type.
-    """
+    """Return finite points of the world, in metres, or what else is of such digits."""
     given = numbers(name, values, shape)
     points = finite(name, given.astype(np.float64), FARTHEST)
     kind: type[np.floating[Any]] | None = None

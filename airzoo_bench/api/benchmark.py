@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import SupportsIndex, overload
 
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.scene import BlindScene
@@ -62,6 +63,24 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     return BlindBenchmark.of(find_benchmark(str(name_or_path), root, sealed=True))
 
 
+class BlindScenes(tuple[BlindScene, ...]):
+    """Scenes in their order, of which ``scenes["city"]`` is the one of that id."""
+
+    __slots__ = ()
+
+    @overload
+    def __getitem__(self, key: str | SupportsIndex) -> BlindScene: ...
+    @overload
+    def __getitem__(self, key: slice) -> tuple[BlindScene, ...]: ...
+    def __getitem__(self, key: str | SupportsIndex | slice) -> BlindScene | tuple[BlindScene, ...]:
+        if not isinstance(key, str):
+            return super().__getitem__(key)
+        for scene in self:
+            if scene.id == key:
+                return scene
+        raise BenchmarkError(f"has no scene {key!r}", expected=", ".join(one.id for one in self))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class BlindBenchmark:
     """A benchmark without its truth, as `load_benchmark` opens it."""
@@ -100,9 +119,9 @@ class BlindBenchmark:
         return tuple(self._source.file.tracks)
 
     @property
-    def scenes(self) -> tuple[BlindScene, ...]:
-        """All scenes."""
-        return tuple(BlindScene(self._source, scene.id) for scene in self._source.file.scenes)
+    def scenes(self) -> BlindScenes:
+        """All scenes, by number or by id: ``scenes[0]``, ``scenes["city"]``."""
+        return BlindScenes(BlindScene(self._source, one.id) for one in self._source.file.scenes)
 
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id.
@@ -122,14 +141,10 @@ class BlindBenchmark:
         BenchmarkError
             There is none of that id.
         """
-        for scene in self.scenes:
-            if scene.id == scene_id:
-                return scene
-        raise BenchmarkError(
-            f"has no scene {scene_id!r}",
-            where=self.folder,
-            expected=", ".join(scene.id for scene in self.scenes),
-        )
+        try:
+            return self.scenes[scene_id]
+        except BenchmarkError as error:
+            raise error.inside(self.folder) from error
 
     def scenes_of(self, protocol: TruthWanted) -> tuple[BlindScene, ...]:
         """Return the scenes of a protocol.

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.api.arrays import listed, text_of
-from airzoo_bench.api.intervals import checked_plan
 from airzoo_bench.api.results import Tabular
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.results import comparison
@@ -19,9 +18,8 @@ from airzoo_bench.results.records import Scored, checked_records, read_scored
 from airzoo_bench.results.result import ScoreColumn, read_result
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.results.selection import choose_scores, find_scene, score_keys
-from airzoo_bench.results.sensitivity import NoiseFloor, read_noise_floor
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import Method, ResamplingConfig
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.interval_layout import intervals_table
 from airzoo_bench.tables.model import Table
@@ -72,20 +70,7 @@ class Request:
         scene: str | None = None,
         every_column: bool = False,
     ) -> Request:
-        """Read the results that are files, and refuse what cannot be compared.
-
-        Parameters
-        ----------
-        results, scores, every, scene
-            See `compare`.
-        every_column : bool
-            Read all columns of records, not those of the scores alone.
-
-        Raises
-        ------
-        UserError
-            See `compare`.
-        """
+        """Read the results that are files, and refuse what cannot be compared."""
         methods = _read(results, scores, every=every, every_column=every_column)
         check_same_queries(methods)
         chosen = choose_scores(methods, scores, every=every)
@@ -101,10 +86,6 @@ def compare(
     reference: str | None = None,
     method: str | None = None,
     scene: str | None = None,
-    interval: Method = "bca",
-    resamples: int = 10_000,
-    seed: int = 0,
-    noise_floor: str | Path | None = None,
 ) -> Comparison:
     """Compare results query by query: differences, intervals, tests, a verdict in words.
 
@@ -122,14 +103,6 @@ def compare(
         Instead of a reference: differences, verdicts and wins are this method's.
     scene : str, optional
         This scene only, by id or title.
-    interval : {"bca", "percentile"}
-    resamples : int
-        Of the bootstrap, and patterns of the permutation test; 100 to 1,000,000.
-    seed : int
-        Of resamples and patterns.
-    noise_floor : path, optional
-        What ``airzoo-bench sensitivity`` wrote: differences that are no larger get the verdict
-        "in noise" where they would be findings else.
 
     Returns
     -------
@@ -157,7 +130,7 @@ def compare(
     airzoo_bench.core.errors.ArgumentError: results: holds nothing to compare
       expected: results, or paths of result.json
     """
-    plan = checked_plan(interval, resamples, seed)
+    plan = ResamplingConfig()
     given = [results] if isinstance(results, Given) else listed("results", results)
     _check(given, every=every, scores=scores, reference=reference, method=method)
     names = [text_of("scores", score) or "" for score in listed("scores", scores)]
@@ -171,17 +144,8 @@ def compare(
         method=text_of("method", method),
         scene=asked.scene,
         resampling=plan,
-        noise_floor=_floor(noise_floor, asked.methods),
     )
     return Comparison(comparison_table(found), _frame([_pair(pair) for pair in found.pairs]))
-
-
-def _floor(path: str | Path | None, methods: Sequence[Scored]) -> NoiseFloor | None:
-    if path is None:
-        return None
-    floor = read_noise_floor(Path(path))
-    floor.check_fits({method.name: method.result for method in methods}, Path(path))
-    return floor
 
 
 def _check(

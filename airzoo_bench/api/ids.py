@@ -42,11 +42,7 @@ class Lists:
 
 
 def paired_queries(ranked: Any, positives: Any) -> tuple[list[Any], Any, Any]:
-    """Return the names of queries, and both arguments in their order.
-
-    Of two mappings the queries are the keys of `positives`; one that `ranked` lacks has an empty
-    list. Of two sequences they are numbered.
-    """
+    """Return the names of queries, and both arguments in their order."""
     if isinstance(ranked, Mapping) != isinstance(positives, Mapping):
         raise ArgumentError(
             "one is a mapping by query and the other is not",
@@ -209,21 +205,7 @@ def score_rows(scores: Any, ranked: Ints) -> Floats:
 
 
 def indexed_lists(ranked: Sequence[Ids], positives: Sequence[Ids], gallery: Ids | None) -> Lists:
-    """Turn ids into their places among all ids, sorted: rows of a gallery as the track has it.
-
-    Parameters
-    ----------
-    ranked, positives : sequence of Q rows
-        In a ranked row -1, or an empty text, says that there are no more.
-    gallery : (G,) ids or None
-        All that could be ranked; where left out, those that are ranked or positive.
-
-    Raises
-    ------
-    ArgumentError
-        Ids of two kinds, an id twice in the gallery, or one that is not in it; an end among
-        the positives.
-    """
+    """Turn ids into their places among all ids, sorted: rows of a gallery as the track has it."""
     parts = {"ranked_ids": ranked, "positives": positives}
     _one_kind(parts if gallery is None else {**parts, "gallery_ids": [gallery]})
     rest = [] if gallery is None else [gallery]

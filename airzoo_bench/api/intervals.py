@@ -18,7 +18,7 @@ from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import Method, ResamplingConfig, Sample
 
-__all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci", "checked_plan"]
+__all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci"]
 
 Statistic = Literal["share", "mean", "median"]
 
@@ -129,7 +129,7 @@ def bootstrap_ci(
     choice("statistic", statistic, get_args(Statistic))
     same_index({"values": values, "scenes": scenes})
     given = _values(values, statistic)
-    plan = checked_plan(interval, resamples, seed, confidence)
+    plan = _checked_plan(interval, resamples, seed, confidence)
     groups = {"": given} if scenes is None else _by_scene(given, scenes)
     sample = Sample(
         "query",
@@ -144,8 +144,8 @@ def bootstrap_ci(
     return _made(float(np.mean(list(averages.values()))), found.overall[0], plan, parts)
 
 
-def checked_plan(
-    interval: Method, resamples: int, seed: int, confidence: float = 0.95
+def _checked_plan(
+    interval: Method, resamples: int, seed: int, confidence: float
 ) -> ResamplingConfig:
     """Return how intervals and tests are made; settings out of range are refused."""
     choice("interval", interval, get_args(Method))

@@ -19,13 +19,7 @@ _AXES = (
 
 
 def same_index(arguments: Mapping[str, Any]) -> None:
-    """Refuse arguments of pandas, by name, whose rows are pairs but whose labels differ.
-
-    Raises
-    ------
-    ArgumentError
-        Two of one length have different indexes, or the same in another order.
-    """
+    """Refuse arguments of pandas, by name, whose rows are pairs but whose labels differ."""
     labels = {name: rows.index for name, rows in arguments.items() if hasattr(rows, "iloc")}
     for (name, index), (other, second) in combinations(labels.items(), 2):
         if len(index) == len(second) and not index.equals(second):
@@ -38,21 +32,7 @@ def same_index(arguments: Mapping[str, Any]) -> None:
 
 
 def same_columns(arguments: Mapping[str, Any], *, may_be_renamed: bool = False) -> None:
-    """Refuse tables, by name, whose columns are pairs but whose labels differ.
-
-    Parameters
-    ----------
-    arguments : mapping
-        Of pandas or polars; others have no labels.
-    may_be_renamed : bool
-        Take tables without a common set of labels by position, and let columns called x, y, z
-        stand in any order, see `as_array`.
-
-    Raises
-    ------
-    ArgumentError
-        Two have as many columns and differ in the labels, or in their order.
-    """
+    """Refuse tables, by name, whose columns are pairs but whose labels differ."""
     labels = {
         name: list((in_axis_order(table) if may_be_renamed else table).columns)
         for name, table in arguments.items()

@@ -96,15 +96,7 @@ class Tile:
 
     @property
     def image(self) -> NDArray[np.uint8]:
-        """The tile (H, W, 3), read now.
-
-        Raises
-        ------
-        RasterError
-            The map is not there or cannot be read.
-        BenchmarkError
-            The image is not there or cannot be read.
-        """
+        """The tile (H, W, 3), read now."""
         if self.window is None:
             return read_rgb_photo(self.map, max(photo_size(self.map)))
         return read_rgb(self.map, self.window)
@@ -155,13 +147,7 @@ class Crop:
 
     @property
     def image(self) -> NDArray[np.uint8]:
-        """The crop of the orthophoto (H, W, 3), read now.
-
-        Raises
-        ------
-        RasterError
-            The map is not there or cannot be read.
-        """
+        """The crop of the orthophoto (H, W, 3), read now."""
         return read_rgb(self.map.path, self.window)
 
     @property
@@ -194,13 +180,7 @@ class Crop:
         return pixel_to_world(self.map.transform, self.to_map(xy))
 
     def to_points(self, xy: ArrayLike) -> Floats:
-        """Lift pixels (M, 2) of the crop onto the surface: (M, 3) in the scene's CRS, or NaN.
-
-        Raises
-        ------
-        RasterError
-            The surface model is not there or cannot be read.
-        """
+        """Lift pixels (M, 2) of the crop onto the surface: (M, 3) in the scene's CRS, or NaN."""
         return lift(self.to_map(xy), self.map, self.surface, jobs=1).points
 
     def __repr__(self) -> str:

@@ -71,20 +71,7 @@ class Camera:
         return Camera(self.batch.scaled(width, height))
 
     def rays(self, xy: ArrayLike) -> Floats:
-        """Return the rays (M, 3) of pixels (M, 2): unit vectors of the camera frame.
-
-        The distortion is undone; NaN beyond the range of the lens model.
-
-        Examples
-        --------
-        >>> matrix = [[[80.0, 0.0, 50.0], [0.0, 80.0, 30.0], [0.0, 0.0, 1.0]]]
-        >>> camera = Camera(Cameras.from_matrices(matrix, 100, 60))
-        >>> camera
-        Camera(100 x 60 px, focal 80.0, 80.0 px)
-        >>> camera.rays([[50.0, 30.0], [110.0, 30.0]])
-        array([[0. , 0. , 1. ],
-               [0.6, 0. , 0.8]])
-        """
+        """Return the rays (M, 3) of pixels (M, 2): unit vectors of the camera frame."""
         found: Floats = back_project(self.batch, np.asarray(xy, np.float64)[None])[0]
         return found
 
@@ -150,13 +137,7 @@ class Photo:
 
     @property
     def camera(self) -> Camera:
-        """The camera of the photo.
-
-        Raises
-        ------
-        BenchmarkError
-            The benchmark does not know it.
-        """
+        """The camera of the photo."""
         if self._camera is None:
             raise BenchmarkError(f"the camera of {self.id} is not known", where=self.path)
         return self._camera
@@ -167,22 +148,7 @@ class Photo:
         return self.read()
 
     def read(self, long_side_px: int | None = None) -> NDArray[np.uint8]:
-        """Read the photo in colour.
-
-        Parameters
-        ----------
-        long_side_px : int, optional
-            Made smaller so far that its long side fits; full size where left out.
-
-        Returns
-        -------
-        (H, W, 3) uint8 array
-
-        Raises
-        ------
-        BenchmarkError
-            It is not there or not readable, or not of its camera's size.
-        """
+        """Read the photo in colour."""
         size = photo_size(self.path)
         if self._camera is not None and size != (self._camera.width, self._camera.height):
             raise BenchmarkError(
@@ -209,20 +175,7 @@ class Photos:
 
     @classmethod
     def of(cls, table: pd.DataFrame, folder: Path) -> Photos:
-        """Take from a scene's table of photos what a method may know.
-
-        Parameters
-        ----------
-        table : DataFrame
-            As `benchmark.queries.read_queries` returns it.
-        folder : Path
-            Of the photos.
-
-        Raises
-        ------
-        BenchmarkError
-            A photo lacks a camera parameter.
-        """
+        """Take from a scene's table of photos what a method may know."""
         # Numbers, such as altitude and pitch, were computed from the true poses.
         conditions = conditions_of(table).select_dtypes(exclude="number")
         return cls(

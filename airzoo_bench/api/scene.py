@@ -47,10 +47,7 @@ class BlindScene:
 
     @property
     def crs(self) -> str | None:
-        """The projected CRS of poses, surface model and clouds, in metres.
-
-        "local" for a frame in metres that has no place on the earth; None without poses.
-        """
+        """The projected CRS of poses, surface model and clouds, in metres."""
         return self._source.scene(self.id).crs
 
     @property
@@ -59,24 +56,12 @@ class BlindScene:
         return self._source.scene(self.id).plane_height_m
 
     def queries(self) -> Items[Photo]:
-        """Return the photos that retrieval asks, sorted by id.
-
-        Raises
-        ------
-        BenchmarkError
-            The benchmark does not serve retrieval, or a table is damaged.
-        """
+        """Return the photos that retrieval asks, sorted by id."""
         photos = self._photos("retrieval")
         return Items(f"queries of {self.id}", len(photos), photos.photo)
 
     def tiles(self) -> Items[Tile]:
-        """Return the tiles of the gallery, sorted by id.
-
-        Raises
-        ------
-        BenchmarkError
-            The benchmark does not serve retrieval, or the table of tiles is damaged.
-        """
+        """Return the tiles of the gallery, sorted by id."""
         tiles = read_tiles(self._home("retrieval"))
         entry = self._source.scene(self.id)
         if "image" in tiles.columns:
@@ -102,16 +87,7 @@ class BlindScene:
         return Items(f"tiles of {self.id}", len(ids), tile)
 
     def crops(self) -> Items[Crop]:
-        """Return the crop of each photo that matching asks, sorted by the photo's id.
-
-        Raises
-        ------
-        BenchmarkError
-            The benchmark does not serve matching, a table is damaged, or map or surface model are
-            not those that were prepared.
-        RasterError
-            Map or surface model cannot be read.
-        """
+        """Return the crop of each photo that matching asks, sorted by the photo's id."""
         photos = self._photos("matching")
         truth = read_matching_truth(self._source, self.id)
         windows, maps = truth.crops.copy(), [truth.map_of(row) for row in range(len(truth.crops))]
@@ -123,13 +99,7 @@ class BlindScene:
         return Items(f"crops of {self.id}", len(windows), crop)
 
     def photos(self) -> Items[Photo]:
-        """Return the photos that a reconstruction is made from, sorted by id.
-
-        Raises
-        ------
-        BenchmarkError
-            The benchmark does not serve reconstruction, or a table is damaged.
-        """
+        """Return the photos that a reconstruction is made from, sorted by id."""
         photos = self._photos("reconstruction")
         return Items(f"photos of {self.id}", len(photos), photos.photo)
 

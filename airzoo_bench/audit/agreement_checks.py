@@ -9,7 +9,7 @@ from itertools import combinations
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
 from airzoo_bench.audit.queries import RowKey, row_of
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
+from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 
 __all__ = ["check_agreement", "check_misplaced_rows", "overview"]
 
@@ -28,14 +28,7 @@ def _scene(cell: PrintedValue) -> str:
 
 
 def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome:
-    """Find numbers that two tables print differently.
-
-    Parameters
-    ----------
-    published : Published
-    reported : set of int
-        The `id` of each cell that is no average of its scenes: counted, but not said again.
-    """
+    """Find numbers that two tables print differently."""
     pairs = _pairs(published)
     differing = [pair for pair in pairs if not _agree(*pair)]
     new = [pair for pair in differing if not reported & set(map(id, pair))]
@@ -50,7 +43,7 @@ def check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome
 
 def _pairs(published: Published) -> list[tuple[PrintedValue, PrintedValue]]:
     """Return one number in two tables each."""
-    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.measure))
+    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.score.name))
     return [
         (first, second)
         for cells in groups.values()
@@ -67,14 +60,7 @@ def _compared(cells: Sequence[PrintedValue]) -> Iterable[tuple[PrintedValue, Pri
 
 
 def overview(published: Published, findings: Iterable[Finding]) -> list[str]:
-    """Say of which two tables several numbers differ, and which findings that is.
-
-    Parameters
-    ----------
-    published : Published
-    findings : iterable of Finding
-        Of all checks.
-    """
+    """Say of which two tables several numbers differ, and which findings that is."""
     tables = grouped(_pairs(published), lambda pair: (pair[0].table, pair[1].table))
     grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
     said = []
@@ -122,15 +108,7 @@ def _differ(first: PrintedValue, second: PrintedValue) -> Finding:
 
 
 def check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Outcome:
-    """Find rows that another table prints, number for number, under another method's name.
-
-    Parameters
-    ----------
-    published : Published
-    reported : set of int
-        The `id` of each cell that is no average of its scenes: of two such rows, the one that
-        holds none is right.
-    """
+    """Find rows that another table prints, number for number, under another method's name."""
     rows = published.by(row_of)
     compared = [row for row in rows.values() if _is_telling(row)]
     findings = [
@@ -155,7 +133,7 @@ def _is_telling(row: Row) -> bool:
 
 def _content(row: Row) -> tuple[object, ...]:
     """Return what equal rows share, whosever they are: scene, scores and values."""
-    values = frozenset((cell.measure, cell.number.value) for cell in row)
+    values = frozenset((cell.score.name, cell.number.value) for cell in row)
     return row[0].group, _scene(row[0]), values
 
 
@@ -164,8 +142,8 @@ def _is_another(row: Row, other: PrintedValue, rows: dict[RowKey, Row]) -> bool:
     own = rows.get((other.table, *other.group, other.scene, row[0].method))
     if own is None or own[0].method == other.method:
         return False
-    printed = {cell.measure: cell.number.value for cell in own}
-    return any(printed.get(c.measure, c.number.value) != c.number.value for c in row)
+    printed = {cell.score.name: cell.number.value for cell in own}
+    return any(printed.get(c.score.name, c.number.value) != c.number.value for c in row)
 
 
 def _misplaced(row: Row, other: PrintedValue) -> Finding:

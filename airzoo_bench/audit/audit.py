@@ -16,8 +16,8 @@ from airzoo_bench.audit.precision_checks import check_average_precision, define_
 from airzoo_bench.audit.queries import resolve_queries, row_of
 from airzoo_bench.audit.reconstruction_checks import check_chamfer, check_f1
 from airzoo_bench.core.errors import first_of
-from airzoo_bench.tables.printed.cells import Published
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import Published
 
 __all__ = ["audit"]
 
@@ -25,24 +25,7 @@ __all__ = ["audit"]
 def audit(
     published: Published, counts: Mapping[str, int] | None = None, variant: str | None = None
 ) -> Audit:
-    """Check published tables by arithmetic.
-
-    Parameters
-    ----------
-    published : Published
-        From `read_published`.
-    counts : mapping of str to int, optional
-        Queries by scene, or by ``benchmark/scene``; what is missing is concluded from the values
-        where they tell.
-    variant : str, optional
-        Which average precision is meant, one of `average_precision.VARIANTS`; concluded from the
-        values where not given.
-
-    Raises
-    ------
-    UserError
-        The counts name no scene of the tables, or contradict each other.
-    """
+    """Check published tables by arithmetic."""
     # Numbers of queries from recalls alone tell which average precision it is, so that nothing is
     # proved by itself; that then tells more of the numbers of queries.
     within_rows = (
@@ -86,17 +69,10 @@ def audit(
 
 
 def _notes(published: Published) -> list[str]:
-    notes = list(published.notes)
-    if published.unused_columns:
-        notes.append("columns not used: " + ", ".join(published.unused_columns))
     unknown = dict.fromkeys(
         cell.score.name
         for cell in published.cells
         if cell.score.family is Family.OTHER and cell.score.higher_is_better is None
     )
-    if unknown:
-        notes.append(
-            "scores that are not known, checked only for averages, gains and agreement: "
-            + first_of(unknown)
-        )
-    return notes
+    what = "scores that are not known, checked only for averages, gains and agreement: "
+    return [what + first_of(unknown)] if unknown else []

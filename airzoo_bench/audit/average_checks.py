@@ -12,21 +12,20 @@ import numpy as np
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.numbers import (
+from airzoo_bench.tables.printed_numbers import (
     Interval,
     Rounded,
     counted_share,
     decimal_text,
     mean_interval,
 )
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 
 __all__ = ["Averaged", "check_averages", "has_common_weights"]
 
 _CHECK = "average"
 _WHAT = "averages against the scenes they are of"
-_FEWEST = 4  # averages of a paper's table that show that they are over other scenes
 Scenes = Mapping[tuple[str, ...], Mapping[str, Mapping[str, PrintedValue]]]
 
 
@@ -122,16 +121,7 @@ def _example_text(weighed: Sequence[Averaged]) -> str:
 def check_averages(
     published: Published, queries: Mapping[Key, Queries], variants: Mapping[Key, str]
 ) -> Outcome:
-    """Tell over what a table averages, and find the averages that the scenes do not give.
-
-    Parameters
-    ----------
-    published : Published
-    queries : mapping
-        From `resolve_queries`.
-    variants : mapping
-        Which average precision it is: whole numbers of positives narrow the values.
-    """
+    """Tell over what a table averages, and find the averages that the scenes do not give."""
     scenes = _scenes(published)
     exact = partial(_exact, queries=queries, variants=variants)
     findings: list[Finding] = []
@@ -139,12 +129,11 @@ def check_averages(
     summaries = [cell for cell in published.cells if cell.is_summary]
     same = grouped(summaries, _identity)
     compared: list[PrintedValue] = []
-    tested = loose = elsewhere = 0
+    tested = loose = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, exact) for cell in cells]
         known = [average for average in made if average is not None]
-        if not known or _are_of_others(known):
-            elsewhere += len(known)
+        if not known:
             continue
         conclusions.append(Conclusion(_CHECK, ", ".join(filter(None, place)), _conclusion(known)))
         pooled = False
@@ -159,7 +148,7 @@ def check_averages(
             tested, loose = tested + len(kind) - free, loose + free
     left = _left(len(summaries), tested, loose)
     outcome = Outcome(_CHECK, tested, _WHAT, left, tuple(findings), tuple(conclusions))
-    return replace(outcome, cells=tuple(compared), unchecked=loose + elsewhere)
+    return replace(outcome, cells=tuple(compared), unchecked=loose)
 
 
 def _left(summaries: int, tested: int, loose: int) -> str:
@@ -178,7 +167,7 @@ def _scenes(published: Published) -> Scenes:
     scenes: dict[tuple[str, ...], dict[str, dict[str, PrintedValue]]] = {}
     for cell in published.cells:
         if not cell.is_summary:
-            by_scene = scenes.setdefault((*cell.group, cell.measure), {})
+            by_scene = scenes.setdefault((*cell.group, cell.score.name), {})
             # Of a cell that is printed twice the first counts; another check compares them.
             by_scene.setdefault(cell.scene, {}).setdefault(cell.method, cell)
     return scenes
@@ -190,9 +179,9 @@ def _averaged(
     queries: Mapping[Key, Queries],
     exact: Callable[[PrintedValue], Interval],
 ) -> Averaged | None:
-    by_scene = scenes.get((*cell.group, cell.measure), {})
+    by_scene = scenes.get((*cell.group, cell.score.name), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
-    if len(parts) < 2 or len(parts) < len(by_scene) or any(part.partial for part in parts):
+    if len(parts) < 2 or len(parts) < len(by_scene):
         return None
     values = [exact(part) for part in parts]
     counts = [queries[key_of(part)].number for part in parts if key_of(part) in queries]
@@ -217,24 +206,14 @@ def _exact(
     known = queries.get(key_of(cell))
     if known is not None and cell.score.family is Family.HITS:
         return counted_share(cell.number, known.number, cell.full)
-    variant = variants.get((*cell.group, cell.measure))
+    variant = variants.get((*cell.group, cell.score.name))
     if known is not None and variant == "precision":
         return counted_share(cell.number, known.number * cell.score.cutoff, cell.full)
     return cell.number.interval
 
 
-def _are_of_others(known: Sequence[Averaged]) -> bool:
-    """Whether a paper's averages are over more scenes than it prints: hardly one is theirs."""
-    fitting = sum(a.fits_scenes or a.fits_rounded or a.fits_queries for a in known)
-    return bool(known[0].cell.domain) and len(known) >= _FEWEST and 4 * fitting < len(known)
-
-
 def _is_pooled(known: Sequence[Averaged]) -> bool:
-    """Whether averages of one place and kind are rather over all queries than over scenes.
-
-    Where that cannot be computed, they are so unless most are means over scenes and no weights of
-    the scenes explain all of them.
-    """
+    """Whether averages of one place and kind are rather over all queries than over scenes."""
     if known[0].cell.is_pooled:
         return True
     over_scenes = sum(average.fits_scenes for average in known)
@@ -296,4 +275,4 @@ def _judge(average: Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> 
 
 
 def _identity(cell: PrintedValue) -> tuple[object, ...]:
-    return cell.group, cell.method, cell.measure
+    return cell.group, cell.method, cell.score.name

@@ -15,9 +15,9 @@ from fractions import Fraction
 from functools import cache
 
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of, row_of
-from airzoo_bench.tables.printed.cells import PrintedValue
-from airzoo_bench.tables.printed.numbers import Interval, chance_of_fit, possible_counts
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_numbers import Interval, chance_of_fit, possible_counts
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import PrintedValue
 
 __all__ = [
     "NAMES",
@@ -51,18 +51,7 @@ _FEWEST = 3
 
 @cache
 def first_hit_bounds(variant: str, cutoff: int, after: int, upto: int) -> Interval:
-    """Bound a query's average precision by where its first positive stands.
-
-    Parameters
-    ----------
-    variant : str
-        One of `VARIANTS`: the sum of precisions at hits over min(R, K), R or the number of hits,
-        where R is the number of positives; or hits over K.
-    cutoff : int
-        K, at most 12.
-    after, upto : int
-        The first positive stands behind the former rank and at the latter at the latest.
-    """
+    """Bound a query's average precision by where its first positive stands."""
     values = []
     for pattern in itertools.product((False, True), repeat=cutoff):
         ranks = [rank for rank, hit in enumerate(pattern, 1) if hit]
@@ -104,11 +93,7 @@ def brackets(recalls: list[PrintedValue]) -> list[tuple[int, int]]:
 
 
 def bounds_of(variant: str, cutoff: int, recalls: list[PrintedValue]) -> Interval:
-    """Bound the mean average precision, as a share, by recalls at several K up to the cutoff.
-
-    With b_i the bound of the i-th bracket of ranks, the sum of b_i (R_i - R_(i-1)) is the sum of
-    R_i (b_i - b_(i+1)), so that each recall's interval enters once.
-    """
+    """Bound the mean average precision, as a share, by recalls at several K up to the cutoff."""
     parts = [first_hit_bounds(variant, cutoff, *bracket) for bracket in brackets(recalls)]
     low = high = Fraction(0)
     for recall, this, following in zip(

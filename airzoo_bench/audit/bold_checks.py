@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.audit.findings import Finding, Grade, Outcome
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
+from airzoo_bench.tables.printed_values import PrintedValue, Published
 
 __all__ = ["check_bold"]
 
@@ -14,21 +14,12 @@ _MOST_NAMES = 10
 
 
 def check_bold(published: Published) -> Outcome:
-    """Find bold values that are not the best of their column, and best ones that are not bold.
-
-    Only in columns that print something bold, since averages alone may be marked, and for scores
-    whose better direction is known. Of several that share the best printed value, one is to be bold
-    at least: which is best before rounding, the table does not say.
-    """
+    """Find bold values that are not the best of their column, and best ones that are not bold."""
     what = "columns, whether the best is bold and nothing else"
     if not published.has_bold:
         return Outcome("bold", 0, what, "the file does not say what is bold")
-    columns = published.by(lambda c: (c.table, *c.group, c.scene, c.measure)).values()
-    races = [
-        race
-        for column in columns
-        if _is_race(race := [cell for cell in column if cell.competes or cell.bold])
-    ]
+    columns = published.by(lambda c: (c.table, *c.group, c.scene, c.score.name)).values()
+    races = [column for column in columns if _is_race(column)]
     judged = [column for column in races if _has_bold(column)]
     plain = [column for column in races if not _has_bold(column)]
     left = []
@@ -40,36 +31,13 @@ def check_bold(published: Published) -> Outcome:
         left.append(
             f"{counted(len(columns) - len(races), 'column')} of one method or an unknown score"
         )
-    findings: list[Finding] = []
-    conclusions: list[Conclusion] = []
-    for table, own in grouped(judged, lambda column: column[0].table).items():
-        found, by_section = _judge_table(own)
-        findings += found
-        if by_section:
-            text = "the best of each part of the table, between rules or titles, is bold"
-            conclusions.append(Conclusion("bold", table, text))
+    findings = tuple(finding for column in judged for finding in _judge_column(column))
     cells = tuple(cell for column in judged for cell in column)
-    said, not_judged = tuple(conclusions), " and ".join(left)
-    return Outcome("bold", len(judged), what, not_judged, tuple(findings), said, cells)
+    return Outcome("bold", len(judged), what, " and ".join(left), findings, cells=cells)
 
 
 def _has_bold(column: Sequence[PrintedValue]) -> bool:
     return any(cell.bold for cell in column)
-
-
-def _judge_table(columns: Sequence[Sequence[PrintedValue]]) -> tuple[list[Finding], bool]:
-    """Judge whole columns, or the parts of these, by what explains more of a table's bold."""
-    whole = [finding for column in columns for finding in _judge_column(column)]
-    parts = [
-        part
-        for column in columns
-        for part in grouped(column, lambda cell: cell.section).values()
-        if _has_bold(part)
-    ]
-    apart = [finding for part in parts for finding in _judge_column(part)]
-    # A part that has nothing bold says nothing; several that have, each of their own, do.
-    by_section = len(parts) > len(columns) and len(apart) < len(whole)
-    return (apart, True) if by_section else (whole, False)
 
 
 def _is_race(column: Sequence[PrintedValue]) -> bool:

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.numbers import (
+from airzoo_bench.tables.printed_numbers import (
     count_text,
     decimal_text,
     is_cut,
     is_near,
     possible_counts,
 )
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 
 __all__ = ["Share", "check_counts", "judge_shares"]
 
@@ -61,14 +61,7 @@ class Share:
 
 
 def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcome:
-    """Find shares of queries that are no whole number of queries.
-
-    Parameters
-    ----------
-    published : Published
-    queries : mapping
-        From `resolve_queries`.
-    """
+    """Find shares of queries that are no whole number of queries."""
     averaged = is_average(published)
     hits = [cell for cell in published.cells if cell.score.family is Family.HITS]
     of_scenes = [cell for cell in hits if not averaged(cell)]
@@ -100,10 +93,7 @@ def _left(averages: int, unknown: Sequence[PrintedValue]) -> str:
 
 
 def judge_shares(check: str, shares: Sequence[Share]) -> tuple[list[Finding], list[Conclusion]]:
-    """Find shares that are no count, table by table.
-
-    In a table whose every digit was cut off instead of rounded they are of grade rounding.
-    """
+    """Find shares that are no count, table by table."""
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     for table, own in grouped(shares, lambda share: share.cell.table).items():

@@ -10,7 +10,7 @@ from itertools import groupby
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
-from airzoo_bench.tables.printed.cells import PrintedValue
+from airzoo_bench.tables.printed_values import PrintedValue
 
 __all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table", "audit_text"]
 
@@ -217,16 +217,7 @@ _MEANING = {
 
 
 def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
-    """Lay out an audit as text.
-
-    Parameters
-    ----------
-    audit : Audit
-    width : int
-        Of the terminal, in characters; no line is longer, nor than 100.
-    styled : bool
-        Write bold by escape sequences.
-    """
+    """Lay out an audit as text."""
     room = min(max(width, _NARROWEST), _WIDEST)
     titles: set[str] = set()
     lines: list[str] = []

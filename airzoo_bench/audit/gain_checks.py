@@ -8,13 +8,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
 from math import inf
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.numbers import Rounded, decimal_text
+from airzoo_bench.tables.printed_numbers import Rounded, decimal_text
+from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 
 __all__ = ["check_gains"]
 
@@ -32,50 +31,26 @@ class _Gain:
     gain: Rounded
     base: PrintedValue | None
 
-    @cached_property
-    def _scale(self) -> Fraction | None:
-        """What makes a difference one in percent of the base; None for a gain without its sign."""
-        if self.base is None or not self.base.number.value or not self.gain.text.endswith("%"):
-            return None
-        return 100 / abs(self.base.number.value)
-
-    @cached_property
-    def _distances(self) -> tuple[Fraction | float, Fraction | float]:
-        """How far the gain is from the difference, and from the difference in percent."""
+    @property
+    def off(self) -> Fraction | float:
+        """How far the gain is from the difference, beyond its own rounding."""
         if self.base is None:
-            return inf, inf
-        difference = self.cell.number.value - self.base.number.value
-        return self._distance(difference), (
-            inf if self._scale is None else self._distance(self._scale * difference)
-        )
+            return inf
+        finer = max(self.cell.number.decimals, self.base.number.decimals)
+        own = self.gain.half if self.gain.decimals < finer else Fraction(0)
+        return max(Fraction(0), self._distance(self.base) - own)
 
-    def _distance(self, difference: Fraction) -> Fraction:
-        """How far the gain is from a difference; of what is better low, from either sign of it."""
+    def _distance(self, base: PrintedValue) -> Fraction:
+        """Return how far the gain is from the difference; what is better low counts either way."""
+        difference = self.cell.number.value - base.number.value
         signs = (1, -1) if self.cell.score.higher_is_better is False else (1,)
         return min(abs(self.gain.value - sign * difference) for sign in signs)
 
     @property
-    def is_relative(self) -> bool:
-        """Whether it is nearer to the difference in percent of the base."""
-        return self._distances[1] < self._distances[0]
-
-    @property
-    def off(self) -> Fraction | float:
-        """How far the gain is from the difference, beyond its own rounding."""
-        finer = max(c.number.decimals for c in (self.cell, self.base or self.cell))
-        rounded = self.is_relative or self.gain.decimals < finer
-        own = self.gain.half if rounded else Fraction(0)
-        return max(Fraction(0), min(self._distances) - own)
-
-    @property
     def slack(self) -> Fraction:
         """How far off it may be where all three were rounded, or cut off, from exact numbers."""
-        if self.base is None:
-            return self.cell.number.half + self.gain.half
-        own, other = self.cell.number, self.base.number
-        if not self.is_relative or self._scale is None:
-            return own.half + self.gain.half + other.half
-        return self.gain.half + self._scale * (own.half + other.half * abs(own.value / other.value))
+        other = self.base.number.half if self.base else Fraction(0)
+        return self.cell.number.half + self.gain.half + other
 
     @property
     def is_explained(self) -> bool:
@@ -114,17 +89,11 @@ def _value(cell: PrintedValue) -> Fraction:
 
 
 def _column_key(cell: PrintedValue) -> tuple[str, ...]:
-    return cell.table, *cell.group, cell.scene, cell.measure
+    return cell.table, *cell.group, cell.scene, cell.score.name
 
 
 def check_gains(published: Published) -> Outcome:
-    """Find printed gains that are not the difference of the printed values.
-
-    Over which method a method's gains are is concluded: the one that explains most of them, of
-    equals the one whose name it bears, such as ``X`` for ``X (Ours)``; or the best of the others in
-    each column, where that explains more. One that explains no more than half, and is no namesake,
-    is none.
-    """
+    """Find printed gains that are not the difference of the printed values."""
     findings: list[Finding] = []
     conclusions: list[Conclusion] = []
     columns = {key: _Column(cells) for key, cells in published.by(_column_key).items()}
@@ -192,10 +161,6 @@ def _candidates(gain: _Gain, column: _Column) -> list[PrintedValue]:
     for difference in (gain.gain.value, -gain.gain.value):
         own = gain.cell.number.value
         near += column.near(own - difference, slack)
-        if gain.gain.text.endswith("%") and difference > -100:
-            # Of a difference in percent of the other; its slack by the slopes, and amply.
-            factor = 100 / (100 + difference)
-            near += column.near(own * factor, 4 * slack * factor * (1 + abs(own) * factor / 100))
     return near
 
 

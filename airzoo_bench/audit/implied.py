@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.tables.printed.numbers import Rounded
+from airzoo_bench.tables.printed_numbers import Rounded
 
 __all__ = ["Implied", "implied_total"]
 
@@ -48,24 +48,7 @@ class Implied:
 
 
 def implied_total(shares: Iterable[tuple[Rounded, int, int]]) -> Implied | None:
-    """Find out of how many several printed shares are counts.
-
-    Bayes' rule over all totals up to where the digits stop telling. A value that is a count of a
-    total is one of as many values as there are counts; one that is none is a misprint, which is
-    rare. Beforehand a total is the less likely the larger it is, in proportion, and that the values
-    are counts of nothing is as likely as the total 1.
-
-    Parameters
-    ----------
-    shares : iterable of (Rounded, int, int)
-        Each with what all of the total is printed as, and how many places each of the total has: 1,
-        or K for mean precision at K. None of all and all of all fit any total and tell nothing.
-
-    Returns
-    -------
-    Implied or None
-        None where no value tells anything.
-    """
+    """Find out of how many several printed shares are counts."""
     told = sorted(
         {(n.value, n.decimals, full, places) for n, full, places in shares if 0 < n.value < full}
     )
@@ -89,10 +72,7 @@ def implied_total(shares: Iterable[tuple[Rounded, int, int]]) -> Implied | None:
 def _weigh(
     told: Sequence[_Told], totals: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return for each total how many values fit, and the log of how likely it is.
-
-    The latter against values that are counts of nothing.
-    """
+    """Return for each total how many values fit, and the log of how likely it is."""
     fits = np.zeros(len(totals), dtype=np.int64)
     merit = -np.log(totals)
     printed = {(places, full * 10**decimals) for _, decimals, full, places in told}
@@ -106,10 +86,7 @@ def _weigh(
 
 
 def _chance(totals: NDArray[np.int64], values: int) -> NDArray[np.float64]:
-    """Return what part of so many printed values are counts of each total.
-
-    A count that lies half way between two values may be printed as either.
-    """
+    """Return what part of so many printed values are counts of each total."""
     halves = np.gcd(totals, 2 * values) - np.gcd(totals, values)
     return np.asarray(np.minimum(1.0, (totals + halves) / values), dtype=np.float64)
 

@@ -8,8 +8,8 @@ from fractions import Fraction
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
 from airzoo_bench.audit.queries import row_of
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.scores import Family, at_most
+from airzoo_bench.tables.printed_scores import Family, at_most
+from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 
 __all__ = ["check_medians", "check_order", "check_ranges", "check_units"]
 
@@ -42,11 +42,7 @@ def check_ranges(published: Published) -> Outcome:
 
 
 def check_units(published: Published) -> Outcome:
-    """Find rows of shares from 0 to 1 among rows of percent.
-
-    A row is one if all its shares are at most 1, and in each column it has two decimals more than
-    some number above 1: 0.1950 next to 28.64.
-    """
+    """Find rows of shares from 0 to 1 among rows of percent."""
     shares = [c for c in published.cells if c.score.is_share and c.full == 100]
     columns = grouped(shares, _column)
     findings: list[Finding] = []
@@ -128,15 +124,12 @@ def _exceeds(first: PrintedValue, second: PrintedValue) -> bool:
 
 
 def check_medians(published: Published) -> Outcome:
-    """Find medians on the wrong side of a threshold within which more, or less, than half lie.
-
-    Only in scenes: an average of medians is no median.
-    """
+    """Find medians on the wrong side of a threshold within which more, or less, than half lie."""
     pairs = [
         (median, recall)
         for row in published.by(row_of).values()
         for median, recall in _pairs(row)
-        if median.score.family is Family.MEDIAN and median.is_of_one_set
+        if median.score.family is Family.MEDIAN and not median.is_summary
         if _is_within(recall, median.unit)
     ]
     findings = [finding for pair in pairs if (finding := _contradiction(*pair))]

@@ -20,9 +20,9 @@ from airzoo_bench.audit.average_precision import (
 from airzoo_bench.audit.count_checks import Share, judge_shares
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, RowKey, key_of
-from airzoo_bench.tables.printed.cells import PrintedValue, Published, grouped
-from airzoo_bench.tables.printed.numbers import decimal_text
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_numbers import decimal_text
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 
 __all__ = ["Definition", "check_average_precision", "define_average_precision"]
 
@@ -39,18 +39,7 @@ def define_average_precision(
     variant: str | None,
     doubtful: AbstractSet[RowKey] = frozenset(),
 ) -> dict[Key, Definition]:
-    """Tell which average precision the values of each benchmark, track and score are.
-
-    Parameters
-    ----------
-    published : Published
-    queries : mapping
-        From `resolve_queries`, without any use of average precision.
-    variant : str or None
-        One of `VARIANTS`, which a score's own name overrules; None to conclude it from the values.
-    doubtful : set of RowKey
-        Rows that hold something impossible: nothing is concluded from them.
-    """
+    """Tell which average precision the values of each benchmark, track and score are."""
     definitions: dict[Key, Definition] = {}
     for name, group in _groups(published).items():
         told = group[0].cell.score.variant or variant
@@ -65,18 +54,7 @@ def check_average_precision(
     definitions: Mapping[Key, Definition],
     doubtful: AbstractSet[RowKey] = frozenset(),
 ) -> tuple[Outcome, Outcome]:
-    """Find average precisions that cannot be what they are, by the recalls or by their counts.
-
-    Parameters
-    ----------
-    published : Published
-    queries : mapping
-        From `resolve_queries`.
-    definitions : mapping
-        From `define_average_precision`.
-    doubtful : set of RowKey
-        As for `define_average_precision`; recalls of such rows bound nothing.
-    """
+    """Find average precisions that cannot be what they are, by the recalls or by their counts."""
     bounds: list[Finding] = []
     conclusions: list[Conclusion] = []
     shares: list[Share] = []
@@ -134,7 +112,7 @@ def _share(cell: PrintedValue, queries: Mapping[Key, Queries], definition: Defin
 def _groups(published: Published) -> dict[Key, list[Bounded]]:
     rows = published.by(lambda cell: (cell.table, *key_of(cell), cell.method))
     cells = [c for c in published.cells if c.score.family is Family.AVERAGE_PRECISION]
-    groups = grouped(cells, lambda cell: (*cell.group, cell.measure))
+    groups = grouped(cells, lambda cell: (*cell.group, cell.score.name))
     return {
         name: [_bounded(c, rows[(c.table, *key_of(c), c.method)]) for c in group]
         for name, group in groups.items()

@@ -12,9 +12,9 @@ from airzoo_bench.audit.implied import Implied, implied_total
 from airzoo_bench.core.errors import ResultError, UsageError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.tables.printed.cells import PrintedValue, Published
-from airzoo_bench.tables.printed.numbers import possible_counts
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_numbers import possible_counts
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import PrintedValue, Published
 
 __all__ = [
     "Key",
@@ -61,13 +61,7 @@ def row_of(cell: PrintedValue) -> RowKey:
 
 
 def parse_counts(texts: Iterable[str]) -> dict[str, int]:
-    """Read ``scene=n,...`` texts.
-
-    Raises
-    ------
-    UsageError
-        A text is no such thing, or names a scene twice.
-    """
+    """Read ``scene=n,...`` texts."""
     counts: dict[str, int] = {}
     for part in (part.strip() for text in texts for part in text.split(",")):
         match = re.fullmatch(r"(.*\S)\s*=\s*([0-9]{1,9})", part)
@@ -90,26 +84,7 @@ def resolve_queries(
     variants: Mapping[Key, str],
     doubtful: AbstractSet[RowKey] = frozenset(),
 ) -> tuple[dict[Key, Queries], list[Conclusion]]:
-    """Return the number of queries of each scene that has shares of queries, where it is known.
-
-    Parameters
-    ----------
-    published : Published
-    counts : mapping of str to int
-        By scene, or by ``benchmark/scene`` where scenes of several benchmarks share a name.
-    variants : mapping
-        Which average precision each benchmark, track and score is, where that is known: mean
-        precision is a whole number of positives, which tells of the number of queries too.
-    doubtful : set of RowKey
-        Rows that hold something impossible: nothing is concluded from them.
-
-    Raises
-    ------
-    UsageError
-        A scene of `counts` does not occur.
-    ResultError
-        The file says different numbers for one scene.
-    """
+    """Return the number of queries of each scene that has shares of queries, where it is known."""
     groups = published.by(key_of)
     _check_names(groups, counts)
     averaged = is_average(published)
@@ -134,7 +109,7 @@ def _implied(cells: list[PrintedValue], variants: Mapping[Key, str]) -> Implied 
     precisions = [
         (c.number, c.full, c.score.cutoff)
         for c in cells
-        if variants.get((*c.group, c.measure)) == "precision" and c.score.cutoff <= _MOST_PLACES
+        if variants.get((*c.group, c.score.name)) == "precision" and c.score.cutoff <= _MOST_PLACES
     ]
     # Average precision alone would take its definition on trust.
     return implied_total([*hits, *precisions]) if hits else None
@@ -154,16 +129,13 @@ def _fits(
 
 
 def is_average(published: Published) -> Callable[[PrintedValue], bool]:
-    """Return what tells averages over scenes from the only set there is.
-
-    The former are no shares of queries.
-    """
+    """Return what tells averages over scenes from the only set there is."""
     with_scenes = {
-        (cell.group, cell.measure)
+        (cell.group, cell.score.name)
         for cell in published.cells
         if not cell.is_summary and cell.score.is_share
     }
-    return lambda cell: cell.is_summary and (cell.group, cell.measure) in with_scenes
+    return lambda cell: cell.is_summary and (cell.group, cell.score.name) in with_scenes
 
 
 def _check_names(groups: Iterable[Key], counts: Mapping[str, int]) -> None:

@@ -7,9 +7,9 @@ from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.tables.printed.cells import PrintedValue, Published
-from airzoo_bench.tables.printed.numbers import Interval, decimal_text
-from airzoo_bench.tables.printed.scores import Family
+from airzoo_bench.tables.printed_numbers import Interval, decimal_text
+from airzoo_bench.tables.printed_scores import Family
+from airzoo_bench.tables.printed_values import PrintedValue, Published
 
 __all__ = ["check_chamfer", "check_f1", "f1_of"]
 
@@ -34,11 +34,7 @@ def _cells(rows: Iterable[Row], *families: Family) -> tuple[PrintedValue, ...]:
 
 
 def check_f1(published: Published) -> Outcome:
-    """Find F1 that the precision and recall of its row do not give.
-
-    An average over scenes has bounds only. F1 is concave in precision and recall together, so the
-    mean of F1 is at most the F1 of the means; and F1 is at least P + R - 1 in each scene.
-    """
+    """Find F1 that the precision and recall of its row do not give."""
     needed = (Family.PRECISION, Family.RECALL, Family.F1)
     rows = _rows(published, *needed)
     findings = [finding for row in rows if (finding := _judge_f1(row))]
@@ -50,7 +46,7 @@ def check_f1(published: Published) -> Outcome:
 
 def _judge_f1(row: Row) -> Finding | None:
     cell, precision, recall = row[Family.F1], row[Family.PRECISION], row[Family.RECALL]
-    possible = _possible_f1(precision, recall, averaged=not cell.is_of_one_set)
+    possible = _possible_f1(precision, recall, averaged=cell.is_summary)
     if cell.share.meets(possible):
         return None
     why = _f1_text(cell, precision, recall, possible)
@@ -73,7 +69,7 @@ def _f1_text(
 ) -> str:
     digits = cell.number.decimals
     p, r = precision.number.text, recall.number.text
-    if not cell.is_of_one_set:
+    if cell.is_summary:
         low, high = (decimal_text(end * cell.full, digits) for end in (possible.low, possible.high))
         return (
             f"with mean precision {p} and mean recall {r} a mean F1 lies between P + R - 1 and the "
@@ -85,11 +81,7 @@ def _f1_text(
 
 
 def check_chamfer(published: Published) -> Outcome:
-    """Find Chamfer distances that are not the mean, or the sum, of accuracy and completeness.
-
-    The one that fits more rows is taken for what was meant; the mean where both fit alike. One that
-    fits no more than half of the rows is no rule that others could break.
-    """
+    """Find Chamfer distances that are not the mean, or the sum, of accuracy and completeness."""
     needed = (Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
     rows = _rows(published, *needed)
     what = "Chamfer distances against accuracy and completeness next to them"

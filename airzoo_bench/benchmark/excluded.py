@@ -17,16 +17,7 @@ _LISTED = {"matching": "crops.csv", "reconstruction": "photos.csv"}
 
 
 def read_excluded(benchmark: Benchmark, scene: str, track: str) -> pd.DataFrame:
-    """Read which photos of a scene a track leaves out, with the reasons.
-
-    Where the truth is sealed these are the photos that a public table of the track does not list,
-    and none where there is no such table.
-
-    Raises
-    ------
-    BenchmarkError
-        See `read_table`.
-    """
+    """Read which photos of a scene a track leaves out, with the reasons."""
     folder = benchmark.scene_folder(scene)
     if not benchmark.is_sealed:
         return read_table(folder / track / "excluded.csv", (*IDENTITY_COLUMNS, "reason"))

@@ -41,6 +41,8 @@ __all__ = [
 
 PartT = TypeVar("PartT")
 
+_DEMO = Path(__file__).parents[1] / "demo" / "airzoo-demo"
+
 _BY_HAND = (
     "correct it (docs/benchmark-folder.md says what is expected), then run `airzoo-bench manifest "
     "{folder} --force`"
@@ -48,21 +50,7 @@ _BY_HAND = (
 
 
 def needed(part: PartT | None, what: str, scene: str) -> PartT:
-    """Return a part that a scene may lack, where a track cannot do without.
-
-    Parameters
-    ----------
-    part : object or None
-    what : str
-        Such as "surface model".
-    scene : str
-        The scene's id.
-
-    Raises
-    ------
-    BenchmarkError
-        It is None.
-    """
+    """Return a part that a scene may lack, where a track cannot do without."""
     if part is None:
         raise BenchmarkError(
             f"scene {scene} has no {what}",
@@ -109,20 +97,7 @@ class Benchmark:
 
     @classmethod
     def open(cls, folder: Path, *, sealed: bool = False) -> Benchmark:
-        """Open a benchmark folder and hold its files to their checksums.
-
-        Parameters
-        ----------
-        folder : Path
-        sealed : bool
-            Whether the folder may be one whose truth is sealed: for what needs no truth.
-
-        Raises
-        ------
-        BenchmarkError
-            There is no benchmark.toml, it is not valid, a file is missing or was changed, or the
-            truth is sealed.
-        """
+        """Open a benchmark folder and hold its files to their checksums."""
         path = folder / "benchmark.toml"
         if not path.is_file():
             raise BenchmarkError(
@@ -181,13 +156,7 @@ class Benchmark:
         return tuple(place for place in dict.fromkeys(places) if place.is_dir())
 
     def check_fits(self, protocol: TruthWanted) -> None:
-        """Refuse a protocol that the truth in this folder was not made for.
-
-        Raises
-        ------
-        BenchmarkError
-            Scenes are missing, or the truth was made with other settings; all are named.
-        """
+        """Refuse a protocol that the truth in this folder was not made for."""
         missing = {s.id for s in protocol.scenes} - {s.id for s in self.file.scenes}
         if missing:
             raise BenchmarkError(
@@ -218,35 +187,27 @@ def benchmark_folders(root: Path) -> dict[str, Path]:
 
 
 def benchmark_place(name: str, data: Path) -> Path:
-    """Return where the folder of a benchmark would be: `data` itself, or the one of its name."""
-    return data if (data / "benchmark.toml").is_file() else data / name
+    """Return where a benchmark's folder would be: `data`, one in it, or the shipped demo."""
+    if (data / "benchmark.toml").is_file():
+        return data
+    folder = data / name
+    return _DEMO if name == _DEMO.name and not folder.is_dir() else folder
 
 
 def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
-    """Open a benchmark by name.
-
-    Parameters
-    ----------
-    name : str
-        As the protocol gives it.
-    data : Path
-        Its folder, or the folder that holds it.
-    sealed : bool
-        Whether its truth may be sealed, see `Benchmark.open`.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there, its truth is sealed, or the folder holds another benchmark.
-    """
+    """Open a benchmark by name."""
     folder = benchmark_place(name, data)
     if not folder.is_dir():
         there = ", ".join(benchmark_folders(data)) or "none"
+        part = benchmark_place(f"{name}-partial", data) / "protocols"
+        own = " or ".join(one.stem for one in sorted(part.glob("*.toml")))
         raise BenchmarkError(
             f"benchmark {name} is not there",
             where=data,
             expected=f"a folder {name}/ (benchmark folders found: {there})",
-            fix=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
+            fix=f"name the protocol of the part that was prepared: {own}"
+            if own
+            else f"name it with --data, or set {DATA_VARIABLE}, or make it with "
             "`airzoo-bench prepare`",
         )
     benchmark = Benchmark.open(folder, sealed=sealed)

@@ -24,14 +24,7 @@ _FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 
 def photo_size(path: Path) -> tuple[int, int]:
-    """Read width and height in pixels, as stored, from a photo's header.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not a readable photo, or its EXIF orientation says that it is shown turned: a camera
-        matrix could then belong to either way of looking at it.
-    """
+    """Read width and height in pixels, as stored, from a photo's header."""
     with opened_photo(fetched(path)) as image:
         orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
         size = image.size
@@ -46,24 +39,12 @@ def photo_size(path: Path) -> tuple[int, int]:
 
 
 def read_grey(path: Path, long_side: int) -> NDArray[np.uint8]:
-    """Read a photo as grey (height, width), made smaller so that its long side fits.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there or not readable.
-    """
+    """Read a photo as grey (height, width), made smaller so that its long side fits."""
     return _read(path, long_side, "L")
 
 
 def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
-    """Read a photo in colour (height, width, 3), made smaller so that its long side fits.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there or not readable.
-    """
+    """Read a photo in colour (height, width, 3), made smaller so that its long side fits."""
     return _read(path, long_side, "RGB")
 
 

@@ -109,13 +109,7 @@ def _truth_files(folder: Path) -> list[str]:
 
 
 def verify(folder: Path, file: BenchmarkFile) -> None:
-    """Hold all that stands under scenes/ to its checksum.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing, was changed, or was put there by somebody else.
-    """
+    """Hold all that stands under scenes/ to its checksum."""
     scenes = {scene.id for scene in file.scenes}
     for name in _truth_files(folder):
         if name.split("/")[1] in scenes and name not in file.checksums:

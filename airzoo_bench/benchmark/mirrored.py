@@ -33,18 +33,7 @@ _MOST_FOLDERS = 1_000
 
 
 def data_here(location: str | Path | None = None) -> Path:
-    """Return a benchmark folder, or the folder that holds some, as a path of this machine.
-
-    Parameters
-    ----------
-    location : str or Path, optional
-        A path or a URL; by default AIRZOO_BENCH_DATA, else a cache folder.
-
-    Raises
-    ------
-    UserError
-        The URL holds no benchmark, or cannot be read.
-    """
+    """Return a benchmark folder, or the folder that holds some, as a path of this machine."""
     place = data_location() if location is None else location
     url = url_of(place)
     return Path(place) if url is None else settled(lambda: _begun(url))
@@ -90,13 +79,7 @@ def _listed(url: Url, folder: str) -> dict[str, Entry]:
 
 
 def fetch_truth(folder: Path, file: BenchmarkFile) -> None:
-    """Fetch the tables and the truth of a benchmark, if its folder is a mirror.
-
-    Raises
-    ------
-    UserError
-        A file is missing, cannot be fetched, or is another than benchmark.toml states.
-    """
+    """Fetch the tables and the truth of a benchmark, if its folder is a mirror."""
     found = mirror_of(folder)
     if found is not None:
         mirror, below = found
@@ -106,11 +89,7 @@ def fetch_truth(folder: Path, file: BenchmarkFile) -> None:
 
 
 def resolved(folder: Path, file: BenchmarkFile, path: str) -> Path:
-    """Return the place of what benchmark.toml names; a mirror fetches files.
-
-    Of folders of pictures the versions are listed, and a mirror of their own fetches those that are
-    looked at. Web servers list none: there, what was fetched stays as it is.
-    """
+    """Return the place of what benchmark.toml names; a mirror fetches files."""
     place = folder / path
     found = mirror_of(place)
     if found is None:

@@ -60,15 +60,7 @@ def query_table(
     poses: Poses,
     priors: Poses | None,
 ) -> pd.DataFrame:
-    """Lay out N queries in a row each, without conditions.
-
-    Parameters
-    ----------
-    ids, images : sequence of N str
-    cameras, poses : Cameras, Poses
-    priors : Poses, optional
-        Poses from metadata; NaN centres where a photo has none.
-    """
+    """Lay out N queries in a row each, without conditions."""
     import pandas as pd
 
     columns: dict[str, object] = {"id": list(ids), "image": list(images)}
@@ -92,22 +84,7 @@ def write_queries(folder: Path, queries: pd.DataFrame) -> None:
 def read_queries(
     folder: Path, excluded: pd.DataFrame, complete: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Read a scene's photos but for those that a track has left out.
-
-    Parameters
-    ----------
-    folder : Path
-        The scene's.
-    excluded : DataFrame
-        Left out, by their ids.
-    complete : sequence of str
-        Columns that there must be, with a number for each photo that is not left out.
-
-    Raises
-    ------
-    BenchmarkError
-        See `read_table`.
-    """
+    """Read a scene's photos but for those that a track has left out."""
     path = folder / "queries.csv"
     everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
@@ -118,13 +95,7 @@ def read_queries(
 
 
 def cameras_of(queries: pd.DataFrame) -> Cameras:
-    """Return the cameras of a table's rows.
-
-    Raises
-    ------
-    BenchmarkError
-        A query lacks a camera parameter; the first three are named.
-    """
+    """Return the cameras of a table's rows."""
     _check_complete(queries, CAMERA_COLUMNS, "camera parameters")
     return Cameras(
         queries["width"].to_numpy(np.int64),
@@ -136,13 +107,7 @@ def cameras_of(queries: pd.DataFrame) -> Cameras:
 
 
 def poses_of(queries: pd.DataFrame, columns: tuple[str, ...] = POSE_COLUMNS) -> Poses:
-    """Return the poses of a table's rows, or their priors.
-
-    Raises
-    ------
-    BenchmarkError
-        A query lacks a number; the first three are named.
-    """
+    """Return the poses of a table's rows, or their priors."""
     _check_complete(queries, columns, "a pose" if columns == POSE_COLUMNS else "a prior pose")
     numbers = _values(queries, columns)
     return Poses(rotation=quaternion_to_matrix(numbers[:, :4]), centres=numbers[:, 4:])
@@ -216,13 +181,7 @@ class SceneInputs:
 
     @property
     def gallery_map(self) -> RasterInfo:
-        """The map that tiles are cut from.
-
-        Raises
-        ------
-        BenchmarkError
-            There is none.
-        """
+        """The map that tiles are cut from."""
         return needed(self.gallery or self.dom, "map", self.scene)
 
 
@@ -239,23 +198,7 @@ def photo_table(
     priors: Poses | None,
     plane_height_m: float | None,
 ) -> pd.DataFrame:
-    """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions.
-
-    Photos without cameras or poses have the columns `IDENTITY_COLUMNS` alone.
-
-    Poses and priors are those of the truth from here on, see `Poses.rounded`.
-
-    Parameters
-    ----------
-    scene : str
-    images : tuple of N str
-        File names, relative to the photos' folder; without their endings they become ids.
-    cameras, poses : Cameras, Poses, optional
-    priors : Poses, optional
-        Poses from metadata; NaN where a photo has none.
-    plane_height_m : float, optional
-        Altitudes are above it; without it they are not known.
-    """
+    """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions."""
     import pandas as pd
 
     ids = [photo_id(scene, name) for name in images]

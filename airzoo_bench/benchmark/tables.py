@@ -49,28 +49,7 @@ _FIX = "correct it, or prepare the benchmark again"
 
 
 def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = ()) -> pd.DataFrame:
-    """Read a CSV or parquet table of a scene.
-
-    Parameters
-    ----------
-    path : Path
-    columns : sequence of str
-        Those that there must be.
-    complete : sequence of str
-        Those of them in which no number may be missing.
-
-    Returns
-    -------
-    DataFrame
-        Ids, names and reasons are text, sizes and windows int64, coordinates float64 rounded
-        correctly (or the integers that a parquet file holds), NaN where nothing stands.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing or damaged, lacks a column, or a value is none of its column's kind: the
-        message names column, row and value.
-    """
+    """Read a CSV or parquet table of a scene."""
     import pandas as pd
     import pyarrow as pa
 
@@ -247,24 +226,7 @@ def refuse_cells(
     expected: str,
     ids: Sequence[str] = (),
 ) -> None:
-    """Refuse the values of a column that are wrong, if any is.
-
-    Parameters
-    ----------
-    path : Path
-    name : str
-        Of the column.
-    values : sequence of N
-    wrong : (N,) bool
-    expected : str
-    ids : sequence of N str, optional
-        To be named beside the rows.
-
-    Raises
-    ------
-    BenchmarkError
-        It names the first few rows and values.
-    """
+    """Refuse the values of a column that are wrong, if any is."""
     rows = np.flatnonzero(wrong).tolist()
     if rows:
         values = np.asarray(values, object)

@@ -19,7 +19,6 @@ __all__ = ["EXAMPLES", "audit"]
 
 EXAMPLES = examples(
     "audit table.csv",
-    "audit paper.tex",
     "audit table.csv --counts City=161,Rural=190 --format markdown",
 )
 
@@ -39,8 +38,8 @@ def audit(
     table: Annotated[
         Path,
         typer.Argument(
-            help="CSV, Markdown or LaTeX, also a whole paper. A line a number: method, scene, "
-            "metric, value; or a line a method: method, scene, and a column a score."
+            help="CSV, a line a number: the columns method, scene, metric, value, and any of "
+            "table, benchmark, track, unit, n, bold, gain."
         ),
     ],
     form: FormatOption = Format.TERMINAL,
@@ -60,12 +59,12 @@ def audit(
 ) -> None:
     """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
 
-    A table as it is typed off a page: the first line 'method,scene,R@1,R@5', then a line a method
-    and scene, such as 'X,City,8.70,24.84'. Keep trailing zeros. See docs/audit.md.
+    Numbers as they are typed off a page: the first line 'method,scene,metric,value', then a line a
+    number, such as 'X,City,R@1,8.70'. Keep trailing zeros. See docs/audit.md.
     """
     from airzoo_bench.audit.audit import audit as audit_published
     from airzoo_bench.audit.queries import parse_counts
-    from airzoo_bench.tables.printed.table import read_published
+    from airzoo_bench.tables.printed_values import read_published
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given, ap.value if ap else None)

@@ -12,7 +12,7 @@ import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
 from airzoo_bench.cli.common import JobsOption, say
-from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
 from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.choose import EngineKind, chosen_engine
@@ -82,17 +82,15 @@ def _predict(
     from airzoo_bench.evaluation.parts import Resources
 
     baseline: Any = track.baseline
-    with (
-        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
-        reported(place, show_progress=show_progress) as (used, shown),
-    ):
+    with chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
+        shown = choose_progress(place, show_progress=show_progress)
         run_baseline(
             track.name,
             protocol,
             out,
             data=resolve_data(data),
             settings=replace(baseline.settings, **settings),
-            resources=Resources(jobs=jobs, progress=shown, engine=used),
+            resources=Resources(jobs=jobs, progress=shown, engine=place),
             note=say,
         )
     say(f"wrote {out}")

@@ -43,10 +43,6 @@ def breakdown(
         ),
     ] = False,
     form: FormatOption = Format.TERMINAL,
-    resamples: Annotated[
-        int, typer.Option(min=100, max=1_000_000, help="Of the intervals.")
-    ] = 10_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the intervals.")] = 0,
 ) -> None:
     """Print scores by weather, altitude or any other column of the records.
 
@@ -73,7 +69,7 @@ def breakdown(
     if len(methods) > 1 and not wanted:
         scores = scores[:1]
     with_intervals = intervals or len(methods) == len(scores) == 1
-    plan = ResamplingConfig(resamples, seed) if with_intervals else None
+    plan = ResamplingConfig() if with_intervals else None
     show(breakdown_table(methods, scores, by, bins=edges, resampling=plan), form)
 
 

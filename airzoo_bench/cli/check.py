@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from airzoo_bench.cli.common import (
+    ImageSizeOption,
     MemoryOption,
     NamesOption,
     ProtocolOption,
@@ -37,6 +38,7 @@ def check(
     data: DataOption = None,
     reader: ReaderOption = None,
     names: NamesOption = None,
+    image_size: ImageSizeOption = None,
     max_memory: MemoryOption = "2G",
 ) -> None:
     """Say what predictions are, which reader takes them, what they answer, and what is wrong.
@@ -57,7 +59,7 @@ def check(
         data=resolve_data(data),
         protocol=protocol,
         resources=Resources(memory_bytes(max_memory)),
-        read_by=ReadBy(reader, names),
+        read_by=ReadBy(reader, names, image_size),
     )
     for line in checked.described:
         (say if checked.errors else _print)(f"{predictions}: {line}")

@@ -18,7 +18,7 @@ from airzoo_bench.cli.common import (
     say,
     show,
 )
-from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
 from airzoo_bench.engines.choose import EngineKind, chosen_engine
 
 if TYPE_CHECKING:
@@ -117,10 +117,8 @@ def check_geometry(
     sampling = Sampling(samples, seed, DepthKind(depth_kind), depth_scale)
     scenes = _scenes(data, scene, poses, images, crs)
     rule = PairRule(pairs)
-    with (
-        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
-        reported(place, show_progress=show_progress) as where,
-    ):
+    with chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
+        where = place, choose_progress(place, show_progress=show_progress)
         checked = [_checked(one, depth, sampling, rule, median_below, where) for one in scenes]
     if form is Format.JSON:
         put(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")

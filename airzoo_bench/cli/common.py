@@ -23,7 +23,6 @@ from airzoo_bench.tables.model import Table
 if TYPE_CHECKING:
     from airzoo_bench.protocol.model import Protocol
     from airzoo_bench.results.result import ScoreColumn
-    from airzoo_bench.tables.latex_float import LatexStyle
 
 __all__ = [
     "Format",
@@ -100,6 +99,16 @@ NamesOption = Annotated[
         "--names",
         help="A list of images, a line each, in the order in which the method saw them, where its "
         "files do not name them.",
+        show_default=False,
+    ),
+]
+ImageSizeOption = Annotated[
+    str | None,
+    typer.Option(
+        "--image-size",
+        metavar="WxH",
+        help="Width and height of the pictures that a matcher was given, such as 640x480, where "
+        "its files do not state them, as those of SuperGlue.",
         show_default=False,
     ),
 ]
@@ -228,12 +237,12 @@ def _write(text: str, stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def show(table: Table, form: Format, style: LatexStyle | None = None) -> None:
+def show(table: Table, form: Format, *, fit: bool = False) -> None:
     """Print a table on stdout, as wide as the terminal; the notes of CSV go to stderr."""
     from airzoo_bench.tables.render import render
 
     width = shutil.get_terminal_size((80, 24)).columns
-    put(render(table, form.value, width=width, styled=sys.stdout.isatty(), style=style), form)
+    put(render(table, form.value, width=width, styled=sys.stdout.isatty(), fit=fit), form)
     if form is Format.CSV:
         for note in table.notes:
             say(note)

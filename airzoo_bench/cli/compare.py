@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,22 +18,12 @@ __all__ = ["EXAMPLES", "PANELS", "compare"]
 EXAMPLES = examples(
     "compare results/mine/result.json results/theirs/result.json",
     "compare results/*/result.json --method Mine",
-    "compare --printed 96.21 94.32 --queries 264",
 )
 
 PANELS = {
     "What is compared": ("score", "every", "reference", "method", "scene", "most_different"),
-    "Statistics": ("interval", "resamples", "seed", "noise_floor"),
-    "Printed hit rates": ("printed", "queries"),
     "Output": ("form",),
 }
-
-
-class IntervalMethod(StrEnum):
-    """How intervals are computed from resamples."""
-
-    BCA = "bca"
-    PERCENTILE = "percentile"
 
 
 def compare(
@@ -75,36 +64,10 @@ def compare(
             "with the value of every method and, for two methods, the conditions.",
         ),
     ] = None,
-    interval: Annotated[
-        IntervalMethod, typer.Option(help="Which bootstrap interval.")
-    ] = IntervalMethod.BCA,
-    resamples: Annotated[
-        int,
-        typer.Option(
-            min=100, max=1_000_000, help="Of the bootstrap, and patterns of the permutation test."
-        ),
-    ] = 10_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of resamples and patterns.")] = 0,
-    printed: Annotated[
-        tuple[str, str] | None,
-        typer.Option(help="Two printed hit rates in percent, instead of results."),
-    ] = None,
-    queries: Annotated[
-        int | None, typer.Option(min=1, help="With --printed: on how many queries.")
-    ] = None,
-    noise_floor: Annotated[
-        Path | None,
-        typer.Option(
-            help="What `airzoo-bench sensitivity` wrote: smaller differences are no findings."
-        ),
-    ] = None,
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words."""
     from airzoo_bench.results.files import results_here
 
-    if printed is not None or queries is not None:
-        show(_printed(results, printed, queries), form)
-        return
     given, scores = results or [], score or []
     _check(given, every and bool(scores), reference or method, most_different)
     paths = results_here(given)
@@ -121,25 +84,8 @@ def compare(
         reference=reference,
         method=method,
         scene=scene,
-        interval=interval.value,
-        resamples=resamples,
-        seed=seed,
-        noise_floor=noise_floor,
     )
     show(found.table, form)
-
-
-def _printed(
-    results: list[str] | None, printed: tuple[str, str] | None, queries: int | None
-) -> Table:
-    from airzoo_bench.tables.printed_comparison import bounds_table, printed_bounds
-
-    if results or printed is None or queries is None:
-        raise UsageError(
-            "--printed and --queries belong together, and leave no place for results",
-            expected="such as --printed 96.21 94.32 --queries 264",
-        )
-    return bounds_table(*printed, printed_bounds(*printed, queries))
 
 
 def _check(paths: list[str], twice: bool, named: str | None, most_different: int | None) -> None:
@@ -147,7 +93,7 @@ def _check(paths: list[str], twice: bool, named: str | None, most_different: int
     if not paths:
         raise UsageError(
             "nothing to compare",
-            expected="result files, or --printed",
+            expected="result files",
             fix="airzoo-bench compare a/result.json b/result.json",
         )
     if twice:

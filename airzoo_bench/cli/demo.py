@@ -1,52 +1,89 @@
-"""``airzoo-bench demo``: every track on AirZoo-Mini, from nothing to tables."""
+"""``airzoo-bench demo``: a plain method on every track of the small benchmark that is shipped."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from airzoo_bench.cli.common import Format, JobsOption, examples, progress, put, say, show
 
+if TYPE_CHECKING:
+    from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.evaluation.given import AnyTrack
+    from airzoo_bench.evaluation.parts import Baseline, Resources
+
 __all__ = ["EXAMPLES", "demo"]
 
 EXAMPLES = examples("demo")
+_NAME = "airzoo-demo"
 
 
 def demo(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Where predictions and results go.")
     ] = Path("airzoo-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Another seed is another place.")] = 0,
     jobs: JobsOption = 2,
 ) -> None:
-    """Make a world, run a plain method on every track, and print the tables. Needs no data.
+    """Run a plain method on every track of a small benchmark, and print the tables.
 
-    The world and its photos are kept in the data root. A run that was stopped goes on.
+    Needs no data: the benchmark is shipped. Predictions of an earlier run are used again.
     """
-    from airzoo_bench.benchmark.folder import Benchmark
+    from airzoo_bench.benchmark.folder import find_benchmark
     from airzoo_bench.core.places import check_output_folder, data_root
-    from airzoo_bench.datasets.mini.demo import demo_benchmark, demo_tracks, run_track
-    from airzoo_bench.engines.processes import Processes
+    from airzoo_bench.core.registry import TRACKS
+    from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.run_files import save
     from airzoo_bench.tables.layouts import scenes_table
 
     check_output_folder(out, ())
-    say(f"AirZoo-Mini: a made-up city and a valley, kept in {data_root()}")
-    data = demo_benchmark(
-        data_root(), seed=seed, engine=Processes(jobs), progress=progress, note=say
-    )
+    benchmark = find_benchmark(_NAME, data_root())
+    data = benchmark.folder
+    say(f"{_NAME}: photos of a made-up city, in {data}")
     resources = Resources(jobs=jobs, progress=progress)
-    for track, baseline in demo_tracks():
-        say(f"{track.name}: {baseline.method}")
-        result = run_track(track, baseline, data, out, seed=seed, resources=resources)
-        show(scenes_table(result, floors=True), Format.TERMINAL)
+    for name in benchmark.file.tracks:
+        track = TRACKS.get(name)
+        if (baseline := track.baseline) is None:
+            continue
+        say(f"{name}: {baseline.method}")
+        predictions = _predictions(track, baseline, benchmark, out / name, resources)
+        scored = evaluate(
+            predictions, data=data, track=name, method=baseline.method, resources=resources
+        )
+        save(scored, out / name)
+        show(scenes_table(scored.result, floors=True), Format.TERMINAL)
         put("\n")
     say(f"predictions, result.json and records.csv of each track lie in {out}")
-    benchmark = Benchmark.open(data)
-    first = out / demo_tracks()[0][0].name
-    say(f"next: airzoo-bench table {first / 'result.json'} --format latex")
-    photos = [str(benchmark.resolve(scene.images)) for scene in benchmark.file.scenes]
-    say(f"      look at the photos, which lie in {' and '.join(photos)}")
-    say("      put your own method next to it: airzoo-bench template airzoo-mini-retrieval")
+    say(f"next: airzoo-bench report {out / 'retrieval'} {out / 'matching'} --out demo.html")
+    say(f"      put your own method next to it: airzoo-bench template {_NAME}-retrieval")
+
+
+def _predictions(
+    track: AnyTrack,
+    baseline: Baseline[object],
+    benchmark: Benchmark,
+    folder: Path,
+    resources: Resources,
+) -> Path:
+    """Return the file of the plain method, made now unless this version has made it already."""
+    from airzoo_bench.core.files import atomic_write, fingerprint
+    from airzoo_bench.core.version import __version__
+    from airzoo_bench.evaluation.generate import run_baseline
+
+    path, mark = folder / baseline.out, folder / ".made-from"
+    made_from = fingerprint([__version__, benchmark.file.checksums])
+    if not (path.exists() and mark.is_file() and mark.read_text() == made_from):
+        mark.unlink(missing_ok=True)
+        run_baseline(
+            track.name,
+            f"{_NAME}-{track.name}",
+            path,
+            data=benchmark.folder,
+            settings=baseline.demo,
+            resources=resources,
+        )
+        with atomic_write(mark, "w") as stream:
+            stream.write(made_from)
+    return path

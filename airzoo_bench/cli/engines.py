@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -12,7 +12,7 @@ import typer
 
 from airzoo_bench.cli.common import printable, progress, say
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.progress import Progress, silent, told
+from airzoo_bench.core.progress import Progress, told
 from airzoo_bench.engines.choose import EngineKind
 
 if TYPE_CHECKING:
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
 __all__ = [
     "EngineOption",
     "ProgressOption",
-    "ReportOption",
     "ResumeOption",
     "SchedulerOption",
+    "choose_progress",
     "rated",
-    "reported",
     "watched",
 ]
 
@@ -62,13 +61,11 @@ ResumeOption = Annotated[
         "With --engine dask they are always kept; here, where --resume was given to that run too.",
     ),
 ]
-_SHOWN = (
-    "Show tasks, rate, time left and the address of Dask's dashboard; report seconds and bytes by "
-    "stage at the end"
-)
-ProgressOption = Annotated[bool, typer.Option("--progress", help=f"{_SHOWN}.")]
-ReportOption = Annotated[
-    bool, typer.Option("--progress", help=f"{_SHOWN}, and in run_report.json of --out.")
+ProgressOption = Annotated[
+    bool,
+    typer.Option(
+        "--progress", help="Show tasks, rate, time left and the address of Dask's dashboard."
+    ),
 ]
 
 
@@ -76,7 +73,7 @@ ReportOption = Annotated[
 def watched(
     place: Engine, *, show_progress: bool, keep_for: Path | None = None, resume: bool = False
 ) -> Iterator[Watched]:
-    """Show the work of an engine and report it; keep what is finished until the block is done.
+    """Show the work of an engine; keep what is finished until the block is done.
 
     Parameters
     ----------
@@ -93,20 +90,20 @@ def watched(
     kept = None if keep_for is None else _kept(keep_for, place, resume=resume)
     used = place if kept is None or not (resume or place.distributed) else kept
     watching = Watched(used, rated if show_progress else progress)
-    with _reported(place, watching) if show_progress else nullcontext():
-        try:
-            yield watching
-        except KeyboardInterrupt:
-            if used is kept and kept.leftovers:
-                _say_how_to_go_on(kept)
-            raise
-        if kept is not None:
-            kept.remove()
+    if show_progress:
+        _say_dashboard(place)
+    try:
+        yield watching
+    except KeyboardInterrupt:
+        if used is kept and kept.leftovers:
+            _say_how_to_go_on(kept)
+        raise
+    if kept is not None:
+        kept.remove()
 
 
-@contextmanager
-def reported(place: Engine, *, show_progress: bool) -> Iterator[tuple[Engine, Progress]]:
-    """Yield an engine and how its work is shown by who gives it tasks; report it where asked.
+def choose_progress(place: Engine, *, show_progress: bool) -> Progress:
+    """Return how the work of an engine is shown by who gives it tasks; say where its pages are.
 
     Parameters
     ----------
@@ -114,24 +111,14 @@ def reported(place: Engine, *, show_progress: bool) -> Iterator[tuple[Engine, Pr
     show_progress : bool
         What ``--progress`` shows.
     """
-    from airzoo_bench.engines.watched import Watched
-
-    if not show_progress:
-        yield place, progress
-        return
-    watching = Watched(place, silent)
-    with _reported(place, watching):
-        yield watching, rated
+    if show_progress:
+        _say_dashboard(place)
+    return rated if show_progress else progress
 
 
-@contextmanager
-def _reported(place: Engine, watching: Watched) -> Iterator[None]:
-    """Say where the dashboard is, then, unless the block fails, what its work took."""
+def _say_dashboard(place: Engine) -> None:
     if place.dashboard is not None:
         say(f"dashboard: {place.dashboard}")
-    yield
-    for line in watching.report.lines():
-        say(line)
 
 
 def _say_how_to_go_on(kept: Kept) -> None:

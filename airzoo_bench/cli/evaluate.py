@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -14,6 +14,7 @@ from airzoo_bench.cli.built import BuiltGroup, parameter, with_parameters
 from airzoo_bench.cli.common import (
     Format,
     FormatOption,
+    ImageSizeOption,
     JobsOption,
     NamesOption,
     ProtocolOption,
@@ -26,7 +27,7 @@ from airzoo_bench.cli.common import (
 )
 from airzoo_bench.cli.engines import (
     EngineOption,
-    ReportOption,
+    ProgressOption,
     ResumeOption,
     SchedulerOption,
     rated,
@@ -36,7 +37,6 @@ from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.choose import EngineKind, chosen_engine
-from airzoo_bench.results.files import RecordsKind
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -45,14 +45,6 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-RecordsOption = Annotated[
-    RecordsKind,
-    typer.Option(
-        "--records",
-        help="As what the records are written into --out; all commands read both. Parquet is "
-        "smaller and faster where there are hundreds of thousands of queries.",
-    ),
-]
 OutOption = Annotated[
     str | None,
     typer.Option(
@@ -82,8 +74,8 @@ class _EvalGroup(BuiltGroup):
     registry = TRACKS
     own_panel = "Figures and checks"
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Predictions": ("protocol", "data", "reader", "names"),
-        "Output": ("out", "records", "method", "form", "every_score"),
+        "Predictions": ("protocol", "data", "reader", "names", "image_size"),
+        "Output": ("out", "method", "form", "every_score"),
         "Resources": ("jobs", "max_memory", "engine", "scheduler", "resume", "show_progress"),
     }
 
@@ -93,9 +85,9 @@ class _EvalGroup(BuiltGroup):
             parameter("protocol", ProtocolOption, None),
             parameter("data", DataOption, None),
             parameter("out", OutOption, None),
-            parameter("records", RecordsOption, RecordsKind.CSV),
             parameter("reader", ReaderOption, None),
             parameter("names", NamesOption, None),
+            *[parameter("image_size", ImageSizeOption, None)] * thing.takes_image_size,
             parameter("method", MethodOption, None),
             parameter("form", FormatOption, Format.TERMINAL),
             parameter("every_score", AllOption, False),
@@ -105,7 +97,7 @@ class _EvalGroup(BuiltGroup):
             parameter("engine", EngineOption, EngineKind.LOCAL),
             parameter("scheduler", SchedulerOption, None),
             parameter("resume", ResumeOption, False),
-            parameter("show_progress", ReportOption, False),
+            parameter("show_progress", ProgressOption, False),
         ]
         command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
         call = f"eval {thing.name} {thing.example}"
@@ -138,7 +130,6 @@ def _evaluate(
     protocol: str | None,
     data: str | None,
     out: str | None,
-    records: RecordsKind,
     reader: str | None,
     names: Path | None,
     method: str | None,
@@ -150,6 +141,7 @@ def _evaluate(
     scheduler: str | None,
     resume: bool,
     show_progress: bool,
+    image_size: str | None = None,
     **extras: bool | int,
 ) -> None:
     from airzoo_bench.core.registry import resolve
@@ -160,8 +152,7 @@ def _evaluate(
 
     asked = [one for one in track.options if extras[one.name] != one.default]
     writing = [f"--{one.name}" for one in asked if one.needs_out]
-    as_table = ["--records"] * (records is not RecordsKind.CSV)
-    _refuse_without_folder([*writing, *as_table, *["--resume"] * resume], out)
+    _refuse_without_folder([*writing, *["--resume"] * resume], out)
     inputs = [one for one in (predictions, protocol, data, names) if one is not None]
     name = _named_after(out, method, inputs)
     memory = memory_bytes(max_memory)
@@ -182,26 +173,30 @@ def _evaluate(
             protocol=protocol,
             method=name,
             resources=resources,
-            read_by=ReadBy(reader, names),
+            read_by=ReadBy(reader, names, image_size),
             begun=partial(_say_replaced, out),
         )
         if evaluation.given.reader is not None:
             say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
-        report = watching.report if show_progress else None
 
-        def act(folder: Path | None, *, writing: bool) -> None:
+        def act(folder: Path | None) -> Iterator[str]:
             for one in asked:
-                if one.needs_out == writing:
-                    for line in resolve(one.act)(evaluation, extras[one.name], folder, resources):
-                        say(line)
+                if one.needs_out == (folder is not None):
+                    yield from resolve(one.act)(evaluation, extras[one.name], folder, resources)
 
-        written: list[Path] = []
+        written, lines = list[Path](), list[str]()
         if out is not None:
             with run_folder(out) as folder:
-                written = save(evaluation, folder, records, report)
-                act(folder, writing=True)
+
+                def draw(staged: Path) -> None:
+                    lines.extend(line.replace(str(staged), str(folder)) for line in act(staged))
+
+                written = save(evaluation, folder, draw)
+        for line in lines:
+            say(line)
         _print_result(evaluation.result, form, every_score=every_score)
-        act(None, writing=False)
+        for line in act(None):
+            say(line)
     if method is None and name is not None:
         say(f"the method is called {name}, after --out; --method gives it another name")
     _print_next(written)

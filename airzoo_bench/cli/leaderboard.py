@@ -23,18 +23,13 @@ def _group() -> None:
     """Make and run a board in a repository of your own."""
 
 
-@app.command(
-    epilog=examples("leaderboard init board", "leaderboard init . --gitlab --repository lab/board")
-)
+@app.command(epilog=examples("leaderboard init board", "leaderboard init . --repository lab/board"))
 def init(
     folder: Annotated[Path, typer.Argument(help="A repository, or a folder to become one.")],
     repository: Annotated[
         str | None,
         typer.Option(help="Its name where it is hosted, such as lab/board.", show_default=False),
     ] = None,
-    gitlab: Annotated[
-        bool, typer.Option("--gitlab", help="CI for GitLab instead of GitHub.")
-    ] = False,
 ) -> None:
     """Write the files of a board: leaderboard.toml, workflows, folders, docs for submitters.
 
@@ -43,9 +38,9 @@ def init(
     """
     from airzoo_bench.leaderboard.starter.write import next_steps, write_starter
 
-    for path in write_starter(folder, repository, gitlab=gitlab):
+    for path in write_starter(folder, repository):
         put(f"{path}\n")
-    for line in next_steps(folder, gitlab=gitlab):
+    for line in next_steps(folder):
         say(line)
 
 

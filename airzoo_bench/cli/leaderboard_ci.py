@@ -28,11 +28,11 @@ app = typer.Typer(
 
 EventOption = Annotated[
     Path,
-    typer.Option(help="The event as GitHub writes it, or a merge request of GitLab's API."),
+    typer.Option(help="The event as GitHub writes it."),
 ]
 RemoteOption = Annotated[
     str,
-    typer.Option(help="URL or folder of the repository; $GIT_TOKEN of $GIT_USER is sent to it."),
+    typer.Option(help="URL or folder of the repository; $GIT_TOKEN is sent to it."),
 ]
 RootOption = Annotated[
     Path, typer.Option(help="A checkout of the board's own branch, with leaderboard.toml.")
@@ -109,10 +109,7 @@ def ledger(
     ] = None,
     event: Annotated[
         Path | None,
-        typer.Option(
-            help="Of the merge, for merged; or GitLab's list of a commit's.",
-            show_default=False,
-        ),
+        typer.Option(help="Of the merge, for merged.", show_default=False),
     ] = None,
     out: Annotated[
         Path | None,
@@ -129,14 +126,10 @@ def ledger(
     """
     from airzoo_bench.leaderboard.ci.artifact import read_artifact, write_artifact
     from airzoo_bench.leaderboard.ci.entries import enter, enter_merge
-    from airzoo_bench.leaderboard.ci.event import read_events
+    from airzoo_bench.leaderboard.ci.event import read_event
 
     if outcome is Outcome.MERGED:
-        pulls = read_events(_needed(event, "--event"))
-        for pull in pulls:
-            say(enter_merge(pull, remote))
-        if not pulls:
-            say("this commit came by no merge request: nothing to enter")
+        say(enter_merge(read_event(_needed(event, "--event")), remote))
         return
     given = _needed(artifact, "--artifact")
     word = cast("Word", outcome.value)
@@ -180,9 +173,6 @@ def comment(
         list[Path], typer.Argument(help="Of all steps in their order; the last that exists is it.")
     ],
     out: OutOption,
-    gitlab: Annotated[
-        bool, typer.Option("--gitlab", help="How GitLab merges, instead of GitHub.")
-    ] = False,
 ) -> None:
     """Write the comment on a pull request, in Markdown, from what was found alone."""
     from airzoo_bench.core.files import atomic_write
@@ -190,7 +180,7 @@ def comment(
     from airzoo_bench.leaderboard.ci.comment import comment_on
 
     with atomic_write(out, "w") as stream:
-        stream.write(comment_on(read_artifact(_last(artifacts)), gitlab=gitlab))
+        stream.write(comment_on(read_artifact(_last(artifacts))))
 
 
 @app.command(epilog=examples("leaderboard ci rescore --remote . --out runs"))
@@ -243,7 +233,8 @@ def _rules(root: Path, branch: str, data: str | None, max_memory: str, jobs: int
     from airzoo_bench.leaderboard.ci.scoring import Rules
 
     resources = Resources(memory_bytes(max_memory), jobs=jobs)
-    return Rules(read_board(root / BOARD_FILE), root, branch, resolve_data(data), resources)
+    board = read_board(root / BOARD_FILE)
+    return Rules(board, root, branch, resolve_data(data), resources, _say)
 
 
 def _check_empty(folder: Path) -> None:

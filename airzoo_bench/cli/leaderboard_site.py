@@ -49,7 +49,7 @@ def build(
     engine: EngineOption = EngineKind.LOCAL,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Make the static site of a board: tables, pages, feed, JSON. See docs/leaderboard-api.md.
+    """Make the static site of a board: tables, pages, JSON. See docs/leaderboard-api.md.
 
     The board that stands is replaced in one step, when the new one is whole. A second build reads
     what the first has kept and takes seconds.
@@ -58,7 +58,6 @@ def build(
     from airzoo_bench.leaderboard.board import read_board
     from airzoo_bench.leaderboard.site.api_files import Given
     from airzoo_bench.leaderboard.site.build import build_board
-    from airzoo_bench.leaderboard.site.reproductions import REPRODUCTIONS_FILE, read_links
 
     if runs != _RUNS and not runs.is_dir():
         raise UsageError(
@@ -79,7 +78,6 @@ def build(
         submissions,
         results or [],
         stated,
-        read_links(board.with_name(REPRODUCTIONS_FILE)),
         resolve_data(data),
     )
     kept = out.with_name(f"{out.name}.cache") if cache is None else cache

@@ -14,19 +14,18 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperOption
 
 from airzoo_bench.cli import (
     audit,
     baseline,
     breakdown,
-    cache,
     check,
     check_geometry,
     compare,
     demo,
     download,
     evaluate,
-    export,
     leaderboard,
     manifest,
     mini,
@@ -36,7 +35,6 @@ from airzoo_bench.cli import (
     readers,
     report,
     seal,
-    sensitivity,
     submission,
     table,
     template,
@@ -69,6 +67,17 @@ class _Main(LightGroup):
         return _PANELS.index(panel), name not in _FIRST
 
 
+_display_type = TyperOption.display_type_rich
+
+
+def _breakable_type(option: TyperOption, ctx: Any) -> str:
+    """Return the type that the help shows, with choices that a line may end between."""
+    return (_display_type(option, ctx) or "").replace("|", "| ")
+
+
+# Typer writes choices without blanks, which narrow terminals break in mid-word.
+TyperOption.display_type_rich = _breakable_type  # type: ignore[method-assign, assignment]
+
 app = typer.Typer(
     name="airzoo-bench",
     cls=_Main,
@@ -92,17 +101,10 @@ app.command(
 )(compare.compare)
 app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
 app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
-app.command(
-    "sensitivity",
-    cls=in_panels(sensitivity.PANELS),
-    epilog=sensitivity.EXAMPLES,
-    rich_help_panel=RESULTS,
-)(sensitivity.sensitivity)
 app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
 app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download.download)
 app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
 app.command("manifest", epilog=manifest.EXAMPLES, rich_help_panel=DATA)(manifest.manifest)
-app.command("cache", epilog=cache.EXAMPLES, rich_help_panel=DATA)(cache.cache)
 app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
 app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
 app.command(
@@ -118,12 +120,9 @@ app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
 app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 for _name, _command, _examples in (
     ("seal", seal.seal, seal.SEAL_EXAMPLES),
-    ("unseal", seal.unseal, seal.UNSEAL_EXAMPLES),
-    ("seal-key", seal.seal_key, seal.KEY_EXAMPLES),
     ("seal-score", seal.seal_score, seal.SCORE_EXAMPLES),
 ):
     app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
-app.add_typer(export.app, name="export", rich_help_panel=LEADERBOARD)
 app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
 app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 

@@ -15,9 +15,8 @@ import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
 from airzoo_bench.cli.common import MOST_JOBS, progress, put, say, working
-from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, reported
+from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
 from airzoo_bench.cli.locations import with_data
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS, TRACKS
@@ -53,10 +52,6 @@ CropsOption = Annotated[
 CopyOption = Annotated[
     bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
 ]
-AddToOption = Annotated[
-    Path | None,
-    typer.Option("--add-to", help="Add the scenes to this benchmark folder, made by `prepare`."),
-]
 JobsOption = Annotated[
     int,
     typer.Option(
@@ -84,7 +79,7 @@ class _PrepareGroup(BuiltGroup):
             *("protocol", "matching_protocol", "reconstruction_protocol"),
             *("tile_size", "tile_size_m", "rule", "iou_above", "plane_height"),
         ),
-        "Output": ("out", "tiles", "crops", "copy", "add_to", "force"),
+        "Output": ("out", "tiles", "crops", "copy", "force"),
         "Resources": ("jobs", "engine", "scheduler", "show_progress"),
     }
 
@@ -95,7 +90,6 @@ class _PrepareGroup(BuiltGroup):
             parameter("tiles", TilesOption, Parts.WINDOWS),
             parameter("crops", CropsOption, Parts.WINDOWS),
             parameter("copy", CopyOption, False),
-            parameter("add_to", AddToOption, None),
             parameter("force", ForceOption, False),
             *([] if thing.jobs is None else _spread(thing.jobs)),
         ]
@@ -136,7 +130,6 @@ def _prepare(
     tiles: Parts,
     crops: Parts,
     copy: bool,
-    add_to: Path | None,
     force: bool,
     jobs: int = 1,
     engine: EngineKind = EngineKind.LOCAL,
@@ -150,7 +143,7 @@ def _prepare(
 
     chosen, root = dataset.options(**options), data_root()
     with working(_GETTING_READY):
-        folder = add_to or out or root / dataset.folder_name(chosen, root)
+        folder = out or root / dataset.folder_name(chosen, root)
     settings = PrepareSettings(
         folder,
         root,
@@ -158,25 +151,19 @@ def _prepare(
         crops_on_disk=crops is Parts.FILES,
         copy=copy,
         replace=force,
-        add_to=add_to,
         progress=progress,
         note=say,
     )
-    if add_to is not None and out is not None:
-        raise UsageError("--add-to names the folder, and so does --out", fix="leave out --out")
     with working(_GETTING_READY):
-        there = add_to is None and not force and dataset.is_prepared(chosen, settings)
+        there = not force and dataset.is_prepared(chosen, settings)
     if there:
         put(f"{folder}\n")
         say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
         return
-    if add_to is None:
-        check_new_folder(folder, replace=force)
-    with (
-        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
-        reported(place, show_progress=show_progress) as (used, shown),
-    ):
-        prepared = dataset.prepare(chosen, replace(settings, engine=used, progress=shown))
+    check_new_folder(folder, replace=force)
+    with chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
+        shown = choose_progress(place, show_progress=show_progress)
+        prepared = dataset.prepare(chosen, replace(settings, engine=place, progress=shown))
     _print_prepared(dataset.about, dataset.reasons(chosen), prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"

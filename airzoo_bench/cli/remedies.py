@@ -14,8 +14,8 @@ __all__ = ["options_of", "own_ways"]
 
 # Options that library code names, and that not every command has which calls it.
 _SHARED = {
-    "--data", "--depth", "--engine", "--force", "--jobs", "--max-memory", "--names", "--out",
-    "--protocol", "--reader", "--resume", "--scheduler",
+    "--data", "--depth", "--engine", "--force", "--image-size", "--jobs", "--max-memory",
+    "--names", "--out", "--protocol", "--reader", "--resume", "--scheduler",
 }  # fmt: skip
 _OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 _OTHER_CALL = re.compile(r"`[^`]*`(?: with --\w+)?")

@@ -23,21 +23,13 @@ from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.plurals import counted
 
 __all__ = [
-    "KEY_EXAMPLES",
     "SCORE_EXAMPLES",
     "SEAL_EXAMPLES",
-    "UNSEAL_EXAMPLES",
     "seal",
-    "seal_key",
     "seal_score",
-    "unseal",
 ]
 
-KEY_EXAMPLES = examples("seal-key key.txt")
 SEAL_EXAMPLES = examples("seal mine --out public/mine --archive public/mine.age --to age1...")
-UNSEAL_EXAMPLES = examples(
-    "unseal public/mine --archive public/mine.age --key key.txt --out unsealed/mine"
-)
 SCORE_EXAMPLES = examples(
     "seal-score preds.npz --protocol mine-retrieval --data public/mine --archive public/mine.age "
     "--key key.txt"
@@ -49,16 +41,6 @@ KeyOption = Annotated[
     typer.Option("--key", help="The key file (default: the key in $AIRZOO_BENCH_KEY)."),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what stands there.")]
-
-
-def seal_key(
-    file: Annotated[Path, typer.Argument(help="The key file to write, as age-keygen does.")],
-) -> None:
-    """Make a key for sealed truth, and print the public one, which truth is sealed to."""
-    from airzoo_bench.leaderboard.sealed.keys import new_key
-
-    put(new_key(file) + "\n")
-    say(f"the secret key is in {file}: whoever has it has the truth; without it nobody scores")
 
 
 def seal(
@@ -85,21 +67,6 @@ def seal(
     )
     say(f"commitment {sealed.commitment}")
     say(f"publish {out}; {archive} may lie next to it: only the key opens it")
-
-
-def unseal(
-    public: Annotated[Path, typer.Argument(help="The public folder that `seal` wrote.")],
-    archive: ArchiveOption,
-    out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write.")],
-    key: KeyOption = None,
-    force: ForceOption = False,
-) -> None:
-    """Make a folder of a public one and its archive again, the same to the last byte."""
-    from airzoo_bench.leaderboard.sealed.keys import read_key
-    from airzoo_bench.leaderboard.sealed.unsealing import unseal as run
-
-    run(public, archive, read_key(key), out, replace=force, progress=progress)
-    put(f"{out}\n")
 
 
 def seal_score(

@@ -32,7 +32,7 @@ def _option(help_: str, *flags: str, **more: Any) -> Any:
 NEW_PANELS = {
     "Files": ("url", "claimed", "reader", "names", "folder", "board", "data", "force"),
     "Method": ("protocol", "method", "summary", "stages", "uses", "training_data", "date"),
-    "Who": ("team", "contact", "author", "licence", "supersedes"),
+    "Who": ("team", "contact", "author", "licence"),
     "Links": ("paper", "code", "weights", "bibtex"),
     "Cost": ("hardware", "seconds_per_query", "memory_gb", "baseline", "setting"),
 }
@@ -77,9 +77,6 @@ def new(
     ] = False,
     setting: Annotated[
         list[str] | None, _option("Of the baseline, such as words=16; once for each.")
-    ] = None,
-    supersedes: Annotated[
-        str | None, _option("The folder of your earlier submission that this replaces.")
     ] = None,
     url: Annotated[
         str | None, _option("Where CI fetches the predictions; then they are not copied.")
@@ -137,7 +134,6 @@ def new(
             "seconds_per_query": seconds_per_query,
             "memory_gb": memory_gb,
             "baseline": setting if baseline or setting else None,
-            "supersedes": supersedes,
             "reader": reader,
         },
         rules.protocols,
@@ -153,8 +149,7 @@ def new(
     shown = written.relative_to(Path.cwd()) if written.is_relative_to(Path.cwd()) else written
     put(f"{shown}\n")
     say(f"next: airzoo-bench submission check {shown}{with_data(data)}")
-    request = "merge" if rules.gitlab else "pull"
-    say(f"then commit this folder alone on a branch of its own, and open a {request} request")
+    say("then commit this folder alone on a branch of its own, and open a pull request")
 
 
 app.command("check", epilog=examples("submission check submissions/airzoo-mini/matching/sift"))(

@@ -27,8 +27,7 @@ _REQUIRED = (
     "training_data",
     "stages",
 )
-_OFFERED = ("uses", "summary", "paper", "code")
-_LISTS = ("authors", "training_data", "uses")
+_LISTS = ("authors", "training_data")
 _FLAGS = {"authors": "--author"}
 _NONE = (["none"], ["[]"])
 """What a method without training answers; the second is how submission.toml has it."""
@@ -59,11 +58,7 @@ def complete(given: dict[str, Any], protocols: Sequence[str]) -> dict[str, Any]:
             fix="add these options, or call it on a terminal, where it asks",
         )
     if missing:
-        offered = [key for key in _OFFERED if given[key] is None]
-        given = given | {
-            key: _asked(key, _choices(key, protocols), needed=key in _REQUIRED)
-            for key in (*missing, *offered)
-        }
+        given = given | {key: _asked(key, _choices(key, protocols)) for key in missing}
     return _values(given)
 
 
@@ -86,10 +81,10 @@ def _literals(annotation: Any) -> list[str]:
     return [text for one in inner for text in ([one] if isinstance(one, str) else _literals(one))]
 
 
-def _asked(key: str, choices: Sequence[str], *, needed: bool) -> Any:
+def _asked(key: str, choices: Sequence[str]) -> Any:
     """Ask until the answer is right."""
     field = _field(key)
-    typer.echo(f"\n{field.description} ({_hints(key, field, choices, needed)})", err=True)
+    typer.echo(f"\n{field.description} ({_hints(key, field, choices)})", err=True)
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
     while True:
         try:
@@ -97,10 +92,8 @@ def _asked(key: str, choices: Sequence[str], *, needed: bool) -> Any:
         except typer.Abort:  # Ctrl-C, or the end of the input
             raise KeyboardInterrupt from None
         value = _split(answer) if key in _LISTS else answer.strip()
-        if not needed and not value:
-            return None
-        if not value or not _is_one_of(value, choices):
-            expected = _hints(key, field, choices, needed)
+        if not value or (choices and value not in choices):
+            expected = _hints(key, field, choices)
             typer.echo(f"  {toml_value(answer)}{nearest(answer, [*choices])}: {expected}", err=True)
             continue
         try:
@@ -112,22 +105,15 @@ def _asked(key: str, choices: Sequence[str], *, needed: bool) -> Any:
         return value
 
 
-def _hints(key: str, field: Any, choices: Sequence[str], needed: bool) -> str:
+def _hints(key: str, field: Any, choices: Sequence[str]) -> str:
     example = field.examples[0]
     plain = ", ".join(example) if isinstance(example, list) else toml_value(example).strip('"')
-    several = key in _LISTS
     hints = [
-        f"{'any' if several else 'one'} of {', '.join(choices)}" if choices else f"such as {plain}",
-        "several with commas" if several else "",
+        f"one of {', '.join(choices)}" if choices else f"such as {plain}",
+        "several with commas" if key in _LISTS else "",
         "none for a method without training" if key == "training_data" else "",
-        "" if needed else "Enter for none",
     ]
     return "; ".join(filter(None, hints))
-
-
-def _is_one_of(value: str | list[str], choices: Sequence[str]) -> bool:
-    every = [value] if isinstance(value, str) else value
-    return not choices or all(one in choices for one in every)
 
 
 def _split(answer: str) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -16,20 +15,19 @@ __all__ = ["EXAMPLES", "PANELS", "table"]
 
 EXAMPLES = examples(
     "table results/*/result.json --format latex",
-    "table */result.json --layout scenes --published -f latex --standalone",
-    'table */result.json -f latex --fit --caption "Results." --label tab:all',
+    "table */result.json --layout scenes --published -f latex --fit",
     "table --published --protocol uav-visloc-retrieval --layout scenes",
 )
 
 PANELS = {
     "Rows and columns": (
         *("layout", "scene", "every_score", "scores", "sort", "highlight", "floors", "rename"),
-        *("queries", "average", "per_block"),
+        *("queries", "average"),
     ),
-    "Statistics": ("intervals", "second", "baseline", "noise_floor"),
-    "Published numbers": ("published", "protocol", "mark_published"),
+    "Statistics": ("intervals", "second", "baseline"),
+    "Published numbers": ("published", "protocol"),
     "Output": ("form", "decimals"),
-    "LaTeX": ("cite", "siunitx", "standalone", "caption", "label", "fit"),
+    "LaTeX": ("cite", "fit"),
 }
 
 
@@ -67,9 +65,6 @@ def table(
         str | None,
         typer.Option(help="With --published, instead of results: print what is published on it."),
     ] = None,
-    mark_published: Annotated[
-        bool, typer.Option("--mark-published", help="Let published rows compete for the marks.")
-    ] = False,
     second: Annotated[
         bool, typer.Option("--second", help="Underline the second best of each score.")
     ] = False,
@@ -96,12 +91,6 @@ def table(
             "--floors", help="Add rows for what needs no method: chance level, the prior itself."
         ),
     ] = False,
-    noise_floor: Annotated[
-        Path | None,
-        typer.Option(
-            help="What `airzoo-bench sensitivity` wrote: say which differences are in noise."
-        ),
-    ] = None,
     sort: Annotated[
         str | None,
         typer.Option(
@@ -121,15 +110,6 @@ def table(
     average: Annotated[
         bool, typer.Option(help="With scenes: the average over them.", show_default=False)
     ] = True,
-    per_block: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="How many scenes or benchmarks stand side by side (default: at most 2 or 4; on a "
-            "terminal what fits).",
-            show_default=False,
-        ),
-    ] = None,
     rename: Annotated[
         list[str] | None,
         typer.Option(
@@ -137,16 +117,6 @@ def table(
             "shows it; methods of different benchmarks with one name share a row. Repeatable."
         ),
     ] = None,
-    siunitx: Annotated[
-        bool, typer.Option("--siunitx", help="LaTeX: align numbers at their points.")
-    ] = False,
-    standalone: Annotated[
-        bool, typer.Option("--standalone", help="LaTeX: a document that compiles by itself.")
-    ] = False,
-    caption: Annotated[
-        str, typer.Option(help="LaTeX: a float with this caption, of plain text.")
-    ] = "",
-    label: Annotated[str, typer.Option(help="LaTeX: the label of the float, for \\ref.")] = "",
     fit: Annotated[
         bool, typer.Option("--fit", help="LaTeX: shrink a table that is wider than the line.")
     ] = False,
@@ -154,7 +124,6 @@ def table(
     """Print one result by scene, or several side by side by method."""
     from airzoo_bench.cli.table_making import make_table
     from airzoo_bench.results.files import results_here
-    from airzoo_bench.tables.latex_float import LatexStyle, check_style, options_of
 
     request = TableRequest(
         results=tuple(results_here(results or ())),
@@ -164,7 +133,6 @@ def table(
         every_score=every_score,
         scores=tuple(scores or ()),
         published=published,
-        mark_published=mark_published,
         second=second,
         baselines=tuple(baseline or ()),
         highlighted=tuple(highlight or ()),
@@ -172,19 +140,14 @@ def table(
         intervals=intervals,
         queries=queries,
         average=average,
-        per_block=per_block,
         renamed=tuple(rename or ()),
         floors=floors,
-        noise_floor=noise_floor,
         sort=sort,
         decimals=decimals,
     )
-    style = LatexStyle(siunitx, standalone, caption, label, fit)
-    if form is Format.LATEX:
-        check_style(style)
-    else:
-        _check_no_latex({**options_of(style), "--cite": cite})
-    show(make_table(request), form, style)
+    if form is not Format.LATEX:
+        _check_no_latex({"--fit": fit, "--cite": cite})
+    show(make_table(request), form, fit=fit)
 
 
 def _check_no_latex(given: dict[str, object]) -> None:

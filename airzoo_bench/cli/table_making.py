@@ -99,13 +99,11 @@ class _TableMaker:
         asked, tables = self.request, self._tables()
         if self.layout is Layout.BENCHMARKS:
             kept = [table for table in tables if table.scores]
-            made = benchmarks_layout(kept, per_block=asked.per_block)
+            made = benchmarks_layout(kept)
             return replace(made, notes=(*self._left_out(tables), *made.notes))
         if self.layout is Layout.METHODS:
             return methods_layout(tables[0], asked.scene)
-        return scenes_layout(
-            tables[0], average=asked.average, queries=asked.queries, per_block=asked.per_block
-        )
+        return scenes_layout(tables[0], average=asked.average, queries=asked.queries)
 
     def _tables(self) -> list[MethodTable]:
         """Return a table of methods for each protocol, with the scores to show, if it has any."""
@@ -137,9 +135,6 @@ class _TableMaker:
     def _filled(self, table: MethodTable, places: Sequence[int]) -> MethodTable:
         if self.request.intervals:
             table = self._with_intervals(table, places)
-        if self.request.noise_floor is not None:
-            own = [self.results[place] for place in places]
-            table = self._with_noise_floor(table, self.request.noise_floor, own)
         if self.request.published:
             table = self._with_published(table, self.results[places[0]])
         if self.request.floors and self.layout is not Layout.RESULT:
@@ -148,19 +143,6 @@ class _TableMaker:
                 floors = ", ".join(entry.method for entry in table.rows if entry.floor)
                 table = table.noted(*_of_floors(floors), legend=True)
         return table
-
-    def _with_noise_floor(
-        self, table: MethodTable, path: Path, results: Sequence[Result]
-    ) -> MethodTable:
-        from airzoo_bench.results.sensitivity import read_noise_floor
-        from airzoo_bench.tables.wording import noise_floor_note
-
-        floor, scene = read_noise_floor(path), self.request.scene
-        names = [entry.method for entry in table.rows]
-        floor.check_fits(dict(zip(names, results, strict=True)), path)
-        scene = None if scene is None else find_scene(table.scenes, scene)
-        note = noise_floor_note({score: floor.of(score.key, scene) for score in table.scores})
-        return table.noted(*note, legend=True)
 
     def _with_intervals(self, table: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records

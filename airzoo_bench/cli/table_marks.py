@@ -39,8 +39,8 @@ def marked(made: Table, asked: TableRequest, results: Sequence[Result]) -> Table
     from airzoo_bench.tables.best_marks import mark_best
 
     made = in_digits(_sorted(made, asked, results), asked)
-    made = mark_best(made, second=asked.second, reported=asked.mark_published)
-    rule = _rule_of_marks(made, asked)
+    made = mark_best(made, second=asked.second)
+    rule = _rule_of_marks(made)
     made = replace(made, notes=(*rule, *made.notes), legend=(*rule, *made.legend))
     made = highlight(made, asked.highlighted)
     baselines = parse_baselines(made, asked.baselines)
@@ -85,9 +85,8 @@ def _cited(made: Table, citations: Sequence[str]) -> Table:
     return add_citations(made, citations, sources)
 
 
-def _rule_of_marks(made: Table, asked: TableRequest) -> list[str]:
+def _rule_of_marks(made: Table) -> list[str]:
     # Among reported rows alone there is nothing to tell apart.
     if len({bool(row.reported) for row in made.rows if not row.floor}) < 2:
         return []
-    who = "all rows" if asked.mark_published else "the rows that were scored here"
-    return [f"the best of each score is that of {who}"]
+    return ["the best of each score is that of the rows that were scored here"]

@@ -56,7 +56,6 @@ class TableRequest:
     every_score: bool = False
     scores: tuple[str, ...] = ()
     published: bool = False
-    mark_published: bool = False
     second: bool = False
     baselines: tuple[str, ...] = ()
     highlighted: tuple[str, ...] = ()
@@ -64,10 +63,8 @@ class TableRequest:
     intervals: bool = False
     queries: bool = False
     average: bool = True
-    per_block: int | None = None
     renamed: tuple[str, ...] = ()
     floors: bool = False
-    noise_floor: Path | None = None
     sort: str | None = None
     decimals: int | None = None
 
@@ -100,7 +97,6 @@ class TableRequest:
         needing = {
             "--intervals": self.intervals,
             "--floors": self.floors,
-            "--noise-floor": self.noise_floor,
         }
         for name, given in needing.items():
             if given:
@@ -136,15 +132,12 @@ class TableRequest:
             "--scene": bool(self.scene) and layout is not Layout.METHODS,
             "--queries": self.queries and layout is not Layout.SCENES,
             "--no-average": not self.average and layout is not Layout.SCENES,
-            "--per-block": bool(self.per_block) and layout in (Layout.METHODS, Layout.RESULT),
         }
         for name, is_wrong in wrong.items():
             if is_wrong:
                 raise UsageError(
                     f"{name} does not go with layout {layout}: it needs another layout"
                 )
-        if self.mark_published and not self.published:
-            raise UsageError("--mark-published needs --published")
 
     def _check_alone(self) -> None:
         if len(self.results) > 1:

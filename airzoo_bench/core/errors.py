@@ -132,24 +132,7 @@ class CameraError(UserError):
 def first_of(
     names: Iterable[object], total: int | None = None, shown: int = 3, noun: str = ""
 ) -> str:
-    """Count names and show the first few, for messages.
-
-    Parameters
-    ----------
-    names : iterable of object
-        What is to be named, in the order of the file.
-    total : int, optional
-        Out of how many; left out of the text where not given.
-    shown : int
-        How many to show.
-    noun : str
-        What they are, in the singular.
-
-    Returns
-    -------
-    str
-        Such as ``"12 of 161 (first 3: a, b, c)"``, or ``"1 query (a)"``.
-    """
+    """Count names and show the first few, for messages."""
     listed = [str(name) for name in names]
     known = len(listed) if total is None else total
     count = counted(known, noun) if noun else f"{known:,}"

@@ -6,14 +6,13 @@ import hashlib
 import json
 import os
 import zipfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
 from typing import IO, TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.core.exchange import exchange
 from airzoo_bench.core.places import (
     MARK,
     cannot_write,
@@ -24,7 +23,8 @@ from airzoo_bench.core.places import (
 )
 from airzoo_bench.core.temporaries import (
     clear_abandoned,
-    set_aside,
+    exchange,
+    exchange_entries,
     temporary_file,
     temporary_folder,
 )
@@ -58,28 +58,7 @@ _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 @contextmanager
 def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
-    """Open a file that appears under its name only when it has been written to the end.
-
-    Parameters
-    ----------
-    path : Path
-        Where the file shall stand; missing parent folders are made. Of a symbolic link, the file
-        that it leads to is replaced.
-    mode : str
-        ``"wb"`` or ``"w"`` (UTF-8, newlines as written).
-
-    Yields
-    ------
-    file object
-        Open for writing, next to the final place.
-
-    Raises
-    ------
-    UsageError
-        See `check_output_file`.
-    UserError
-        The folder cannot be written to, or the disk is full.
-    """
+    """Open a file that appears under its name only when it has been written to the end."""
     check_output_file(path)
     target = followed(path)
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
@@ -96,31 +75,10 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
 
 @contextmanager
 def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Iterator[Path]:
-    """Fill a folder that appears under its name only when it is complete.
-
-    Parameters
-    ----------
-    path : Path
-        Where the folder shall stand.
-    replace : bool
-        Whether a folder that stands there already is replaced.
-    mark : str
-        A file that every such folder holds: one without it is not replaced.
-
-    Yields
-    ------
-    Path
-        An empty folder next to the final place.
-
-    Raises
-    ------
-    UsageError
-        See `check_new_folder`.
-    UserError
-        It cannot be written.
-    """
-    check_new_folder(path, replace=replace, mark=mark)
+    """Fill a folder that appears under its name only when it is complete."""
     try:
+        clear_abandoned(path)
+        check_new_folder(path, replace=replace, mark=mark)
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_folder(path.parent, path.name) as temporary:
             yield temporary
@@ -134,49 +92,24 @@ def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Ite
 
 
 @contextmanager
-def atomic_entries(folder: Path, names: Collection[str]) -> Iterator[Path]:
-    """Fill a folder whose entries replace those of another that have these names, all or none.
-
-    A folder with nothing else in it is exchanged in one step. One that holds other files too, or
-    that cannot be renamed (the working folder, the place of a disk), keeps its place: its entries
-    are exchanged, and put back where that fails or, by the next run, where the process was killed.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing.
-    names : collection of str
-        Of files and folders; all that are there go, those that were filled in come.
-
-    Yields
-    ------
-    Path
-        An empty folder.
-
-    Raises
-    ------
-    UserError
-        It cannot be written.
-    """
+def atomic_entries(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """Fill a folder whose entries replace those of another that have these names, all or none."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         clear_abandoned(folder)
+        folder.mkdir(parents=True, exist_ok=True)
         whole = _is_ours_alone(folder, names)
-        home = folder.parent if whole else folder
-        with temporary_folder(home, folder.name) as temporary:
+        with temporary_folder(folder.parent if whole else folder, folder.name) as temporary:
             yield temporary
-            if whole:
+            if whole and _is_ours_alone(folder, names):
                 temporary.chmod(folder.stat().st_mode)
                 exchange(temporary, folder)
-                return
-            with set_aside(folder, names):
-                for entry in sorted(temporary.iterdir()):
-                    entry.replace(folder / entry.name)
+            else:
+                exchange_entries(temporary, folder, names)
     except OSError as error:
         raise cannot_write(folder, error) from error
 
 
-def _is_ours_alone(folder: Path, names: Collection[str]) -> bool:
+def _is_ours_alone(folder: Path, names: Sequence[str]) -> bool:
     stays = folder.is_symlink() or folder.is_mount() or folder.samefile(Path.cwd())
     writable = os.access(folder.parent, os.W_OK | os.X_OK)
     return writable and not stays and {entry.name for entry in folder.iterdir()} <= set(names)
@@ -200,10 +133,7 @@ def sha256_of_tree(path: Path) -> str:
 
 
 def stamps(path: Path) -> dict[Path, tuple[int, int]]:
-    """Return size and time of change, in ns, of a file or of all files of a folder.
-
-    What is not there, not readable or no file has none. Links are followed as by `sha256_of_tree`.
-    """
+    """Return size and time of change, in ns, of a file or of all files of a folder."""
     found: dict[Path, tuple[int, int]] = {}
     for entry in entries_below(path) if path.is_dir() else (path,):
         with suppress(OSError, ValueError):  # it may go at any moment
@@ -226,10 +156,7 @@ def fingerprint(value: object) -> str:
 def write_npz(
     target: Path | IO[bytes], arrays: Mapping[str, NDArray[Any]], *, compress: bool = False
 ) -> None:
-    """Write arrays as ``.npz`` that is the same to the last byte for the same arrays.
-
-    ``numpy.savez`` stamps every member with the time of day.
-    """
+    """Write arrays as ``.npz`` that is the same to the last byte for the same arrays."""
     import numpy as np
 
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
@@ -253,24 +180,7 @@ def first_bytes(path: Path, count: int) -> bytes:
 
 
 def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES) -> str:
-    """Read a small UTF-8 text that a person wrote.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : type of UserError
-        Which error to raise.
-    what : str
-        What the file is, for the message: "protocol file".
-    limit_bytes : int
-        A larger file is refused before it is read.
-
-    Raises
-    ------
-    UserError
-        Of class `kind`: the file is missing, too large, or not UTF-8.
-    """
+    """Read a small UTF-8 text that a person wrote."""
     if path.is_dir():
         raise kind(f"a folder, not a {what}", where=path)
     if not path.is_file():

@@ -55,13 +55,7 @@ def with_endings(ids: Texts) -> bool:
 
 
 def check_ids(ids: Texts, where: str) -> None:
-    """Refuse ids without a scene or a name, and ids that stand more than once.
-
-    Raises
-    ------
-    PredictionError
-        The message names the first three.
-    """
+    """Refuse ids without a scene or a name, and ids that stand more than once."""
     if not ids.size:
         raise PredictionError(
             "holds no id", where=where, expected="ids such as city/DJI_0001", fix="fill the file"
@@ -129,15 +123,7 @@ class Assignment:
 
 
 def assign_queries(given: Texts, scenes: Sequence[pd.Series[str]]) -> Assignment:
-    """Find the row of the predictions that answers each query.
-
-    Parameters
-    ----------
-    given : (N,) str
-        Ids of the predictions, each once.
-    scenes : sequence of Series
-        Ids of the queries of each scene.
-    """
+    """Find the row of the predictions that answers each query."""
     asked = np.concatenate([np.zeros(0, "<U1"), *(ids.to_numpy(str) for ids in scenes)])
     found = rows_among(asked, given)
     strange = np.ones(len(given), np.bool_)
@@ -147,14 +133,7 @@ def assign_queries(given: Texts, scenes: Sequence[pd.Series[str]]) -> Assignment
 
 
 def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:
-    """Return the row of each name among known ones, -1 for the others.
-
-    Parameters
-    ----------
-    names : (N,) str
-    known : (K,) str
-        Each once.
-    """
+    """Return the row of each name among known ones, -1 for the others."""
     import pyarrow.compute as pc
 
     letters = max(1, *(texts.dtype.itemsize // _BYTES_OF_LETTER for texts in (names, known)))

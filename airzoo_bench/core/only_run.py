@@ -15,27 +15,7 @@ __all__ = ["only_run"]
 
 @contextmanager
 def only_run(folder: Path, what: str, where: object, otherwise: str) -> Iterator[None]:
-    """Keep other runs from a folder while the block lasts.
-
-    What is made to stand the lock in goes with it, unless something was put there. Where nothing
-    can be locked (a disk without locks, a folder beside which nobody may write), nobody is kept
-    from it.
-
-    Parameters
-    ----------
-    folder : Path
-        It need not exist.
-    what, where, otherwise : str, object, str
-        Of the message to the run that comes second: what goes on, where, and what it may do
-        besides waiting.
-
-    Raises
-    ------
-    UsageError
-        Another run is at it.
-    UserError
-        The folder that it is to stand in cannot be made.
-    """
+    """Keep other runs from a folder while the block lasts."""
     made = [one for one in (folder.parent, *folder.parent.parents) if not one.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)

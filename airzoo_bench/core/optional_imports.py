@@ -27,18 +27,7 @@ _OF_PROCESS = ("backend", "backend_fallback", "date.epoch", "interactive", "time
 
 @cache
 def load_matplotlib() -> ModuleType:
-    """Import Matplotlib and return the module.
-
-    The environment stays as it was; a backend that it names, if there is such a one, holds for
-    windows of the program's own.
-
-    Raises
-    ------
-    ImportError
-        It is not installed.
-    UsageError
-        It finds a file of settings, and that is no text.
-    """
+    """Import Matplotlib and return the module."""
     given = os.environ.pop(_BACKEND, None)
     try:
         matplotlib = importlib.import_module("matplotlib")
@@ -58,18 +47,7 @@ def load_matplotlib() -> ModuleType:
 
 @contextmanager
 def default_style(changes: dict[str, Any] | None = None) -> Iterator[None]:
-    """Draw, or decorate what draws, with Matplotlib's default settings.
-
-    Parameters
-    ----------
-    changes : dict, optional
-        Settings that differ from the defaults.
-
-    Raises
-    ------
-    ImportError, UsageError
-        See `load_matplotlib`.
-    """
+    """Draw, or decorate what draws, with Matplotlib's default settings."""
     matplotlib = load_matplotlib()
     defaults = matplotlib.rcParamsDefault
     settings = {name: defaults[name] for name in defaults if name not in _OF_PROCESS}
@@ -79,16 +57,7 @@ def default_style(changes: dict[str, Any] | None = None) -> Iterator[None]:
 
 @cache
 def load_open3d() -> ModuleType:
-    """Import Open3D and return the module.
-
-    Version 0.20 links against libusb, which slim machines lack; the wheel ``libusb-package``
-    carries it. Loaded with global symbols before the import, it is found.
-
-    Raises
-    ------
-    ImportError
-        It is not installed, or a library that it needs is missing.
-    """
+    """Import Open3D and return the module."""
     if sys.platform == "linux":
         _load_libusb()
     return importlib.import_module("open3d")
@@ -104,11 +73,7 @@ def _load_libusb() -> None:
 
 @cache
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, quiet but for warnings, and return the module.
-
-    Its log takes SIGTERM for itself, to print a trace; the handler from before is put back, so that
-    a process that is told to end can tidy up.
-    """
+    """Import pycolmap, quiet but for warnings, and return the module."""
     before = signal.getsignal(signal.SIGTERM)
     module = importlib.import_module("pycolmap")
     if threading.current_thread() is threading.main_thread() and before is not None:

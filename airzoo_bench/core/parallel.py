@@ -23,20 +23,7 @@ _ending = False
 
 
 def parallel_map(work: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
-    """Yield the work done on each item, in order.
-
-    Processes are spawned, since a fork would copy the thread pools of faiss and BLAS in whatever
-    state they are. Work and items must be picklable; with one job it is done right here. Where
-    the iteration ends early, by Ctrl-C or an error, so does the work, at once, and what it was
-    writing is taken away.
-
-    Parameters
-    ----------
-    work : callable
-    items : sequence
-    jobs : int
-        Processes, at least 1.
-    """
+    """Yield the work done on each item, in order."""
     if jobs == 1:
         yield from map(work, items)
         return

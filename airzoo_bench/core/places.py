@@ -29,14 +29,7 @@ MARK = "benchmark.toml"
 
 
 def check_output_folder(folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder for output that cannot take files of these names, before any is written.
-
-    Raises
-    ------
-    UsageError
-        A file stands where the folder or one above it should be, or a folder where a file should;
-        or see `check_output_file`.
-    """
+    """Refuse a folder for output that cannot take files of these names, before any is written."""
     _refuse_url(folder)
     for place in (folder, *folder.parents):
         if place.exists():
@@ -48,22 +41,7 @@ def check_output_folder(folder: Path, names: Iterable[str]) -> None:
 
 
 def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
-    """Refuse a file that cannot be written, before the work that it is to hold.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write, which may exist.
-    inputs : iterable of Path
-        What is read to make it, and so must not be lost; those that do not exist are passed over.
-
-    Raises
-    ------
-    UsageError
-        It is one of the inputs, through links too; something that is no plain file stands there (a
-        folder, a pipe, a device); it or its folder is not to be written to; or a file stands
-        where a folder should.
-    """
+    """Refuse a file that cannot be written, before the work that it is to hold."""
     _refuse_url(path)
     try:
         _check_place(path, "name another file")
@@ -145,13 +123,7 @@ def data_location() -> str | Path:
 
 
 def data_root() -> Path:
-    """Return the folder of this machine in which benchmark folders lie and are made.
-
-    Raises
-    ------
-    UsageError
-        AIRZOO_BENCH_DATA is a URL.
-    """
+    """Return the folder of this machine in which benchmark folders lie and are made."""
     place = data_location()
     if isinstance(place, str):
         raise UsageError(
@@ -163,14 +135,7 @@ def data_root() -> Path:
 
 
 def check_new_folder(path: Path, *, replace: bool, mark: str = MARK) -> None:
-    """Refuse a folder that cannot be made, or must not be replaced.
-
-    Raises
-    ------
-    UsageError
-        It exists and `replace` is false, or is something else than what was made here before:
-        a file, or a folder with other content, which nobody wants to lose.
-    """
+    """Refuse a folder that cannot be made, or must not be replaced."""
     if not path.exists():
         check_output_folder(path.parent, ())
         return

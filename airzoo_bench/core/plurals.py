@@ -13,10 +13,7 @@ def plural(noun: str) -> str:
 
 
 def counted(number: int, noun: str, several: str | None = None) -> str:
-    """Return ``1 scene``, ``18 queries``, ``12,000 points have``.
-
-    The noun may have words before it, and where `several` says the other form, behind it.
-    """
+    """Return ``1 scene``, ``18 queries``, ``12,000 points have``."""
     return f"{number:,} {agreeing(number, noun, several or plural(noun))}"
 
 

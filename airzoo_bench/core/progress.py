@@ -58,23 +58,7 @@ def told(
     every_s: float = _EVERY_S,
     rate: bool = False,
 ) -> Generator[T, None, None]:
-    """Yield the items; name what takes long, and say now and then how long the rest takes.
-
-    Parameters
-    ----------
-    items, label, total
-        See `Progress`.
-    say : callable
-        Takes a line of text.
-    clock : callable
-        Seconds since whenever.
-    first_s : float
-        Seconds after which work that is still under way is named, whatever its items take.
-    every_s : float
-        Seconds between the lines that follow.
-    rate : bool
-        Say too how many are done a second.
-    """
+    """Yield the items; name what takes long, and say now and then how long the rest takes."""
     name = Timer(first_s, say, [f"{label} ..."])
     name.daemon = True
     name.start()

@@ -1,157 +1,134 @@
-"""Temporary files and folders next to their final place, cleared by the next run if this one dies.
+"""Temporary files and folders beside what they become, cleared by the next writer of that target.
 
-Each is locked by the process that fills it. A lock ends with its process, however that ends, so
-what nobody holds any more is abandoned. On disks and systems without locks nothing is cleared.
+Each is locked by the process that fills it, and a lock ends with its process. Only what carries a
+name that is made here for that very target, and that nobody holds, is ever cleared; no file says
+what goes. On disks and systems without locks nothing is cleared.
 """
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import hashlib
 import os
+import re
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+if sys.platform != "win32":
+    import fcntl
 
 __all__ = [
     "PART",
     "clear_abandoned",
+    "exchange",
+    "exchange_entries",
     "only_writer",
     "remove_own",
-    "set_aside",
     "temporary_file",
     "temporary_folder",
 ]
 
 PART = ".airzoo-part"
 """How names of temporary files and folders end."""
-_ASIDE = ".airzoo-aside"
-_TAKEN = ".airzoo-names"
-# Of a name, in that of the file or folder next to it: systems allow 255 bytes, with what is added.
-_KEPT_LETTERS = 40
+_OLD = ".airzoo-old"
+_LONGEST = 40  # letters of a target in another name: systems allow 255 bytes
 _TRIES, _PAUSE_S = 5, 0.02
+_AT_FDCWD = -100
+_SWAP = 2  # RENAME_EXCHANGE of Linux and RENAME_SWAP of macOS alike
+# What a system or a file system says that does not know how to.
+_UNKNOWN = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 _own: set[Path] = set()
 
 
 @contextmanager
 def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
-    """Make an empty file next to `target`; it is removed at the end if it is still there.
-
-    Yields
-    ------
-    handle : int
-        Open for reading and writing; to be closed by the caller.
-    path : Path
-    """
-    _clear_once(target.parent)
+    """Make an empty file next to `target`; it is removed at the end if it is still there."""
+    _clear(target.parent, target.name, _parts_at_first(target.parent))
+    prefix = f"{_stem(target.name)}."
     # A copy of the handle keeps the lock, and outlives the caller's.
-    handle, path = _locked(lambda: tempfile.mkstemp(PART, _prefix(target), target.parent))
+    handle, path = _locked(lambda: tempfile.mkstemp(PART, prefix, target.parent))
     lock = os.dup(handle)
-    _own.add(path)
-    try:
+    with _removed_at_the_end(path, lock):
         yield handle, path
-    finally:
-        path.unlink(missing_ok=True)
-        _own.discard(path)
-        os.close(lock)
 
 
 @contextmanager
 def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Make an empty folder in `parent`; whatever stands there is removed at the end.
+    """Make an empty folder in `parent`; whatever stands there is removed at the end."""
+    name = Path(name).name
+    _clear(parent, name, _parts(parent))
 
-    Parameters
-    ----------
-    parent : Path
-    name : str
-        Of what it shall become, for a person who finds it.
-    """
-    clear_abandoned(parent)
-    with _locked_folder(parent, _prefix(Path(name)), PART) as path:
-        _own.add(path)
-        try:
-            yield path
-        finally:
-            _own.discard(path)
+    def make() -> tuple[int, str]:
+        folder = tempfile.mkdtemp(PART, f"{_stem(name)}.", parent)
+        return os.open(folder, os.O_RDONLY), folder
+
+    lock, path = _locked(make)
+    with _removed_at_the_end(path, lock):
+        yield path
 
 
 @contextmanager
 def only_writer(target: Path) -> Iterator[None]:
-    """Hold a file or folder that is to be written, so that nobody else begins to.
-
-    On disks and systems without locks nobody is kept from it.
-
-    Raises
-    ------
-    BlockingIOError
-        Another holds it, in this process or in another.
-    """
+    """Hold a file or folder that is to be written, so that nobody else begins to."""
     target = Path(os.path.realpath(target))
-    clear_abandoned(target.parent)
-    digest = hashlib.sha256(target.name.encode()).hexdigest()[:8]  # long names are cut
-    path = target.parent / f"{_prefix(target)}{digest}{PART}"
+    path = target.parent / f"{_stem(target.name)}{PART}"
     lock = _lock_at(path)
-    _own.add(path)
-    try:
+    with _removed_at_the_end(path, lock):
         yield
-    finally:
-        path.unlink(missing_ok=True)
-        _own.discard(path)
-        os.close(lock)
 
 
-@contextmanager
-def set_aside(folder: Path, names: Collection[str]) -> Iterator[None]:
-    """Take entries of a folder away while others take their names.
-
-    Only when the block has ended are the old ones given up. Where it fails they are put back, and
-    what took their names is removed; where the process dies, `clear_abandoned` does that.
-
-    Parameters
-    ----------
-    folder : Path
-    names : collection of str
-        Those that are there are taken away; the block may make any of them.
-    """
-    with _locked_folder(folder, ".", _ASIDE) as aside:
-        try:
-            for name in names:
-                if (folder / name).exists():
-                    (folder / name).replace(aside / name)
-            _write_whole(aside / _TAKEN, "".join(f"{name}\n" for name in names))
-            yield
-            # From here on it is rubbish, which nobody puts back.
-            done = aside.replace(aside.with_suffix(PART))
-        except BaseException:
-            _put_back(aside)
-            raise
-        _remove(done)
+def clear_abandoned(target: Path) -> None:
+    """Remove what dead writers of a target left beside it, or put their old folder back."""
+    _clear(target.parent, target.name, _parts(target.parent))
+    old = _old(target)
+    if target.exists():
+        _remove(old)
+    elif old.is_dir() and not old.is_symlink():
+        old.replace(target)
 
 
-def clear_abandoned(folder: Path) -> None:
-    """Remove temporary files and folders whose process is gone, and put back what it had set aside.
+def exchange(new: Path, path: Path) -> None:
+    """Put a folder where another stands; what stood there is afterwards at `new`, or removed."""
+    if _swapped(new, path):
+        return
+    old = _old(path)
+    path.replace(old)
+    try:
+        new.replace(path)
+    except BaseException:
+        old.replace(path)
+        raise
+    _remove(old)
 
-    Parameters
-    ----------
-    folder : Path
-        Where to look; nothing below it is touched.
-    """
-    with suppress(OSError):
-        for entry in list(os.scandir(folder)):
-            if not entry.name.endswith((PART, _ASIDE)):
-                continue
-            path = Path(entry.path)
-            # Held until it is gone: who has just made it, and waits for the lock, then sees that.
-            with _held_if_abandoned(path) as held:
-                if held and entry.name.endswith(PART):
-                    _remove(path)
-                elif held:
-                    _put_back(path)
+
+def exchange_entries(new: Path, folder: Path, names: Sequence[str]) -> None:
+    """Put the entries of a folder into another, in place of those that have these names there."""
+    aside = folder / _old(folder).name
+    _remove(aside)
+    aside.mkdir()
+    moves = [(folder / name, aside / name) for name in names if os.path.lexists(folder / name)]
+    entries = sorted(new.iterdir(), key=lambda entry: entry.name in names[:1])
+    moves += [(entry, folder / entry.name) for entry in entries]
+    try:
+        for source, target in moves:
+            source.replace(target)
+    except BaseException:
+        for source, target in reversed(moves):
+            if os.path.lexists(target) and not os.path.lexists(source):
+                target.replace(source)
+        aside.rmdir()
+        raise
+    _remove(aside)
 
 
 def remove_own() -> None:
@@ -160,28 +137,49 @@ def remove_own() -> None:
         _remove(path)
 
 
-@lru_cache(maxsize=4096)
-def _clear_once(folder: Path) -> None:
-    # Folders of photos are written to thousands of times.
-    clear_abandoned(folder)
-
-
 @contextmanager
-def _locked_folder(parent: Path, prefix: str, suffix: str) -> Iterator[Path]:
-    def made() -> tuple[int, str]:
-        folder = tempfile.mkdtemp(suffix, prefix, parent)
-        return os.open(folder, os.O_RDONLY), folder
-
-    lock, path = _locked(made)
+def _removed_at_the_end(path: Path, lock: int) -> Iterator[None]:
+    _own.add(path)
     try:
-        yield path
+        yield
     finally:
-        shutil.rmtree(path, ignore_errors=True)
+        _remove(path)
+        _own.discard(path)
         os.close(lock)
 
 
-def _prefix(path: Path) -> str:
-    return f".{path.name[:_KEPT_LETTERS]}."
+def _stem(name: str) -> str:
+    """Return how all names begin that are made here for a target."""
+    if len(name) > _LONGEST:
+        name = f"{name[: _LONGEST - 9]}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
+    return f".{name}"
+
+
+def _old(target: Path) -> Path:
+    return target.parent / f"{_stem(target.name)}{_OLD}"
+
+
+def _parts(folder: Path) -> list[str]:
+    with suppress(OSError):
+        return [entry.name for entry in folder.iterdir() if entry.name.endswith(PART)]
+    return []
+
+
+# Folders of photos are written to thousands of times.
+_parts_at_first = lru_cache(maxsize=4096)(_parts)
+
+
+def _clear(folder: Path, name: str, parts: Iterable[str]) -> None:
+    ours = rf"{re.escape(_stem(name))}(\.[a-z0-9_]{{8}})?{re.escape(PART)}"
+    for path in (folder / part for part in parts if re.fullmatch(ours, part)):
+        with suppress(OSError):
+            handle = os.open(path, os.O_RDONLY | _NO_LINK)
+            try:
+                # Held until it is gone: who has just made it, and would lock it, then sees that.
+                if _try_lock(handle):
+                    _remove(path)
+            finally:
+                os.close(handle)
 
 
 def _remove(path: Path) -> None:
@@ -191,91 +189,53 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _write_whole(path: Path, text: str) -> None:
-    """Write a file that is not there, or is there to its last byte, also after a power cut."""
-    part = path.with_suffix(PART)
-    with part.open("w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
-
-
-def _put_back(aside: Path) -> None:
-    marker = aside / _TAKEN
-    if marker.is_file():  # all old entries were taken away: what has these names now is new
-        taken = set(marker.read_text(encoding="utf-8").split("\n"))
-        for entry in list(os.scandir(aside.parent)):  # never the folder itself, nor one above it
-            if entry.name in taken:
-                _remove(Path(entry.path))
-        marker.unlink()
-    marker.with_suffix(PART).unlink(missing_ok=True)
-    for kept in list(aside.iterdir()):
-        kept.replace(aside.parent / kept.name)
-    aside.rmdir()
-
-
-if sys.platform == "win32":
-
-    def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
+def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
+    """Make and lock a file or folder, again where another run was quick to clear it."""
+    while True:
         handle, path = make()
-        return handle, Path(path)
+        if _try_lock(handle) is not False and Path(path).exists():
+            return handle, Path(path)
+        os.close(handle)
 
-    def _lock_at(path: Path) -> int:
-        return os.open(path, os.O_CREAT | os.O_RDWR)
 
-    @contextmanager
-    def _held_if_abandoned(path: Path) -> Iterator[bool]:
-        del path
-        yield False
-
-else:
-    import fcntl
-
-    def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
-        """Make and lock a file or folder, again where another run was quick to clear it."""
-        while True:
-            handle, path = make()
-            with suppress(OSError):
-                fcntl.flock(handle, fcntl.LOCK_EX)
-            if Path(path).exists():
-                return handle, Path(path)
-            os.close(handle)
-
-    def _lock_at(path: Path) -> int:
-        """Make and lock a file of this name, and again where another run was quick to clear it."""
-        for _ in range(_TRIES):
-            handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                os.close(handle)
-                time.sleep(_PAUSE_S)  # who looks for what is abandoned holds it for a moment
-                continue
-            except OSError:  # a disk without locks
+def _lock_at(path: Path) -> int:
+    """Make and lock a file of this name, and again where another run was quick to clear it."""
+    for _ in range(_TRIES):
+        handle = os.open(path, os.O_CREAT | os.O_RDWR | _NO_LINK, 0o600)
+        locked = _try_lock(handle)
+        with suppress(FileNotFoundError):
+            if locked is None or (locked and os.path.samestat(os.fstat(handle), path.stat())):
                 return handle
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), path.stat()):
-                    return handle
-            os.close(handle)
-        raise BlockingIOError(f"{path} is locked")
+        os.close(handle)
+        time.sleep(_PAUSE_S)  # who looks for what is abandoned holds it for a moment
+    raise BlockingIOError(f"{path} is locked")
 
-    @contextmanager
-    def _held_if_abandoned(path: Path) -> Iterator[bool]:
-        """Lock what no process holds; whether there was such a thing."""
-        try:
-            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-        except OSError:
-            yield False
-            return
-        try:
-            yield _is_free(handle)
-        finally:
-            os.close(handle)
 
-    def _is_free(handle: int) -> bool:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return False
-        return True
+def _try_lock(handle: int) -> bool | None:
+    """Lock an open file or folder unless another holds it; return None where nothing has locks."""
+    if sys.platform == "win32":
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+def _swapped(new: Path, path: Path) -> bool:
+    if sys.platform == "win32":
+        return False
+    libc: Any = ctypes.CDLL(None, use_errno=True)
+    names = os.fsencode(new), os.fsencode(path)
+    if hasattr(libc, "renameat2"):
+        failed = libc.renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _SWAP)
+    elif hasattr(libc, "renamex_np"):
+        failed = libc.renamex_np(*names, _SWAP)
+    else:
+        return False
+    code = ctypes.get_errno()
+    if failed and code not in _UNKNOWN:
+        raise OSError(code, os.strerror(code), str(path))
+    return not failed

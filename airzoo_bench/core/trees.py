@@ -11,15 +11,7 @@ __all__ = ["entries_below"]
 
 
 def entries_below(folder: Path) -> Iterator[Path]:
-    """Yield all that is in a folder and in those below it, each folder once.
-
-    Links to folders are followed, which ``Path.rglob`` leaves out. What goes meanwhile, or cannot
-    be read, is passed over.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Yield all that is in a folder and in those below it, each folder once."""
     waiting, seen = [folder], set[str]()
     while waiting:
         here = waiting.pop(0)

@@ -175,17 +175,7 @@ def _example(loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
 
 
 def unambiguous_json(text: str) -> Any:
-    """Read JSON in which no key stands twice: readers of JSON take the last, without a word.
-
-    Parameters
-    ----------
-    text : str
-
-    Raises
-    ------
-    ValueError
-        It is no JSON, is nested too deep, or a key stands twice.
-    """
+    """Read JSON in which no key stands twice: readers of JSON take the last, without a word."""
     try:
         return json.loads(text, object_pairs_hook=_each_once)
     except RecursionError as error:

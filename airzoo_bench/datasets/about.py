@@ -28,10 +28,6 @@ class About:
         A sentence for each value that the truth rests on and that the benchmark does not state.
     unverified : tuple of str
         A sentence for each part of the layout that nobody of us has seen.
-    ranges : mapping of str to float
-        How far assumed values may be off, see `retrieval.assumptions.AssumedRanges`.
-    without_range : tuple of str
-        Assumptions of the truth that `ranges` cannot express, such as which way an angle turns.
     scene_files : mapping of str to tuple of str
         Patterns (`fnmatch`) of the paths in the repository that are of one scene alone, by its id,
         for `download --scene`; empty where scenes cannot be fetched by themselves.
@@ -44,6 +40,4 @@ class About:
     links: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
-    ranges: Mapping[str, float] = field(default_factory=dict)
-    without_range: tuple[str, ...] = ()
     scene_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

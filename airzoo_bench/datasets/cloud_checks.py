@@ -79,20 +79,7 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
 
 
 def check_cloud_crs(cloud: Path, crs: str) -> None:
-    """Refuse a LAS or LAZ cloud whose header states another CRS, or a unit other than metres.
-
-    Parameters
-    ----------
-    cloud : Path
-        Its header must have been checked (`open_cloud`); other kinds of file say nothing.
-    crs : str
-        Of the scene.
-
-    Raises
-    ------
-    UserError
-        It is so.
-    """
+    """Refuse a LAS or LAZ cloud whose header states another CRS, or a unit other than metres."""
     if cloud.suffix.lower() not in (".las", ".laz"):
         return
     stated, units = _stated(cloud)

@@ -39,8 +39,6 @@ class PrepareSettings:
         Copy photos, maps and clouds into the folder; otherwise they are left where they are.
     replace : bool
         Whether a folder that stands there is replaced.
-    add_to : Path or None
-        A benchmark folder that the scenes are added to; then `folder` is the same.
     engine : Engine
         Where work is done that is shared out; the benchmark does not depend on it.
     progress : Progress
@@ -54,7 +52,6 @@ class PrepareSettings:
     crops_on_disk: bool = False
     copy: bool = False
     replace: bool = False
-    add_to: Path | None = None
     engine: Engine = HERE
     progress: Progress = silent
     note: Callable[[str], None] = lambda _: None

@@ -57,20 +57,7 @@ class Plan:
 def of_scenes(
     files: Sequence[HubFile], patterns: Mapping[str, Sequence[str]], scenes: Sequence[str]
 ) -> list[HubFile]:
-    """Return the files of some scenes, and those that belong to none.
-
-    Parameters
-    ----------
-    files : sequence of HubFile
-    patterns : mapping of str to sequence of str
-        Of the paths of each scene's files, as `fnmatch` takes them.
-    scenes : sequence of str
-
-    Raises
-    ------
-    UsageError
-        A scene has no file.
-    """
+    """Return the files of some scenes, and those that belong to none."""
     others = [one for scene, of in patterns.items() if scene not in scenes for one in of]
     wanted = [one for scene in scenes for one in patterns[scene]]
     for scene in scenes:
@@ -90,13 +77,7 @@ def of_scenes(
 
 
 def planned(folder: Path, files: Sequence[HubFile], progress: Progress) -> Plan:
-    """Look which files are there already, and how much room the others need.
-
-    Raises
-    ------
-    UserError
-        Files of these names are there that this did not fetch, and that are others.
-    """
+    """Look which files are there already, and how much room the others need."""
     record = _read_record(folder)
     lacking: list[HubFile] = []
     strange: list[HubFile] = []
@@ -120,14 +101,7 @@ def planned(folder: Path, files: Sequence[HubFile], progress: Progress) -> Plan:
 
 
 def download(plan: Plan, source: Source, progress: Progress) -> None:
-    """Fetch the lacking files; each appears when it is whole and verified.
-
-    Raises
-    ------
-    UserError
-        A file cannot be fetched, is not what is published, or the disk is full. What is there is
-        kept, and another run goes on from it.
-    """
+    """Fetch the lacking files; each appears when it is whole and verified."""
     record = _read_record(plan.folder)
     for file in progress(plan.lacking, "files", len(plan.lacking)):
         part = _part(plan.folder, file)

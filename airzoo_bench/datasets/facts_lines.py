@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.datasets.photo_plausibility import photo_warnings
-from airzoo_bench.datasets.plausibility import Kind, height_warnings, map_warnings
+from airzoo_bench.datasets.plausibility import scene_warnings
 from airzoo_bench.datasets.priors import PriorFacts
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from airzoo_bench.geometry.crs import LOCAL_CRS
 
-__all__ = ["fact_lines", "kinds_and_warnings", "plausibility_warnings"]
+__all__ = ["fact_lines", "plausibility_warnings"]
 
 _SAME_M = 0.001
 
@@ -34,12 +33,7 @@ def fact_lines(facts: SceneFacts) -> list[str]:
 
 def plausibility_warnings(facts: SceneFacts) -> list[str]:
     """Return the warnings about a scene, a sentence each."""
-    return [sentence for _, sentence in kinds_and_warnings(facts)]
-
-
-def kinds_and_warnings(facts: SceneFacts) -> list[tuple[Kind, str]]:
-    """Return the warnings about a scene: the kind, and a sentence with the figures."""
-    return [*height_warnings(facts), *photo_warnings(facts), *map_warnings(facts)]
+    return [sentence for _, sentence in scene_warnings(facts)]
 
 
 def _photos(facts: SceneFacts) -> str:

@@ -49,13 +49,7 @@ _WINDOW = ["x", "y", "width", "height"]
 def write_benchmark(
     scenes: Sequence[SceneContent], protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
-    """Write the benchmark folder, with each protocol that has truth in every scene.
-
-    Raises
-    ------
-    UserError
-        No track has truth in every scene, a map cannot be read, or the folder not be written.
-    """
+    """Write the benchmark folder, with each protocol that has truth in every scene."""
     truths = {scene.inputs.scene: scene.truths for scene in scenes}
     tracks = {one: truth.tracks for one, truth in truths.items()}
     served = served_protocols(protocols, tracks, settings.folder)
@@ -78,21 +72,7 @@ def write_benchmark(
 def served_protocols(
     protocols: BenchmarkProtocols, tracks: Mapping[str, Collection[str]], folder: Path
 ) -> list[Protocol]:
-    """Return the protocols that have truth in each of their scenes.
-
-    Parameters
-    ----------
-    protocols : BenchmarkProtocols
-    tracks : mapping of str to collection of str
-        By scene, which tracks have truth.
-    folder : Path
-        For the message.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none.
-    """
+    """Return the protocols that have truth in each of their scenes."""
     served = [
         protocol
         for protocol in protocols.every
@@ -110,13 +90,7 @@ def served_protocols(
 def write_scene(
     folder: Path, scene: SceneContent, title: str, settings: PrepareSettings
 ) -> SceneFile:
-    """Write a scene's table, its truth and, where asked for, its photos and maps.
-
-    Returns
-    -------
-    SceneFile
-        What benchmark.toml says of it.
-    """
+    """Write a scene's table, its truth and, where asked for, its photos and maps."""
     _write_scene(folder / "scenes" / scene.inputs.scene, scene, settings)
     return _entry(scene, title, _places(folder, scene, copy=settings.copy))
 
@@ -224,10 +198,7 @@ def _write_tiles(
 
 
 def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
-    """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``, and a list.
-
-    The name is the query's id without the scene, with folders for the slashes in it.
-    """
+    """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``, and a list."""
     import pandas as pd
 
     ids = truth.queries["id"].tolist()

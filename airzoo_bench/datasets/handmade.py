@@ -23,26 +23,7 @@ __all__ = ["complete_manifest"]
 
 
 def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:
-    """Write what benchmark.toml lacks: settings of the truth, checksums of files and of data.
-
-    Parameters
-    ----------
-    folder : Path
-        With benchmark.toml, which names the scenes, protocols/ and scenes/.
-    replace : bool
-        Whether checksums that are there, and differ, are replaced.
-
-    Returns
-    -------
-    list of str
-        Sentences of what was filled in.
-
-    Raises
-    ------
-    BenchmarkError
-        There are no protocols, the truth of a scene cannot be read as `eval` reads it, an id lacks
-        its scene, or a file was changed since its checksums were written and `replace` is false.
-    """
+    """Write what benchmark.toml lacks: settings of the truth, checksums of files and of data."""
     path = folder / "benchmark.toml"
     values = read_toml(path, BenchmarkError, "benchmark file")
     protocols = _protocols(folder)

@@ -31,26 +31,14 @@ _SAME_M = 1e-6  # one datum in two units
 
 
 def surface_heights_crs(dsm: Path | None, named: str | None) -> CRS | None:
-    """Return the vertical CRS of a surface model: the one named, else its own compound CRS's.
-
-    Raises
-    ------
-    UserError
-        PROJ does not know the one that is named, or it has no heights.
-    """
+    """Return the vertical CRS of a surface model: the one named, else its own compound CRS's."""
     if named is None:
         return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
     return named_heights_crs(named, f"--dsm-vertical {named}")
 
 
 def named_heights_crs(named: str, option: str) -> CRS:
-    """Return the vertical CRS that an option names, see `geometry.vertical.heights_crs`.
-
-    Raises
-    ------
-    UserError
-        There is none; the message says which option.
-    """
+    """Return the vertical CRS that an option names, see `geometry.vertical.heights_crs`."""
     try:
         return heights_crs(named)
     except UserError as error:
@@ -60,30 +48,7 @@ def named_heights_crs(named: str, option: str) -> CRS:
 def heights_of_surface(
     heights_m: Floats, lonlat: Floats, source: CRS, surface: CRS | None, option: str
 ) -> tuple[Floats, str]:
-    """Take heights to the vertical CRS of the surface model.
-
-    Parameters
-    ----------
-    heights_m : (N,) array
-    lonlat : (N, 2) array
-    source : CRS
-        The heights', see `geometry.vertical.heights_crs`.
-    surface : CRS or None
-        See `surface_heights_crs`.
-    option : str
-        Where the source is stated, for messages.
-
-    Returns
-    -------
-    heights_m : (N,) array
-    note : str
-        What was done; empty where both are one.
-
-    Raises
-    ------
-    UserError
-        The surface model's is not known, or PROJ cannot do it exactly.
-    """
+    """Take heights to the vertical CRS of the surface model."""
     if surface is None:
         raise UsageError(
             "the vertical CRS of the surface model is not known",
@@ -108,13 +73,7 @@ def heights_of_surface(
 
 
 def check_accuracy(options: HeightOptions) -> None:
-    """Refuse a stated accuracy of the truth that is none.
-
-    Raises
-    ------
-    UsageError
-        It is not a finite number of metres above 0.
-    """
+    """Refuse a stated accuracy of the truth that is none."""
     accuracy = options.truth_accuracy
     if accuracy is not None and not 0.0 < accuracy < math.inf:
         raise UsageError(
@@ -130,30 +89,7 @@ def surface_centres(
     dsm: Path | None,
     place: str,
 ) -> tuple[Floats, tuple[str, ...]]:
-    """Return camera centres in metres, with heights as the surface model has them.
-
-    Parameters
-    ----------
-    centres : (N, 3) array
-        In the CRS `named`, which may be compound.
-    named, crs : str
-        The CRS as it is stated, and its horizontal part.
-    options : HeightOptions
-    dsm : Path or None
-    place : str
-        Where the CRS is stated, for messages.
-
-    Returns
-    -------
-    centres : (N, 3) array
-    notes : tuple of str
-        What was done, if anything was.
-
-    Raises
-    ------
-    UserError
-        See `heights_of_surface`.
-    """
+    """Return camera centres in metres, with heights as the surface model has them."""
     own = options.vertical_crs
     where = f"--vertical-crs {own}" if own else f"{place}, heights of {named}"
     stated = named_heights_crs(own, where) if own else stated_heights_crs(CRS(named))
@@ -174,26 +110,7 @@ def surface_altitudes(
     dsm: Path | None,
     what: str = "altitudes of the photos",
 ) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
-    """Return priors with altitudes as the surface model has heights, and what was done.
-
-    Parameters
-    ----------
-    metadata : dict of str to PhotoPrior
-        Altitudes are in metres, whatever the unit of the CRS.
-    named : str or None
-        Their vertical CRS; None leaves them as they are.
-    option : str
-        What names it, such as ``--priors-vertical``.
-    options : HeightOptions
-    dsm : Path or None
-    what : str
-        What the altitudes are, for the sentence.
-
-    Raises
-    ------
-    UserError
-        See `heights_of_surface`.
-    """
+    """Return priors with altitudes as the surface model has heights, and what was done."""
     if named is None:
         return metadata, ()
     rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]

@@ -72,13 +72,7 @@ class HubDataset:
         self.commit = str(info.sha)
 
     def files(self) -> list[HubFile]:
-        """Return all files, sorted by path.
-
-        Raises
-        ------
-        UserError
-            The list cannot be read, or has a path that leads out of the dataset.
-        """
+        """Return all files, sorted by path."""
         with self._explained():
             entries = list(
                 self._api.list_repo_tree(
@@ -95,19 +89,7 @@ class HubDataset:
         return sorted(found, key=lambda file: file.path)
 
     def fetch(self, file: HubFile, part: Path) -> None:
-        """Fetch a file's bytes behind those that `part` has already.
-
-        Parameters
-        ----------
-        file : HubFile
-        part : Path
-            Grows; what it has when this is interrupted is kept.
-
-        Raises
-        ------
-        UserError
-            It cannot be fetched.
-        """
+        """Fetch a file's bytes behind those that `part` has already."""
         if file.size > _TOO_LARGE:
             raise UsageError(
                 f"{file.path} is {file.size / 1e9:.0f} GB, more than can be fetched by HTTP",

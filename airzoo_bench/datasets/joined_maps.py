@@ -61,13 +61,7 @@ class MapTile:
 
 
 def map_tile(path: Path) -> MapTile:
-    """Read the header of a map, which may lack a georeference.
-
-    Raises
-    ------
-    RasterError
-        It is missing, cannot be read, or has a colour table or pixels of a type that no map has.
-    """
+    """Read the header of a map, which may lack a georeference."""
     with opened(path) as dataset:
         tile = MapTile(
             path,
@@ -96,31 +90,7 @@ def join_maps(
     bounds: Bounds | None = None,
     crs: str = "EPSG:4326",
 ) -> None:
-    """Write a virtual raster (VRT) over the tiles of a map; none of their pixels is copied.
-
-    Tiles are placed by their georeferences; where none has one, by their rows and columns, and
-    the whole map by `bounds`. Tiles in the folder of `target` are named relative to it, so that
-    the folder can be moved.
-
-    Parameters
-    ----------
-    tiles : mapping of (int, int) to MapTile
-        By row and column, from the top left.
-    target : Path
-        The ``.vrt`` to write.
-    bounds : tuple of float, optional
-        Left, top, right, bottom of the whole, in `crs`.
-    crs : str
-        Of `bounds`, and of tiles that state none.
-
-    Raises
-    ------
-    RasterError
-        Tiles differ in bands, CRS or pixel size, lie off each other's grid, or leave a gap; or
-        some or, without `bounds`, all of them have no georeference. The tile is named.
-    UserError
-        `target` cannot be written.
-    """
+    """Write a virtual raster (VRT) over the tiles of a map; none of their pixels is copied."""
     ordered = [tiles[key] for key in sorted(tiles)]
     first = ordered[0]
     _check_alike(ordered)

@@ -18,19 +18,7 @@ __all__ = ["copy_map"]
 
 
 def copy_map(source: Path, target: Path) -> None:
-    """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster.
-
-    Parameters
-    ----------
-    source : Path
-    target : Path
-        Of the same ending. Tiles are put into a folder next to it.
-
-    Raises
-    ------
-    RasterError
-        The raster cannot be read.
-    """
+    """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster."""
     with opened(source) as dataset:
         files, virtual = [Path(name) for name in dataset.files], is_virtual(dataset)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -51,59 +51,18 @@ class NativeDataset(Dataset[OptionsT]):
 
     @abstractmethod
     def protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
-        """Return the protocols that the benchmark's truth is made for.
-
-        Parameters
-        ----------
-        options : NativeOptions
-        root : Path
-            The data root, for protocols to start from.
-        """
+        """Return the protocols that the benchmark's truth is made for."""
 
     @abstractmethod
     def scenes(self, options: OptionsT) -> list[str]:
-        """Return the ids of the scenes that stand below the source, in the protocols' order.
-
-        Parameters
-        ----------
-        options : NativeOptions
-
-        Raises
-        ------
-        UserError
-            None is there; the message says what was found and what the layout is.
-        """
+        """Return the ids of the scenes that stand below the source, in the protocols' order."""
 
     @abstractmethod
     def read(self, options: OptionsT, scene: str, progress: Progress) -> NativeScene:
-        """Read a scene's native files, of several scenes at once where processes share them.
-
-        Parameters
-        ----------
-        options : NativeOptions
-        scene : str
-            One of `scenes`.
-        progress : Progress
-
-        Raises
-        ------
-        UserError
-            A file is missing, half there or not as the benchmark has it.
-        """
+        """Read a scene's native files, of several scenes at once where processes share them."""
 
     def files(self, options: OptionsT, scene: str) -> Iterable[Path]:
-        """Return the files and folders that a scene is read from, all else may change.
-
-        By them a second run knows that a scene need not be made again. This is the source and
-        every other path among the options; a dataset whose scenes have folders of their own may
-        say so.
-
-        Parameters
-        ----------
-        options : NativeOptions
-        scene : str
-            One of `scenes`.
-        """
+        """Return the files and folders that a scene is read from, all else may change."""
         return paths_among(options)
 
     def folder_name(self, options: OptionsT, root: Path) -> str:

@@ -9,12 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.only_run import only_run
 from airzoo_bench.core.plurals import counted
@@ -22,7 +21,6 @@ from airzoo_bench.core.progress import shown
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import served_protocols, write_folder_files
-from airzoo_bench.datasets.scene_additions import extended_protocols, parts_of, shared_photos
 from airzoo_bench.datasets.scene_parts import (
     RECORDS,
     ScenePart,
@@ -47,13 +45,7 @@ _PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".tar.gz", ".part", ".crdownlo
 def chosen_scenes(
     there: Sequence[str], only: Sequence[str] | None, source: Path
 ) -> tuple[str, ...]:
-    """Return the scenes that were asked for, in the order of those that are there.
-
-    Raises
-    ------
-    UsageError
-        One that was asked for is not there.
-    """
+    """Return the scenes that were asked for, in the order of those that are there."""
     unknown = [scene for scene in only or () if scene not in there]
     if unknown:
         raise UsageError(
@@ -82,15 +74,7 @@ def _unpack(scenes: Sequence[str], source: Path) -> str | None:
 def is_prepared(
     source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> bool:
-    """Whether the folder is there, complete, and made from files that did not change since.
-
-    Raises
-    ------
-    BenchmarkError
-        It is, but a file of its truth is missing or was changed.
-    UsageError
-        It was made with other options, or from files that have changed since.
-    """
+    """Whether the folder is there, complete, and made from files that did not change since."""
     if not (settings.folder / RECORDS).is_file():
         return False
     parts = read_parts(settings.folder)
@@ -116,22 +100,7 @@ def is_prepared(
 def prepare_scenes(
     source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
-    """Make the benchmark folder of some scenes.
-
-    Where they are not all that the protocols name, the folder and its protocols are named
-    "partial", so that no table takes them for the whole.
-
-    Parameters
-    ----------
-    source : SceneSource
-    protocols : BenchmarkProtocols
-    settings : PrepareSettings
-
-    Raises
-    ------
-    UserError
-        A scene's files are missing or wrong, or no photo of it can be answered.
-    """
+    """Make the benchmark folder of some scenes."""
     with faults_of_writing(settings.folder), _alone(settings.folder):
         return _prepared(source, protocols, settings)
 
@@ -139,16 +108,12 @@ def prepare_scenes(
 def _prepared(
     source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
-    before: dict[str, ScenePart] = {}
-    if settings.add_to is not None:
-        before, source = parts_of(settings.add_to), replace(source, keep_going=False)
-        protocols = extended_protocols(settings.add_to, protocols, source.scenes)
     run = SceneRun(source, protocols, settings)
     # Runs into other folders share the finished scenes, by the benchmark's name.
     with _alone(run.staging):
         try:
             run.finish()
-            return _assembled(run, before)
+            return _assembled(run)
         finally:
             run.clear()
 
@@ -163,26 +128,16 @@ def _alone(folder: Path) -> AbstractContextManager[None]:
     )
 
 
-def _assembled(run: SceneRun, before: Mapping[str, ScenePart]) -> Prepared:
-    """Make the folder of scenes that were in it before, and those that were finished."""
-    settings, parts = run.settings, {**before, **run.parts}
-    for sentence in shared_photos(before, run.parts):
-        settings.note(f"warning: {sentence}")
+def _assembled(run: SceneRun) -> Prepared:
+    """Make the folder of the scenes that were finished."""
+    settings, parts = run.settings, run.parts
     made = run.protocols.of_scenes(parts)
     folder = _named(settings.folder, run.protocols, made)
     if made is not run.protocols:
         settings.note(_only_some(run, made))
     tracks = {scene: tuple(part.summary.tracks) for scene, part in parts.items()}
     served = served_protocols(made, tracks, folder)
-    if before and len(served) < len(made.every):
-        lost = {of.track for of in made.every} - {of.track for of in served}
-        raise BenchmarkError(
-            f"has truth for {', '.join(sorted(lost))}, and the scenes to add have none",
-            where=settings.add_to,
-            expected="scenes that every track of the folder has truth for",
-            fix="give what the tracks need (--priors, --cloud), or make another folder",
-        )
-    write = partial(_write, folder, served, parts, replaced=settings.replace or bool(before))
+    write = partial(_write, folder, served, parts, replaced=settings.replace)
     shown(write, "writing the folder", settings.progress)
     run.made = True
     accuracy = {scene: part.entry.truth_accuracy_m for scene, part in parts.items()}

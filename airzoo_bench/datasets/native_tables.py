@@ -64,13 +64,7 @@ class NativeTable:
         return dict(zip(self.columns, values, strict=True))
 
     def texts(self, column: str) -> tuple[str, ...]:
-        """Return the values of a column as they stand there.
-
-        Parameters
-        ----------
-        column : str
-            One of `columns`.
-        """
+        """Return the values of a column as they stand there."""
         return self._by_name[column]
 
     def numbers(
@@ -81,29 +75,7 @@ class NativeTable:
         *,
         empty: bool = False,
     ) -> Floats:
-        """Return the values of a column as numbers.
-
-        Decimal commas are read where commas do not separate the values, and none of the column's
-        values has a decimal point.
-
-        Parameters
-        ----------
-        column : str
-            One of `columns`.
-        least, most : float
-            What a value may be.
-        empty : bool
-            Whether cells may be empty; they become NaN.
-
-        Returns
-        -------
-        (rows,) array
-
-        Raises
-        ------
-        BenchmarkError
-            A value is no finite number, beyond its range, or lacking; the line is named.
-        """
+        """Return the values of a column as numbers."""
         texts = self.texts(column)
         comma = self.decimal_commas and not any("." in text for text in texts)
         values = [_number(text, comma) for text in texts]
@@ -118,18 +90,7 @@ class NativeTable:
         return np.array(values, dtype=np.float64)
 
     def require_unique(self, column: str) -> None:
-        """Refuse a value that two rows have.
-
-        Parameters
-        ----------
-        column : str
-            One of `columns`.
-
-        Raises
-        ------
-        BenchmarkError
-            The values are named.
-        """
+        """Refuse a value that two rows have."""
         counts = Counter(self.texts(column))
         twice = [value for value, count in counts.items() if count > 1]
         if twice:
@@ -147,30 +108,7 @@ def read_table(
     limit_bytes: int = _LIMIT_BYTES,
     synonyms: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> NativeTable:
-    """Read a table whose first line names its columns.
-
-    Commas, semicolons or tabs separate the values, whichever finds more of the columns asked for;
-    a byte-order mark, blanks around names and values, and the case of the names do not matter.
-
-    Parameters
-    ----------
-    path : Path
-        UTF-8 or GB18030.
-    columns : sequence of str
-        All that are read, by name.
-    optional : collection of str
-        Those of them that the file may lack.
-    limit_bytes : int
-        A larger file is refused before it is read.
-    synonyms : mapping of str to sequence of str
-        What people call a column, for the message where it is missing.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing, too large, empty or no such table; a column is missing or there
-        twice; a line has fewer or more values than there are columns.
-    """
+    """Read a table whose first line names its columns."""
     text = read_native_text(path, limit_bytes)
     head = text.lstrip().partition("\n")[0]
     separator = max(_SEPARATORS, key=lambda mark: len(found_columns(head.split(mark), columns)))
@@ -198,27 +136,9 @@ def read_table(
     )
 
 
-def read_lines(path: Path, columns: Sequence[str], limit_bytes: int = _LIMIT_BYTES) -> NativeTable:
-    """Read lines of values separated by blanks, without a line that names them.
-
-    Lines that are empty or begin with # are passed over. The first value may hold blanks, such
-    as a file name.
-
-    Parameters
-    ----------
-    path : Path
-        UTF-8 or GB18030.
-    columns : sequence of str
-        What the values of a line are, in the order of the file.
-    limit_bytes : int
-        A larger file is refused before it is read.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing, too large or empty, or a line has fewer values.
-    """
-    text = read_native_text(path, limit_bytes)
+def read_lines(path: Path, columns: Sequence[str]) -> NativeTable:
+    """Read lines of values separated by blanks, without a line that names them."""
+    text = read_native_text(path, _LIMIT_BYTES)
     numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1)]
     kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
     rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]

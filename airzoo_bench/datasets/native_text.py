@@ -25,13 +25,7 @@ _FIXES = {
 
 
 def read_native_text(path: Path, limit_bytes: int = _LIMIT_BYTES) -> str:
-    """Read a text in UTF-8, with or without a byte-order mark, or in GB18030.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing, too large, or not text; what it looks like is said.
-    """
+    """Read a text in UTF-8, with or without a byte-order mark, or in GB18030."""
     if path.is_dir():
         raise BenchmarkError("a folder, not a table", where=path)
     if not path.is_file():

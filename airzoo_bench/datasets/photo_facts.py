@@ -12,8 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.benchmark.queries import SceneInputs, poses_of
-from airzoo_bench.core.files import sha256_of
-from airzoo_bench.datasets.mistakes import position_cause
 from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats
@@ -23,7 +21,6 @@ from airzoo_bench.geometry.frames import from_lonlat, geodesic_distance_m, to_lo
 from airzoo_bench.geometry.missing_heights import nearest_heights
 
 __all__ = [
-    "OUTLIER_M",
     "Cameras3D",
     "GpsFacts",
     "PhotoFiles",
@@ -34,9 +31,6 @@ __all__ = [
 ]
 
 _NEAREST_OF_PX = 1_000_000
-OUTLIER_M = 25.0
-"""Receivers are rarely so far off, and photos often so far from each other."""
-_OUTLIER = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,30 +80,16 @@ class GpsFacts:
         Median horizontal distance, and median of pose less GPS in height (NaN without altitudes).
     offset_m : tuple of float
         Median of pose less GPS, east and north.
-    apart : dict of str to float
-        Ids of photos whose pose is far from GPS (plan and height) though the median's is not,
-        and how far; the median offset is taken off.
-    cause : str
-        The mistake that explains the distance, see `mistakes.position_cause`.
     """
 
     photos: int
     distance_m: float
     height_m: float
     offset_m: tuple[float, float]
-    apart: dict[str, float]
-    cause: str
 
 
 def camera_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> Cameras3D:
-    """Measure how high cameras are above the surface model, or else above the plane z0.
-
-    Parameters
-    ----------
-    inputs : SceneInputs
-    metadata : mapping of str to PhotoPrior
-        By file name; photos without an entry have none.
-    """
+    """Measure how high cameras are above the surface model, or else above the plane z0."""
     photos = inputs.photos
     relative = [metadata.get(name, PhotoPrior()).relative_altitude_m for name in photos["image"]]
     if "z" not in photos:
@@ -146,18 +126,14 @@ def gps_facts(inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> GpsFac
     apart[:, :2] -= from_lonlat(inputs.crs, lonlat)
     apart[:, 2] -= np.array([row.altitude_m for row in rows], np.float64)
     middle = np.array([median(apart[placed, axis]) for axis in range(3)])
-    away = np.linalg.norm(np.nan_to_num(apart - middle), axis=1)
     # A position beyond the projection is far, not unknown.
     metres = np.hypot(apart[:, 0], apart[:, 1])
     metres = np.where(np.isnan(metres), geodesic_distance_m(lonlat, true_lonlat), metres)
-    far = placed & (away > OUTLIER_M) & (away > _OUTLIER * median(away[placed]))
     return GpsFacts(
         int(placed.sum()),
         median(metres[placed]),
         float(middle[2]),
         (float(middle[0]), float(middle[1])),
-        dict(zip(inputs.photos["id"][far], away[far].tolist(), strict=True)),
-        position_cause(lonlat[placed], true_lonlat[placed]),
     )
 
 
@@ -176,8 +152,6 @@ class PhotoFiles:
 
     Attributes
     ----------
-    copies : tuple of tuple of str
-        Names of photos that hold the same bytes, a group each.
     cameras : mapping of str to tuple of str
         Names by camera (model, serial number, focal length), as EXIF has it; photos that do not
         say are left out.
@@ -185,38 +159,16 @@ class PhotoFiles:
         On which the photos were taken, ascending; those that say.
     """
 
-    copies: tuple[tuple[str, ...], ...]
     cameras: Mapping[str, tuple[str, ...]]
     days: tuple[date, ...]
 
 
 def survey_photos(folder: Path, names: Iterable[str]) -> PhotoFiles:
-    """Find which photos are the same file, which camera took them, and on which days.
-
-    Parameters
-    ----------
-    folder : Path
-    names : iterable of str
-        Relative to the folder.
-
-    Raises
-    ------
-    BenchmarkError
-        One is not a readable photo.
-    """
-    paths = {name: folder / name for name in names}
-    said = {name: _camera_and_day(path) for name, path in paths.items()}
+    """Find which camera took photos, and on which days."""
+    said = {name: _camera_and_day(folder / name) for name in names}
     cameras = _grouped({name: camera for name, (camera, _) in said.items() if camera})
     days = sorted({day for _, day in said.values() if day is not None})
-    return PhotoFiles(_copies(paths), cameras, tuple(days))
-
-
-def _copies(paths: Mapping[str, Path]) -> tuple[tuple[str, ...], ...]:
-    """Group names by the files' content, which is read only where sizes are equal."""
-    sizes = _grouped({name: str(path.stat().st_size) for name, path in paths.items()})
-    alike = [name for group in sizes.values() if len(group) > 1 for name in group]
-    found = _grouped({name: sha256_of(paths[name]) for name in alike})
-    return tuple(group for group in found.values() if len(group) > 1)
+    return PhotoFiles(cameras, tuple(days))
 
 
 def _grouped(keys: Mapping[str, str]) -> dict[str, tuple[str, ...]]:

@@ -77,24 +77,7 @@ class PhotoPrior:
 
 
 def read_prior(path: Path) -> PhotoPrior:
-    """Read a photo's position and attitude from its EXIF and DJI's XMP.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    PhotoPrior
-        None for what the photo does not have. A position of exactly 0, 0 or of 0/0 is none: a
-        receiver without a fix writes it.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not a readable photo; what it has is damaged: EXIF positions that are none on the
-        earth, DJI's XMP that is no XML or declares a document type, values that are no numbers.
-    """
+    """Read a photo's position and attitude from its EXIF and DJI's XMP."""
     gps, packet = _metadata(path)
     try:
         dji = _dji_values(packet)
@@ -113,22 +96,7 @@ def read_prior(path: Path) -> PhotoPrior:
 
 
 def read_dji_texts(path: Path) -> dict[str, str]:
-    """Read all that DJI's XMP of a photo states.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    dict of str to str
-        By the names without their namespace, such as ``"RtkFlag"``; empty where there is none.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not a readable photo, or the XMP is damaged.
-    """
+    """Read all that DJI's XMP of a photo states."""
     try:
         return _dji_texts(_metadata(path)[1])
     except BenchmarkError as fault:
@@ -136,22 +104,7 @@ def read_dji_texts(path: Path) -> dict[str, str]:
 
 
 def priors_to_poses(priors: Mapping[str, PhotoPrior], crs: Any) -> Poses:
-    """Turn priors into poses in a projected CRS.
-
-    Parameters
-    ----------
-    priors : mapping of str to PhotoPrior
-        By the photo's name; the poses are in its order.
-    crs : Any
-        See `geometry.crs.horizontal_crs`. Altitudes become z as they are.
-
-    Raises
-    ------
-    BenchmarkError
-        Photos lack a position or an attitude, or are beyond the CRS; the first three are named.
-    CameraError
-        The CRS is not projected.
-    """
+    """Turn priors into poses in a projected CRS."""
     table = {name: _required(prior) for name, prior in priors.items()}
     for what, part in (("position", slice(0, 3)), ("gimbal angles", slice(3, 6))):
         lacking = [name for name, values in table.items() if None in values[part]]

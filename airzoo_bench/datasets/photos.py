@@ -70,16 +70,7 @@ class FoundPhotos:
 def prepare_photos(
     sources: PhotoOptions, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
-    """Make a benchmark folder with one scene, for every track that its sources serve.
-
-    Without a prior in any photo (GPS position and gimbal angles in the metadata) there is no truth
-    for matching, without a cloud none for reconstruction.
-
-    Raises
-    ------
-    UserError
-        A source is missing or wrong, or no photo can be answered.
-    """
+    """Make a benchmark folder with one scene, for every track that its sources serve."""
     check_target(paths_among(sources), settings.folder)
     return prepare_scenes(photo_source(sources, protocols), protocols, settings)
 
@@ -91,13 +82,7 @@ def photo_source(sources: PhotoOptions, protocols: BenchmarkProtocols) -> SceneS
 
 
 def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
-    """Read the poses of own photos, and what the photos' metadata say.
-
-    Raises
-    ------
-    UserError
-        A source is missing or wrong.
-    """
+    """Read the poses of own photos, and what the photos' metadata say."""
     if sources.dsm is None and sources.plane_height is None:
         raise UsageError(
             "the height of the ground is not known",
@@ -127,14 +112,7 @@ def read_photos(sources: PhotoOptions, scene: str, progress: Progress) -> Native
 def posed_scene(
     options: SceneOptions, scene: str, found: FoundPhotos, progress: Progress
 ) -> NativeScene:
-    """Make the scene, its priors from the photos' metadata and ``--priors``.
-
-    Raises
-    ------
-    UserError
-        A photo's metadata or the table of priors are damaged, names cannot become ids, or a camera
-        is of another image size.
-    """
+    """Make the scene, its priors from the photos' metadata and ``--priors``."""
     photos = found.photos
     check_names(photos.names, found.images)
     check_centred(photos, found.poses_from)
@@ -175,24 +153,7 @@ def photo_metadata(
     sizes: Mapping[str, tuple[int, int]],
     progress: Progress,
 ) -> dict[str, PhotoPrior]:
-    """Read what photos say of themselves; what a table of priors says of them goes before.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Relative to `images`.
-    images : Path
-    priors : Path or None
-        See `priors.read_prior_file`.
-    sizes : mapping of str to (width, height)
-        Every photo that there is.
-    progress : Progress
-
-    Raises
-    ------
-    BenchmarkError
-        The metadata of a photo are damaged, or the table is.
-    """
+    """Read what photos say of themselves; what a table of priors says of them goes before."""
     given = read_prior_file(priors, sizes) if priors is not None else {}
     shown = progress(names, "metadata", len(names))
     return {name: replace(read_prior(images / name), **given.get(name, {})) for name in shown}

@@ -31,7 +31,7 @@ class Photos(Dataset[PhotoOptions]):
     )
     example = (
         "photos --name park --images photos --poses poses.json --dom dom.tif --dsm dsm.tif "
-        "--tile-size 256 --tile-size 128"
+        "--tile-size 512 --rule iou --iou-above 0.39"
     )
     options = PhotoOptions
     jobs = 1
@@ -76,25 +76,7 @@ class Photos(Dataset[PhotoOptions]):
 def photo_protocols(
     options: ProtocolOptions, name: str, root: Path, dom: Path | None
 ) -> BenchmarkProtocols:
-    """Return the protocols of a benchmark with one scene, started from those that options name.
-
-    Parameters
-    ----------
-    options : ProtocolOptions
-    name : str
-        Of the benchmark and its scene.
-    root : Path
-        The data root.
-    dom : Path or None
-        The map, by whose pixels sizes in metres are converted.
-
-    Raises
-    ------
-    ProtocolError
-        There is no such protocol, or a change does not go with it.
-    UserError
-        Sizes are given in metres, and the map is missing, or they are no whole tiles.
-    """
+    """Return the protocols of a benchmark with one scene, started from those that options name."""
     from airzoo_bench.datasets.truths import BenchmarkProtocols
     from airzoo_bench.matching.settings import MatchingProtocol
     from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track

@@ -1,4 +1,4 @@
-"""What `prepare` and `check-geometry` warn of: the kinds, and those of map, surface and cloud."""
+"""What `prepare` and `check-geometry` warn of: mistakes that the data show and nobody sees."""
 
 from __future__ import annotations
 
@@ -6,131 +6,82 @@ import math
 from collections.abc import Iterator
 from enum import Enum
 
-from airzoo_bench.datasets.mistakes import datum_cause, height_cause
-from airzoo_bench.datasets.photo_facts import OUTLIER_M
+import numpy as np
+
+from airzoo_bench.benchmark.queries import poses_of
+from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.datasets.priors import TURNED_DEG, PriorFacts, WithoutPrior
 from airzoo_bench.datasets.raster_checks import (
     FAR_BELOW_M,
+    FOOT_M,
     LOWEST_SHARE,
     lowest_heights,
     often_lowest,
 )
 from airzoo_bench.datasets.scene_facts import SceneFacts
-from airzoo_bench.geometry.blocks import HeightSurvey
-from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.datums import datum_change, same_datum
+from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 
-__all__ = ["Found", "Kind", "height_warnings", "map_warnings"]
+__all__ = ["Kind", "scene_warnings"]
 
-FAR_M = 10.0
-"""Receivers without correction are good to 5 m in plan; altitudes to 10 m."""
-FAR_SHARE = 0.1
-"""Of the height above take-off: ground is not level."""
-LARGE_ROTATION_DEG = 20.0
-MAP_DATUM_M = 1.0
-GPS_DATUM_M = 5.0
-"""Receivers are no better themselves."""
-LARGE_CROP = 0.5
-LIKELY_CHANCE = 0.5
-FEW_PIXELS = 32
-FEW_ON = 0.5
-LEAST_PLACES = 3
-CLOUD_M = 5.0
-"""A cloud also holds what lies below roofs and crowns."""
-ONE_COLOUR = 0.2
-LITTLE_SHOWN = 0.1
-DAYS_APART = 30
-NOT_SQUARE = 0.05
+_FAR_M = 10.0  # receivers without correction are good to 5 m in plan; altitudes to 10 m
+_FAR_SHARE = 0.1  # of the height above take-off: ground is not level
+_MEDIAN_TURN_DEG = 20.0
+_LIKELY_CHANCE = 0.5
+_OFTEN_MISSED = 0.5
+_FEW_ON = 0.5
+_CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
+_ONE_COLOUR = 0.2
+_TRUTH_STEP_M = 1e-4
 
 
 class Kind(Enum):
     """A kind of warning; its value is the line of docs/benchmark-folder.md about it."""
 
-    NOT_SQUARE = f"camera matrices whose fx and fy differ by more than {NOT_SQUARE:.0%}"
-    COPIES = "photos that are the same file under several names"
-    SAME_POSE = "photos that share their pose, to the last digit, with another photo"
-    CAMERAS = (
-        "photos of several cameras (by model, serial number and focal length in EXIF, or by size) "
-        "that share one camera matrix"
-    )
-    DAYS = f"photos taken more than {DAYS_APART} days apart"
-    NO_PRIOR = "photos without a prior, where other photos have one or a part of one"
-    FLOAT32 = "positions of poses that have gone through float32"
-    PLACES = f"photos from fewer than {LEAST_PLACES} places, where there is a cloud to reconstruct"
-    NO_HEIGHT = "cameras near which the surface model has no height"
-    BELOW = "some cameras below the surface model"
-    HEIGHT = (
-        f"cameras above the surface model by {FAR_M:g} m (and {FAR_SHARE:.0%}) more or less than "
-        "their photos say that they are above take-off"
-    )
-    GPS_PLAN = f"poses more than {FAR_M:g} m from their photos' GPS in plan (median)"
-    GPS_HEIGHT = f"poses more than {FAR_M:g} m from their photos' GPS in height (median)"
-    GPS_APART = (
-        f"single photos whose pose is more than {OUTLIER_M:g} m from their GPS, and ten times as "
-        "far as the others'"
-    )
-    TURNED = (
-        "priors turned by more than 45 degrees that one mistake explains: yaw off by 180 or 90 "
-        "degrees or with the wrong sign, pitch with the wrong sign or counted from nadir, roll off "
-        "by 180 degrees, or all three in radians"
-    )
-    ROTATION = f"priors turned by more than {LARGE_ROTATION_DEG:g} degrees (median), unexplained"
-    DATUM = (
-        "a map in another datum than the poses, or poses in another than GPS, that PROJ cannot "
-        f"convert to {MAP_DATUM_M:g} m and {GPS_DATUM_M:g} m"
-    )
-    FLAT = "a surface model all of whose heights are the same"
-    PLANE = "a ground plane that is lower or higher than the whole surface model"
     LOWEST = (
         f"a lowest height that more than {LOWEST_SHARE:.0%} of the surface model has, or that is 0 "
         f"or repeated and {FAR_BELOW_M:g} m below all others: perhaps an untagged nodata value"
     )
-    CLOUD = f"a true cloud more than {CLOUD_M:g} m off the surface model in height (median)"
-    NO_CLOUD = "a true cloud without a point over a height of the surface model"
-    LITTLE_SHOWN = f"a map of which less than {LITTLE_SHOWN:.0%} is not masked"
-    ONE_COLOUR = f"a map of which more than {ONE_COLOUR:.0%} is exactly one colour"
-    SHIFT = (
-        "a map that lies beside the surface model, shown by grids of the same size and pixels with "
-        "different corners, or by where both are empty"
+    CLOUD = (
+        f"a true cloud more than {_CLOUD_M:g} m off the surface model in height (median), or "
+        "without a point over a height of it"
     )
-    FLIPPED = (
-        "a map that is upside down or mirrored against the surface model, by where both are empty"
+    FLOAT32 = "positions of poses that have gone through float32"
+    BELOW = "cameras below the surface model"
+    HEIGHT = (
+        f"cameras above the surface model by {_FAR_M:g} m (and {_FAR_SHARE:.0%}) more or less than "
+        "their photos say that they are above take-off"
     )
-    OFF_MAP = f"less than {FEW_ON:.0%} of the photos' corners on the map"
-    OFF_SURFACE = f"less than {FEW_ON:.0%} of the photos' corners on the surface model"
-    LITTLE_SURFACE = f"a surface model below less than {FEW_ON:.0%} of the map"
-    COARSE = f"photos that see fewer than {FEW_PIXELS} pixels of the map"
-    CROPS = f"crops that take more than {LARGE_CROP:.0%} of the map on average"
-    EVERY_TILE = "every tile answers every photo"
-    CHANCE = f"a random tile answers in more than {LIKELY_CHANCE:.0%} of cases"
+    GPS_PLAN = f"poses more than {_FAR_M:g} m from their photos' GPS in plan (median)"
+    GPS_HEIGHT = f"poses more than {_FAR_M:g} m from their photos' GPS in height (median)"
+    NO_PRIOR = "photos without a prior, where other photos have one or a part of one"
+    TURNED = (
+        f"priors turned by more than {TURNED_DEG:g} degrees, or more than {_MEDIAN_TURN_DEG:g} in "
+        "the median"
+    )
+    ONE_COLOUR = f"a map of which more than {_ONE_COLOUR:.0%} is exactly one colour"
+    OFF_MAP = f"less than {_FEW_ON:.0%} of the photos' corners on the map or the surface model"
+    CHANCE = f"a random tile answers in more than {_LIKELY_CHANCE:.0%} of cases"
+    NEAREST_TILE = (
+        f"more than {_OFTEN_MISSED:.0%} of the photos that the tile does not answer whose centre "
+        "is nearest: tiles smaller than footprints"
+    )
 
 
-Found = Iterator[tuple[Kind, str]]
-"""Warnings: their kind, and a sentence with the figures."""
+_Found = Iterator[tuple[Kind, str]]
 
 
-def height_warnings(facts: SceneFacts) -> Found:
-    """Yield warnings about a scene's surface model, and about its cloud over it."""
-    if facts.survey is not None:
-        yield from _of_surface(facts.survey)
-        yield from _of_plane(facts.survey, facts.inputs.plane_height_m)
-    yield from _of_cloud(facts)
-    yield from _of_datums(facts)
+def scene_warnings(facts: SceneFacts) -> list[tuple[Kind, str]]:
+    """Return the warnings about a scene: the kind, and a sentence with the figures."""
+    parts = [_of_surface, _of_cloud]
+    if "x" in facts.inputs.photos:
+        parts += [_of_centres, _of_heights, _of_gps, _of_priors]
+    return [found for part in [*parts, _of_map, _of_chance] for found in part(facts)]
 
 
-def map_warnings(facts: SceneFacts) -> Found:
-    """Yield warnings about a scene's map, and about the crops and tiles that are cut from it."""
-    for part in (_of_picture, _of_map, _of_surface_bounds, _of_crops, _of_positives):
-        yield from part(facts)
-
-
-def _of_surface(survey: HeightSurvey) -> Found:
-    if survey.low == survey.high:
-        yield (
-            Kind.FLAT,
-            f"the surface model is flat: every height is exactly {survey.low:.10g} m; look "
-            "whether it holds heights at all",
-        )
-    if often_lowest(survey):
+def _of_surface(facts: SceneFacts) -> _Found:
+    survey = facts.survey
+    if survey is not None and often_lowest(survey):
         yield (
             Kind.LOWEST,
             f"{lowest_heights(survey)} of the surface model's heights are exactly "
@@ -139,129 +90,152 @@ def _of_surface(survey: HeightSurvey) -> Found:
         )
 
 
-def _of_plane(survey: HeightSurvey, plane: float | None) -> Found:
-    if plane is not None and not survey.low <= plane <= survey.high:
-        yield (
-            Kind.PLANE,
-            f"the ground plane is at {plane:.1f} m, and the surface model is {survey.low:.1f} to "
-            f"{survey.high:.1f} m high: footprints on the plane are not those on the ground; look "
-            "at --plane-height and its vertical datum",
-        )
-
-
-def _of_cloud(facts: SceneFacts) -> Found:
+def _of_cloud(facts: SceneFacts) -> _Found:
     above_m = facts.cloud_over_surface_m
     if facts.survey is None or above_m is None:
         return
     if math.isnan(above_m):
-        yield Kind.NO_CLOUD, "the true cloud has no point over a height of the surface model"
-    elif abs(above_m) > CLOUD_M:
+        yield Kind.CLOUD, "the true cloud has no point over a height of the surface model"
+    elif abs(above_m) > _CLOUD_M:
         yield (
             Kind.CLOUD,
             f"the true cloud is {above_m:+.1f} m from the surface model in height (median): they "
-            "may have different vertical datums (ellipsoid and geoid) or units; "
-            + height_cause(above_m, facts.lonlat, "the cloud", "the surface model"),
+            "may have different vertical datums (ellipsoid and geoid) or units",
         )
 
 
-def _of_datums(facts: SceneFacts) -> Found:
-    crs, dom = facts.inputs.crs, facts.inputs.dom
-    if crs is None or crs == LOCAL_CRS:
+def _of_centres(facts: SceneFacts) -> _Found:
+    plan = poses_of(facts.inputs.photos).centres[:, :2]
+    # Truth is rounded to 0.1 mm, which numbers of float32 need not be.
+    narrow = plan.astype(np.float32).astype(np.float64)
+    plan = narrow if (np.abs(plan - narrow) <= _TRUTH_STEP_M).all() else plan
+    error = float(np.sqrt((rounding_errors(plan) ** 2).sum(axis=1).mean()))
+    if was_rounded_to(plan, np.float32) and error > COARSEST_M:
+        yield (
+            Kind.FLOAT32,
+            f"positions of the poses have gone through float32: an error of {error:.2g} m is to be "
+            "expected; write them as float64",
+        )
+
+
+def _of_heights(facts: SceneFacts) -> _Found:
+    cameras, plane = facts.cameras, facts.inputs.plane_height_m
+    if cameras.below:
+        ground = (
+            "the surface model: look at its vertical datum and unit, and at heights that are none"
+            if facts.survey is not None
+            else f"the ground, which is taken as a plane at {plane:g} m: look at the vertical "
+            "datum of the heights, and at --plane-height"
+        )
+        yield (
+            Kind.BELOW,
+            f"{cameras.below} of {counted(len(cameras.heights_m), 'camera')} "
+            f"{agreeing(cameras.below, 'is', 'are')} below {ground}",
+        )
+    difference = cameras.heights_m - cameras.relative_m
+    if facts.survey is None or not np.isfinite(difference).any():
         return
-    own = datum_change(crs, facts.lonlat)
-    if dom is not None and not same_datum(crs, dom.crs):
-        for change in (own, datum_change(dom.crs, facts.lonlat)):
-            if change.worse_than(MAP_DATUM_M):
-                yield Kind.DATUM, f"map and poses have different datums, and {datum_cause(change)}"
-    elif facts.gps is not None and own.worse_than(GPS_DATUM_M):
-        yield Kind.DATUM, f"poses and GPS have different datums, and {datum_cause(own)}"
-
-
-def _of_map(facts: SceneFacts) -> Found:
-    if facts.shift is not None and facts.shift.flipped:
+    off = float(np.nanmedian(difference))
+    if abs(off) > max(_FAR_M, _FAR_SHARE * cameras.relative_height_m):
+        left = float(np.nanmedian(difference + cameras.surface_m * (1.0 - FOOT_M)))
         yield (
-            Kind.FLIPPED,
-            f"the map is {facts.shift.flipped} against the surface model, by {facts.shift.by}: "
-            "look at the georeference of both",
-        )
-    elif facts.shift is not None:
-        across, down = (round(value, 1) + 0.0 for value in facts.shift.pixels)
-        yield (
-            Kind.SHIFT,
-            f"the map lies {facts.shift.metres:.2f} m beside the surface model, by "
-            f"{facts.shift.by}: moved by {across:+.1f} columns and {down:+.1f} rows of its pixels "
-            "it would fit; look at the georeference of both",
-        )
-    if facts.on_map < FEW_ON:
-        yield (
-            Kind.OFF_MAP,
-            f"only {facts.on_map:.0%} of the photos' corners lie on the map: look at the CRS of "
-            "map and poses, or cut the photos to those over the map",
-        )
-    seen = math.nan if facts.map_gsd_m is None else facts.footprint_m / max(facts.map_gsd_m)
-    if seen < FEW_PIXELS:
-        yield (
-            Kind.COARSE,
-            f"a photo sees {seen:.0f} pixels of the map: the map is too coarse to match",
+            Kind.HEIGHT,
+            f"cameras are {cameras.height_m:.1f} m above the surface model, their own photos say "
+            f"{cameras.relative_height_m:.1f} m above take-off ({off:+.1f} m): "
+            + (
+                f"in feet, the surface model would fit to {abs(left):.1f} m; name its unit"
+                if abs(left) < _FAR_SHARE * abs(off)
+                else "poses and surface model may have different vertical datums (ellipsoid and "
+                "geoid), unless the ground lies so much from the place of take-off"
+            ),
         )
 
 
-def _of_crops(facts: SceneFacts) -> Found:
-    if facts.crop_shares is None or not len(facts.crop_shares):
+def _of_gps(facts: SceneFacts) -> _Found:
+    gps = facts.gps
+    if gps is None:
         return
-    share, whole = float(facts.crop_shares.mean()), int((facts.crop_shares >= 1.0).sum())
-    if share > LARGE_CROP:
-        all_of_it = f", {whole} of {len(facts.crop_shares)} all of it" if whole else ""
+    if gps.distance_m > _FAR_M:
+        east, north = gps.offset_m
         yield (
-            Kind.CROPS,
-            f"crops take more than half of the map on average ({share:.1%}{all_of_it}): priors "
-            "narrow the search by little; take a larger map, or look at their heights and angles",
+            Kind.GPS_PLAN,
+            f"poses are {gps.distance_m:.1f} m from their own photos' GPS (median), by "
+            f"{east:+.1f} m east and {north:+.1f} m north: look at the CRS, the datum and any "
+            "offset that the poses were reduced by, and whether names and poses belong together",
+        )
+    if abs(gps.height_m) > _FAR_M:
+        yield (
+            Kind.GPS_HEIGHT,
+            f"poses are {gps.height_m:+.1f} m from their own photos' GPS in height (median): they "
+            "may have different vertical datums (ellipsoid and geoid), and priors are so far off",
         )
 
 
-def _of_positives(facts: SceneFacts) -> Found:
+def _of_priors(facts: SceneFacts) -> _Found:
+    yield from _of_missing_priors(facts.without_prior)
+    if facts.priors is not None:
+        yield from _of_turned_priors(facts.priors)
+
+
+def _of_turned_priors(priors: PriorFacts) -> _Found:
+    if priors.turned or priors.rotation_deg > _MEDIAN_TURN_DEG:
+        many = (
+            f" and more than {TURNED_DEG:g} in {first_of(priors.turned, priors.photos)}"
+            if priors.turned
+            else ""
+        )
+        yield (
+            Kind.TURNED,
+            f"the priors' rotation is {priors.rotation_deg:.0f} degrees off (median){many}: look "
+            "at the gimbal angles in the metadata or --priors, and at the angles of the poses "
+            "(convention, unit, signs, axes)",
+        )
+
+
+def _of_missing_priors(found: WithoutPrior) -> _Found:
+    if found.lacking and (found.some_word or found.count < found.photos):
+        parts = [f"{first_of(ids)} have no {what}" for what, ids in found.lacking.items()]
+        asked = found.photos - found.count
+        yield (
+            Kind.NO_PRIOR,
+            f"{found.count} of {counted(found.photos, 'photo')} "
+            f"{agreeing(found.count, 'has', 'have')} no prior: {'; '.join(parts)}. Matching "
+            + (f"asks the other {asked}" if asked else "has no query")
+            + ", retrieval and reconstruction need none; --priors FILE gives what is missing "
+            "(docs/benchmark-folder.md)",
+        )
+
+
+def _of_map(facts: SceneFacts) -> _Found:
+    for what, share in (("map", facts.on_map), ("surface model", facts.on_surface)):
+        if share < _FEW_ON:
+            yield (
+                Kind.OFF_MAP,
+                f"only {share:.0%} of the photos' corners lie on the {what}: look at the CRS and "
+                "the extent of it and of the poses, or cut the photos to those over it",
+            )
+    if facts.map is not None and facts.map.one_colour > _ONE_COLOUR:
+        colour = " ".join(f"{value:g}" for value in facts.map.colour)
+        yield (
+            Kind.ONE_COLOUR,
+            f"{facts.map.one_colour:.0%} of the map is exactly one colour ({colour}): unless that "
+            "is what is there, mark it as missing, or tiles that show nothing stand in the gallery "
+            f"(gdalwarp -srcnodata '{colour}' -dstalpha)",
+        )
+
+
+def _of_chance(facts: SceneFacts) -> _Found:
     shares = facts.positive_shares
-    if shares is None or not len(shares):
-        return
-    if (shares == 1.0).all():
-        yield (
-            Kind.EVERY_TILE,
-            "every tile answers every photo: retrieval measures nothing; take smaller tiles",
-        )
-    elif shares.mean() > LIKELY_CHANCE:
+    if shares is not None and len(shares) and shares.mean() > _LIKELY_CHANCE:
         yield (
             Kind.CHANCE,
             f"a random tile answers a photo in {shares.mean():.0%} of cases: take smaller tiles, "
             "or a larger map",
         )
-
-
-def _of_picture(facts: SceneFacts) -> Found:
-    if facts.map is None:
-        return
-    shown, share = facts.map.shown, facts.map.one_colour
-    if shown < LITTLE_SHOWN:
-        yield Kind.LITTLE_SHOWN, f"only {shown:.1%} of the map shows anything: the rest is masked"
-    if share > ONE_COLOUR:
-        colour = " ".join(f"{value:g}" for value in facts.map.colour)
+    if facts.nearest_missed > _OFTEN_MISSED:
         yield (
-            Kind.ONE_COLOUR,
-            f"{share:.0%} of the map is exactly one colour ({colour}): unless that is what is "
-            "there, mark it as missing, or tiles that show nothing stand in the gallery "
-            f"(gdalwarp -srcnodata '{colour}' -dstalpha)",
-        )
-
-
-def _of_surface_bounds(facts: SceneFacts) -> Found:
-    if facts.on_surface < FEW_ON:
-        yield (
-            Kind.OFF_SURFACE,
-            f"only {facts.on_surface:.0%} of the photos' corners lie on the surface model: look at "
-            "the CRS and the extent of it and of the poses",
-        )
-    if facts.map is not None and facts.map.over_surface < FEW_ON:
-        yield (
-            Kind.LITTLE_SURFACE,
-            f"the surface model lies below only {facts.map.over_surface:.0%} of the map: look at "
-            "the CRS and the extent of both",
+            Kind.NEAREST_TILE,
+            f"the tile nearest to a photo's centre is a miss for {facts.nearest_missed:.0%} of the "
+            f"photos, which see {facts.footprint_m:.0f} m: take tiles as large, and --rule iou "
+            "--iou-above 0.39, or tiles larger than that",
         )

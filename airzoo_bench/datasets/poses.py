@@ -14,6 +14,7 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    field_validator,
     model_validator,
 )
 from pydantic.fields import FieldInfo
@@ -39,6 +40,10 @@ Matrix = tuple[Row, Row, Row]
 Distortion = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
 _DISTORTION_KEYS = AliasChoices("distortion", "dist_k1k2p1p2")
 _CENTRE_KEYS = AliasChoices("center", "center_utm")
+_MODEL_KEYS = AliasChoices("model", "camera_model", "distortion_model", "projection_type")
+# What K with k1 k2 p1 p2 k3 computes, as COLMAP, OpenSfM and ROS name it.
+_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_OTHER_NAMES = ("PERSPECTIVE", "BROWN", "BROWN_CONRADY", "PLUMB_BOB", "RADTAN")
 
 
 class _Lenient(BaseModel):
@@ -71,37 +76,31 @@ def _aliases(name: str, field: FieldInfo) -> list[str]:
     return [str(alias or name)]
 
 
-class _Image(_Lenient):
+class _Lens(_Lenient):
+    K: Matrix | None = None
+    distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
+    model: str | None = Field(default=None, validation_alias=_MODEL_KEYS)
+
+    @field_validator("model")
+    @classmethod
+    def _computed(cls, name: str | None) -> str | None:
+        if name is not None and name.upper() not in (*_MODELS, *_OTHER_NAMES):
+            raise ValueError(f"it is none of {', '.join(_MODELS)}: undistort the photos")
+        return name
+
+
+class _Image(_Lens):
     rotation: Matrix = Field(validation_alias="R_w2c")
     centre: Row = Field(validation_alias=_CENTRE_KEYS)
-    K: Matrix | None = None
-    distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
 
 
-class _File(_Lenient):
+class _File(_Lens):
     crs: str | None = None
-    K: Matrix | None = None
-    distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
     images: Annotated[dict[str, _Image], Field(min_length=1)]
 
 
 def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
-    """Read cameras and poses.
-
-    Parameters
-    ----------
-    path : Path
-        A JSON file (docs/benchmark-folder.md describes it), or the folder of a COLMAP model in a
-        projected CRS.
-    sizes : dict of str to (width, height)
-        The photos that there are; poses of others are left aside.
-
-    Raises
-    ------
-    CameraError
-        The file is not as described, names none of the photos, a camera matrix is singular or of
-        another image size, or a rotation is not a rotation.
-    """
+    """Read cameras and poses."""
     try:
         photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
     except CameraError as error:
@@ -205,7 +204,7 @@ def _brown(camera: Any, path: Path) -> tuple[float, ...]:
             raise CameraError(
                 f"camera model {model} is not supported",
                 where=path,
-                expected="PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV",
+                expected=" or ".join(_MODELS),
                 fix="undistort the photos (colmap image_undistorter) and use that model",
             )
 

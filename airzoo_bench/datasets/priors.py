@@ -21,9 +21,7 @@ from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import (
-    angles_to_rotations,
     rotation_angle_deg,
-    rotations_to_angles,
 )
 
 if TYPE_CHECKING:
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PRIOR_VALUES",
+    "TURNED_DEG",
     "PriorFacts",
     "WithoutPrior",
     "prior_facts",
@@ -44,25 +43,7 @@ _LIMIT_BYTES = 64 << 20
 
 
 def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, float]]:
-    """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`.
-
-    Parameters
-    ----------
-    path : Path
-    photos : iterable of str
-        The names of the photos that there are.
-
-    Returns
-    -------
-    dict of str to dict
-        What is given for each photo; empty cells are left out.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is not such a table, names a photo twice or one that there is not, or a value is
-        no number or beyond its range.
-    """
+    """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`."""
     text = read_text(path, BenchmarkError, "table of priors", _LIMIT_BYTES)
     try:
         table = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
@@ -118,21 +99,20 @@ def _refuse_names(names: list[str], what: str, path: Path) -> None:
         )
 
 
-# No gimbal is so far off; a mistake of convention is. What it leaves is below the second, and two
-# that leave as much to the third cannot be told apart.
-_WRONG_DEG, _EXPLAINED_DEG, _ALIKE_DEG = 45.0, 20.0, 1.0
+TURNED_DEG = 45.0
+"""No gimbal is so far off; a mistake of convention is."""
 
 
 @dataclass(frozen=True)
 class PriorFacts:
-    """Median errors of the priors, and the mistakes that explain large ones."""
+    """Median errors of the priors, and the ids of photos whose prior is turned."""
 
     photos: int
     position_m: float
     yaw_deg: float
     pitch_deg: float
     rotation_deg: float
-    turned: tuple[tuple[str, tuple[str, ...]], ...]
+    turned: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -165,17 +145,14 @@ def prior_facts(photos: pd.DataFrame) -> PriorFacts | None:
     if there.empty:
         return None
     priors, poses = poses_of(there, PRIOR_COLUMNS), poses_of(there)
-    position, yaw, pitch, rotation = map(median, prior_errors(priors, poses))
-    turned = turned_priors(priors, poses)
-    ids = tuple((what, tuple(there["id"][rows])) for what, rows in turned.items())
-    return PriorFacts(len(there), position, yaw, pitch, rotation, ids)
+    position, yaw, pitch, rotation = prior_errors(priors, poses)
+    turned = tuple(there["id"][rotation > TURNED_DEG])
+    medians = median(position), median(yaw), median(pitch), median(rotation)
+    return PriorFacts(len(there), *medians, turned)
 
 
 def without_prior(photos: pd.DataFrame, metadata: Mapping[str, PhotoPrior] | None) -> WithoutPrior:
-    """Find the photos that have no prior, and what each lacks; without metadata, of the table.
-
-    Photos that lack nothing are left out: their metadata are the truth, and so no prior.
-    """
+    """Find the photos that have no prior, and what each lacks; without metadata, of the table."""
     lacking: dict[str, list[str]] = {}
     if metadata is None:
         ids = tuple(photos["id"][~_with_prior(photos)])
@@ -203,15 +180,7 @@ def _first_lacking(prior: PhotoPrior) -> str:
 
 
 def prior_errors(priors: Poses, poses: Poses) -> tuple[Floats, Floats, Floats, Floats]:
-    """Compare N priors with the poses.
-
-    Returns
-    -------
-    position_m, yaw_deg, pitch_deg, rotation_deg : (N,) array
-        Not negative: in space; the twist about the vertical of the rotation between the two, which
-        is also defined for cameras that look straight down; of the optical axis against the
-        horizon; in space.
-    """
+    """Compare N priors with the poses."""
     # Rows of a rotation are the camera's axes in the world: this takes the pose's to the prior's.
     between = np.einsum("nki,nkj->nij", priors.rotation, poses.rotation)
     sine, cosine = between[:, 1, 0] - between[:, 0, 1], between[:, 0, 0] + between[:, 1, 1]
@@ -222,56 +191,3 @@ def prior_errors(priors: Poses, poses: Poses) -> tuple[Floats, Floats, Floats, F
         np.abs(down[0] - down[1]),
         rotation_angle_deg(priors.rotation, poses.rotation),
     )
-
-
-def turned_priors(priors: Poses, poses: Poses) -> dict[str, Bools]:
-    """Find mistakes of convention that explain priors turned by more than 45 degrees.
-
-    A mistake explains a prior where correcting it leaves less than 20 degrees. The one that leaves
-    the least on average, unexplained priors counting 20 degrees, comes first; then the one that
-    leaves the least of the others, and so on. Of those that leave as much, to 1 degree, the one
-    that explains the most is meant. One that explains less than a third may do so by chance, and
-    explains nothing.
-
-    Returns
-    -------
-    dict of str to (N,) bool array
-        Which priors each explains, by what is wrong with them, such as "yaw is 180 degrees off".
-    """
-    wrong = rotation_angle_deg(priors.rotation, poses.rotation) > _WRONG_DEG
-    left = {
-        what: np.minimum(rotation_angle_deg(corrected, poses.rotation), _EXPLAINED_DEG)
-        for what, corrected in _corrected(priors).items()
-    }
-    least, found = wrong.sum() / 3, {}
-    while wrong.any():
-        explained = {what: wrong & (left_deg < _EXPLAINED_DEG) for what, left_deg in left.items()}
-        likely = [what for what, rows in explained.items() if rows.sum() >= least]
-        if not likely:
-            found["rotation is more than 45 degrees off"] = wrong
-            break
-        means = {what: float(left[what][wrong].mean()) for what in likely}
-        alike = [what for what in likely if means[what] <= min(means.values()) + _ALIKE_DEG]
-        what = max(alike, key=lambda name: int(explained[name].sum()))
-        found[what] = explained[what]
-        wrong = wrong & ~explained[what]
-    return found
-
-
-def _corrected(priors: Poses) -> dict[str, Floats]:
-    """Return the rotations of the priors with each mistake corrected, by the mistake."""
-    yaw, pitch, roll = rotations_to_angles(priors.rotation, convergence_deg=0.0).T
-    angles = {
-        "angles are in radians": tuple(np.degrees((yaw, pitch, roll))),
-        "yaw is 180 degrees off": (yaw + 180.0, pitch, roll),
-        "yaw is 90 degrees too large": (yaw - 90.0, pitch, roll),
-        "yaw is 90 degrees too small": (yaw + 90.0, pitch, roll),
-        "yaw has the wrong sign": (-yaw, pitch, roll),
-        "pitch has the wrong sign": (yaw, -pitch, roll),
-        "yaw and pitch have the wrong sign": (-yaw, -pitch, roll),
-        "pitch is counted from nadir": (yaw, pitch - 90.0, roll),
-        "roll is 180 degrees off": (yaw, pitch, roll + 180.0),
-    }
-    return {
-        what: angles_to_rotations(*values, convergence_deg=0.0) for what, values in angles.items()
-    }

@@ -43,13 +43,7 @@ _POLE_DEG = 90.0 + 1e-6
 
 
 def check_map(path: Path) -> RasterInfo:
-    """Open a map, and refuse one that is not on the earth or too large to process.
-
-    Raises
-    ------
-    RasterError
-        It is so; see also `open_info`.
-    """
+    """Open a map, and refuse one that is not on the earth or too large to process."""
     info = open_info(path)
     _check_pixels(info)
     corners = np.array((info.width, info.height)) * CORNERS
@@ -65,13 +59,7 @@ def check_map(path: Path) -> RasterInfo:
 
 
 def surveyed(path: Path) -> HeightSurvey:
-    """Survey the heights of a surface model, and refuse heights that no ground has.
-
-    Raises
-    ------
-    RasterError
-        It has such heights, or none at all, or it is too large; see also `survey_heights`.
-    """
+    """Survey the heights of a surface model, and refuse heights that no ground has."""
     _check_pixels(open_info(path))
     found = survey_heights(path, _LOWEST_M, _HIGHEST_M)
     if not found.valid:
@@ -99,13 +87,7 @@ def _stored(path: Path, height_m: float) -> float:
 
 
 def check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
-    """Refuse a gallery of more than 500,000 tiles.
-
-    Raises
-    ------
-    RasterError
-        It is so.
-    """
+    """Refuse a gallery of more than 500,000 tiles."""
     count = 0
     for size in gallery.tile_sizes_px:
         across, down = (
@@ -133,13 +115,7 @@ def _check_pixels(info: RasterInfo) -> None:
 
 
 def check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
-    """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0.
-
-    Raises
-    ------
-    BenchmarkError
-        With the heights, and what they would be in feet.
-    """
+    """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0."""
     known = np.isfinite(cameras.heights_m)
     if not known.any() or cameras.below < known.sum():
         return
@@ -162,13 +138,7 @@ def check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
 
 
 def check_map_scale(inputs: SceneInputs) -> None:
-    """Refuse a map whose pixels are larger than what a photo sees.
-
-    Raises
-    ------
-    RasterError
-        With both sizes.
-    """
+    """Refuse a map whose pixels are larger than what a photo sees."""
     dom = inputs.gallery_map
     pixel, (_, footprint, _) = max(gsd_m(dom)), footprints_of(inputs)
     if 0.0 < footprint < pixel:
@@ -181,10 +151,7 @@ def check_map_scale(inputs: SceneInputs) -> None:
 
 
 def often_lowest(survey: HeightSurvey) -> bool:
-    """Whether the lowest height may stand for a missing one.
-
-    It is frequent; or it is 0, or several pixels have it, and the next is far above.
-    """
+    """Whether the lowest height may stand for a missing one."""
     repeated = survey.at_low > 1 or survey.low == 0.0
     alone = repeated and survey.next_low - survey.low > FAR_BELOW_M
     return survey.low < survey.high and (alone or survey.at_low > LOWEST_SHARE * survey.valid)

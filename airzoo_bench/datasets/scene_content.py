@@ -57,19 +57,7 @@ class SceneContent:
 
 
 def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneContent:
-    """Check a scene, measure its parts, and make its truth for every track that they serve.
-
-    Parameters
-    ----------
-    native : NativeScene
-    protocols : BenchmarkProtocols
-        Those that do not name the scene are left aside.
-
-    Raises
-    ------
-    UserError
-        A part is missing or wrong, or no photo can be answered.
-    """
+    """Check a scene, measure its parts, and make its truth for every track that they serve."""
     protocols = protocols.of_scene(native.scene)
     scene = _measured(native)
     inputs = scene.inputs

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, cameras_of, poses_of
-from airzoo_bench.datasets.map_facts import MapFacts, MapShift, map_facts, map_shift
+from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of
+from airzoo_bench.datasets.map_facts import MapFacts, map_facts
 from airzoo_bench.datasets.photo_facts import (
     Cameras3D,
     GpsFacts,
@@ -28,10 +28,9 @@ from airzoo_bench.datasets.priors import (
     prior_facts,
     without_prior,
 )
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
-from airzoo_bench.geometry.frames import to_lonlat
 from airzoo_bench.geometry.map_pixels import to_map_pixels
 from airzoo_bench.geometry.poses import rays_to_world
 from airzoo_bench.geometry.rasters import (
@@ -94,8 +93,6 @@ class SceneFacts(MeasuredScene):
 
     Attributes
     ----------
-    same_pose : tuple of str
-        Ids of photos whose pose is that of a photo before them.
     gps : GpsFacts or None
     without_prior : WithoutPrior
     priors : PriorFacts or None
@@ -113,15 +110,15 @@ class SceneFacts(MeasuredScene):
         Share of the gallery that answers each query.
     cloud_over_surface_m : float or None
         Median height of the true cloud above the surface model; NaN where they do not meet.
-    shift : MapShift or None
-        Of the map against the surface model, where one can be shown.
     dropped_tiles : int
         Tiles that are not in the gallery since they hold too little of the map.
     dropped : str
         Which tiles these are, see `Gallery.dropped`; empty where the protocol is not known.
+    nearest_missed : float
+        Share of queries that the tile does not answer whose centre is nearest to the footprint's;
+        NaN where there are none.
     """
 
-    same_pose: tuple[str, ...]
     gps: GpsFacts | None
     without_prior: WithoutPrior
     priors: PriorFacts | None
@@ -134,19 +131,13 @@ class SceneFacts(MeasuredScene):
     crop_shares: Floats | None
     positive_shares: Floats | None
     cloud_over_surface_m: float | None
-    shift: MapShift | None
     dropped_tiles: int
     dropped: str
-
-    @property
-    def lonlat(self) -> Floats:
-        """Longitude and latitude (2,) in the midst of the cameras."""
-        centres = poses_of(self.inputs.photos).centres
-        return to_lonlat(self.inputs.crs, np.median(centres[:, :2], axis=0))
+    nearest_missed: float
 
     def values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""
-        cameras, over, shift = self.cameras, self.cloud_over_surface_m, self.shift
+        cameras, over = self.cameras, self.cloud_over_surface_m
         dom, survey, found = self.inputs.dom, self.survey, self.map
         return {
             "photos": len(self.inputs.photos),
@@ -154,7 +145,6 @@ class SceneFacts(MeasuredScene):
             "height_over_take_off_m": _json(cameras.relative_height_m),
             "cameras_below_surface": cameras.below,
             "photo_gsd_m": _json(self.photo_gsd_m),
-            "copies_of_photos": [list(group) for group in self.files.copies],
             "photos_by_camera": {name: len(of) for name, of in self.files.cameras.items()},
             "days": [day.isoformat() for day in self.files.days],
             "photos_without_prior": {
@@ -177,8 +167,6 @@ class SceneFacts(MeasuredScene):
             else [survey.low, self.inputs.plane_height_m, survey.high],
             "cloud_over_surface_m": None if over is None else _json(over),
             "dropped_tiles": self.dropped_tiles,
-            "map_shift_px": None if shift is None else list(shift.pixels),
-            "map_flipped": None if shift is None else shift.flipped or None,
             "crop_share": _json(_mean(self.crop_shares)),
             "chance_of_positive": _json(_mean(self.positive_shares)),
         }
@@ -191,18 +179,7 @@ def scene_facts(
     cloud_over_surface_m: float | None,
     dropped: str = "",
 ) -> SceneFacts:
-    """Compare the parts of a scene with each other.
-
-    Parameters
-    ----------
-    scene : MeasuredScene
-    retrieval, matching
-        The truths, where there are.
-    cloud_over_surface_m : float or None
-        See `cloud_checks.check_cloud`; None without a cloud.
-    dropped : str
-        Which tiles the protocol leaves out, see `Gallery.dropped`.
-    """
+    """Compare the parts of a scene with each other."""
     inputs, metadata = scene.inputs, scene.metadata
     gsd, footprint, corners = footprints_of(inputs)
     dom, dsm = inputs.dom, None if inputs.dsm is None else open_info(inputs.dsm)
@@ -214,7 +191,6 @@ def scene_facts(
         scene.files,
         scene.cameras,
         scene.is_metadata,
-        _same_pose(inputs),
         gps_facts(inputs, metadata),
         without_prior(inputs.photos, None if scene.is_metadata else metadata),
         prior_facts(inputs.photos),
@@ -227,10 +203,22 @@ def scene_facts(
         None if matching is None or dom is None else _crop_shares(matching, dom),
         shares,
         cloud_over_surface_m,
-        None if dom is None or dsm is None else map_shift(dom, dsm),
         0 if retrieval is None else len(retrieval.dropped_tiles),
         dropped,
+        _nearest_missed(retrieval),
     )
+
+
+def _nearest_missed(truth: RetrievalTruth | None) -> float:
+    from scipy.spatial import cKDTree
+
+    if truth is None or truth.of_images:
+        return math.nan
+    centres, queries = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2, truth.footprint_centres
+    rows = np.flatnonzero(np.isfinite(queries).all(axis=1))
+    scale = (np.cos(np.radians(centres[:, 1].mean())), 1.0)
+    nearest = cKDTree(centres * scale).query(queries[rows] * scale)[1]
+    return _mean(~truth.positives.holds(rows, nearest, len(centres)))
 
 
 def _crop_shares(truth: MatchingTruth, dom: RasterInfo) -> Floats:
@@ -238,17 +226,8 @@ def _crop_shares(truth: MatchingTruth, dom: RasterInfo) -> Floats:
     return shares
 
 
-def _same_pose(inputs: SceneInputs) -> tuple[str, ...]:
-    if "x" not in inputs.photos:
-        return ()
-    return tuple(inputs.photos["id"][inputs.photos.duplicated(list(POSE_COLUMNS))])
-
-
 def footprints_of(inputs: SceneInputs) -> tuple[float, float, Floats]:
-    """Return medians of pixel size and longer side (m) on the plane, and the corners (N, 4, 2).
-
-    NaN where the plane or the poses are not known.
-    """
+    """Return medians of pixel size and longer side (m) on the plane, and the corners (N, 4, 2)."""
     if inputs.plane_height_m is None or "x" not in inputs.photos:
         return math.nan, math.nan, np.full((len(inputs.photos), 4, 2), np.nan)
     cameras, poses = cameras_of(inputs.photos), poses_of(inputs.photos)
@@ -268,7 +247,7 @@ def _share_inside(corners: Floats, inputs: SceneInputs, raster: RasterInfo | Non
     return float(((pixels >= 0.0) & (pixels <= (raster.width, raster.height))).all(axis=-1).mean())
 
 
-def _mean(values: Floats | None) -> float:
+def _mean(values: Floats | Bools | None) -> float:
     return math.nan if values is None or not len(values) else float(np.mean(values))
 
 

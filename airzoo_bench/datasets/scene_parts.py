@@ -20,7 +20,6 @@ from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -37,7 +36,6 @@ __all__ = [
     "options_of",
     "read_parts",
     "scene_keys",
-    "tracks_only",
     "write_records",
 ]
 
@@ -193,20 +191,10 @@ def _part(folder: Path, record: Mapping[str, Any]) -> ScenePart:
     return ScenePart(folder, record["key"], entry, summary, options)
 
 
-def tracks_only(home: Path) -> SceneSummary:
-    """Sum up a scene's folder of which no record says more: the tracks that it has truth for."""
-    tracks = {name: TrackSummary("", 0) for name in TRACKS.names() if (home / name).is_dir()}
-    return SceneSummary(0, tracks=tracks)
-
-
 def scene_keys(
     source: SceneSource, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> dict[str, str]:
-    """Return for each scene the SHA-256 of what its part depends on.
-
-    That is the size and time of change of every file, the protocols, the options, what is written
-    to disk, and the version of this package.
-    """
+    """Return for each scene the SHA-256 of what its part depends on."""
     stamps: dict[Path, list[tuple[str, int, int]]] = {}
     common = [
         __version__,
@@ -271,10 +259,7 @@ def _files_of(path: Path) -> list[Path]:
 
 
 def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
-    """Yield name, size and time of change of a file, or of every file below a folder.
-
-    Hidden folders are left aside, and so is the benchmark folder, where it is made below.
-    """
+    """Yield name, size and time of change of a file, or of every file below a folder."""
     if not path.is_dir():
         for file in _files_of(path):
             found = file.stat()

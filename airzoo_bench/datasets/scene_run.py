@@ -76,13 +76,7 @@ class SceneRun:
             shutil.rmtree(self.staging, ignore_errors=True)
 
     def finish(self) -> None:
-        """Finish the scenes, or say which of them are kept.
-
-        Raises
-        ------
-        UserError
-            A scene cannot be made and is not to be left out, or none can.
-        """
+        """Finish the scenes, or say which of them are kept."""
         keys = partial(scene_keys, self.source, self.protocols, self.settings)
         self.keys = shown(keys, "looking through the source", self.settings.progress)
         self.staging.mkdir(parents=True, exist_ok=True)
@@ -104,7 +98,7 @@ class SceneRun:
     def _found(self) -> dict[str, ScenePart]:
         """Return the scenes that earlier runs have finished, by their keys."""
         places = [self.staging / scene for scene in self.source.scenes]
-        if not self.settings.replace and self.settings.add_to is None:
+        if not self.settings.replace:
             folder, name = self.settings.folder, self.protocols.every[0].benchmark
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
         found: dict[str, ScenePart] = {}

@@ -46,25 +46,7 @@ def made_scenes(
     *,
     needed: Sequence[Path] = (),
 ) -> Iterator[tuple[str, R | UserError]]:
-    """Make scenes, each a task; yield them in their order.
-
-    Parameters
-    ----------
-    make : callable
-        Takes a scene's id. It can be pickled, as can what it returns.
-    source : SceneSource
-        Where it says so, the fault of a scene that cannot be made is yielded in its place.
-    scenes : sequence of str
-        Some of the source's.
-    settings : PrepareSettings
-    needed : sequence of Path
-        What workers must see besides the files of their scenes.
-
-    Raises
-    ------
-    UserError
-        A scene cannot be made, a worker does not see its files, or the disk is full.
-    """
+    """Make scenes, each a task; yield them in their order."""
     root, several = data_root().absolute(), len(source.scenes) > 1
     run = _Run(make, settings.folder, root, source.keep_going, several)
     items = [(scene, _there([*needed, *needed_files(source, scene)])) for scene in scenes]
@@ -80,13 +62,7 @@ def _there(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 @contextmanager
 def faults_of_writing(folder: Path) -> Iterator[None]:
-    """Make one message of all that a disk says which takes no more.
-
-    Raises
-    ------
-    UserError
-        It names the folder in place of a temporary file.
-    """
+    """Make one message of all that a disk says which takes no more."""
     try:
         yield
     except OSError as error:

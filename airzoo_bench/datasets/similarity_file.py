@@ -19,15 +19,7 @@ _LAST = (0.0, 0.0, 0.0, 1.0)
 
 
 def read_matrix(path: Path) -> Floats | None:
-    """Read four lines of four numbers, the last of them 0 0 0 1; None where a text holds others.
-
-    Blanks or commas separate the numbers; what follows a # is passed over.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing, too large, or not text.
-    """
+    """Read four lines of four numbers, the last of them 0 0 0 1; None where a text holds others."""
     text = read_native_text(path)
     lines = [line.split("#")[0].replace(",", " ").split() for line in text.splitlines()]
     rows = [line for line in lines if line]
@@ -41,13 +33,7 @@ def read_matrix(path: Path) -> Floats | None:
 
 
 def similarity_of(matrix: Floats, path: Path) -> Similarity:
-    """Return a matrix (4, 4) as a turn, a scale and a shift.
-
-    Raises
-    ------
-    BenchmarkError
-        It shears, mirrors or flattens; the message names the file.
-    """
+    """Return a matrix (4, 4) as a turn, a scale and a shift."""
     linear = matrix[:3, :3]
     squared = np.trace(linear @ linear.T) / 3.0
     sheared = np.abs(linear @ linear.T - squared * np.eye(3)).max() > _TOLERANCE * squared

@@ -95,20 +95,7 @@ def check_names(names: tuple[str, ...], folder: Path) -> None:
 
 
 def metric_crs(named: str, where: str) -> CRS:
-    """Return the CRS of poses, which must be projected and in metres.
-
-    Parameters
-    ----------
-    named : str
-        See `geometry.crs.horizontal_crs`.
-    where : str
-        What states it, for messages.
-
-    Raises
-    ------
-    UserError
-        It is not known, or not in metres.
-    """
+    """Return the CRS of poses, which must be projected and in metres."""
     try:
         crs = horizontal_crs(named)
     except UserError as error:
@@ -124,13 +111,7 @@ def metric_crs(named: str, where: str) -> CRS:
 
 
 def check_metres(crs: CRS, xy: Floats, where: str, poses: Path, dsm: Path | None) -> None:
-    """Refuse poses at which their CRS is not true to scale, or that have x and y swapped.
-
-    Raises
-    ------
-    CameraError
-        It is so.
-    """
+    """Refuse poses at which their CRS is not true to scale, or that have x and y swapped."""
     try:
         check_true_metres(crs, to_lonlat(crs, xy), where)
     except CameraError as error:
@@ -149,13 +130,7 @@ def _lie_on(xy: Floats, crs: CRS, dsm: Path) -> bool:
 
 
 def check_dsm_crs(crs: CRS, path: Path, poses: Path) -> None:
-    """Refuse a surface model in another CRS than the poses, or that looks like a map.
-
-    Raises
-    ------
-    RasterError
-        It is so.
-    """
+    """Refuse a surface model in another CRS than the poses, or that looks like a map."""
     dsm = open_info(path)
     if not same_plane(crs, dsm.crs):
         target = path.with_name(f"{path.stem}_warped.tif")

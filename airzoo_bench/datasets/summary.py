@@ -25,16 +25,7 @@ __all__ = ["retrieval_summary", "summary_of"]
 def summary_of(
     scene: SceneContent, protocols: BenchmarkProtocols, notes: Sequence[str] = ()
 ) -> SceneSummary:
-    """Sum up a scene for the user.
-
-    Parameters
-    ----------
-    scene : SceneContent
-    protocols : BenchmarkProtocols
-        With the published counts, where there are.
-    notes : sequence of str
-        The dataset's own.
-    """
+    """Sum up a scene for the user."""
     tracks, facts = _tracks(scene.truths), scene.facts
     warnings = [] if facts is None else plausibility_warnings(facts)
     warnings += _count_warnings(scene, protocols, tracks)

@@ -54,11 +54,7 @@ class BenchmarkProtocols:
         return BenchmarkProtocols(**kept)  # type: ignore[arg-type]
 
     def of_scenes(self, scenes: Collection[str]) -> BenchmarkProtocols:
-        """Restrict the protocols to some scenes.
-
-        Where that leaves out any, benchmark and protocols are named "partial": a score over fewer
-        scenes is another score.
-        """
+        """Restrict the protocols to some scenes."""
         if all(one.id in scenes for of in self.every for one in of.scenes):
             return self
         kept = {}
@@ -97,25 +93,7 @@ def build_truths(
     cloud: Path | None = None,
     reconstructed: pd.Series[bool] | None = None,
 ) -> SceneTruths:
-    """Make the truth of a scene for every track that has a protocol and the data it needs.
-
-    Parameters
-    ----------
-    inputs : SceneInputs
-        Without a map there is no truth for retrieval by position; without a map, a surface model
-        or a prior for any photo none for matching, unless the protocol takes priors from
-        elsewhere.
-    protocols : BenchmarkProtocols
-    cloud : Path, optional
-        The true cloud, in the scene's CRS; without it there is no truth for reconstruction.
-    reconstructed : (N,) bool, optional
-        Which photos reconstruction may use; by default all.
-
-    Raises
-    ------
-    UserError
-        The map, the surface model or the priors are not as the protocols demand.
-    """
+    """Make the truth of a scene for every track that has a protocol and the data it needs."""
     retrieval, matching, reconstruction = None, None, None
     if protocols.retrieval is not None:
         retrieval = _retrieval_truth(inputs, protocols.retrieval)

@@ -10,7 +10,6 @@ from enum import StrEnum
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.engines.engine import Engine, Here
-from airzoo_bench.engines.report import RunReport
 
 __all__ = ["LOCAL", "EngineKind", "chosen_engine"]
 
@@ -35,28 +34,7 @@ def chosen_engine(
     here: Engine | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Engine]:
-    """Open the engine that options ask for; it ends with the block.
-
-    Parameters
-    ----------
-    kind : EngineKind
-    scheduler : str or None
-        Of Dask: ``local``, which is also the default, or the address of one that stands.
-    jobs : int
-        Worker processes of a local scheduler.
-    memory_bytes : int, optional
-        Of each of these; by default they share the machine's.
-    here : Engine, optional
-        The one without Dask; by default all is done in this process.
-    note : callable
-        Told what is waited for.
-
-    Raises
-    ------
-    UserError
-        The options do not fit together, Dask is not installed, or its scheduler or workers do
-        not answer as they must.
-    """
+    """Open the engine that options ask for; it ends with the block."""
     _check(kind, scheduler)
     if kind is EngineKind.LOCAL:
         opened: AbstractContextManager[Engine] = nullcontext(here or Here())
@@ -68,7 +46,6 @@ def chosen_engine(
         else:
             opened = connected(scheduler, note)
     with opened as engine:
-        engine.report = RunReport()
         yield engine
 
 

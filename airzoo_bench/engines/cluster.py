@@ -54,19 +54,7 @@ _LOCAL = {
 
 @contextmanager
 def local_cluster(workers: int, memory_bytes: int | None = None) -> Iterator[DaskEngine]:
-    """Start worker processes on this machine, each of one thread; they end with the block.
-
-    Parameters
-    ----------
-    workers : int
-    memory_bytes : int, optional
-        Of each worker; at most, and by default, an equal share of the machine's.
-
-    Raises
-    ------
-    UsageError
-        That is too little for a worker.
-    """
+    """Start worker processes on this machine, each of one thread; they end with the block."""
     limit = _memory_of_each(workers, memory_bytes)
     with dask.config.set(_LOCAL):
         with without_ctrl_c(), _environment_kept():
@@ -120,11 +108,7 @@ def _more_memory(workers: int, asked: int | None) -> str:
 
 
 def _end_workers(cluster: LocalCluster) -> None:
-    """End workers in the middle of their tasks: asked to close, they would finish these.
-
-    Killed, since libraries that take SIGTERM for themselves print a trace; what a task was writing
-    is cleared by the next run that writes there.
-    """
+    """End workers in the middle of their tasks: asked to close, they would finish these."""
     for nanny in cluster.workers.values():
         nanny.auto_restart = False
     for process in active_children():
@@ -133,20 +117,7 @@ def _end_workers(cluster: LocalCluster) -> None:
 
 @contextmanager
 def connected(address: str, note: Callable[[str], None] = lambda _: None) -> Iterator[DaskEngine]:
-    """Use the cluster of a scheduler; it stays when the block ends.
-
-    Parameters
-    ----------
-    address : str
-        ``tcp://host:port``, or ``tls://`` with certificates in Dask's own settings.
-    note : callable
-        Told that workers are waited for.
-
-    Raises
-    ------
-    UserError
-        Nobody answers, there are no workers, or scheduler and workers cannot do this work.
-    """
+    """Use the cluster of a scheduler; it stays when the block ends."""
     place = f"--scheduler {address}"
     _silence()
     with dask.config.set(_QUIET):
@@ -197,12 +168,7 @@ def _check_certificates(address: str, place: str) -> None:
 
 
 def _check_speaks(address: str) -> None:
-    """Refuse who waits to be spoken to, as a dashboard does: Dask would wait for it for ever.
-
-    Raises
-    ------
-    OSError
-    """
+    """Refuse who waits to be spoken to, as a dashboard does: Dask would wait for it for ever."""
     if address.startswith("tcp:"):
         with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
             stream.recv(1)

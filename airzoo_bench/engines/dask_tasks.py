@@ -10,18 +10,15 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-from dask.sizeof import sizeof
 from distributed import Client, Future, KilledWorker
 from distributed.client import ClosedClientError
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.version import versions
 from airzoo_bench.engines.engine import Engine, runs
-from airzoo_bench.engines.report import Spent
 from airzoo_bench.engines.tasks import Outcome, attempt
 
 __all__ = ["DEATHS", "DaskEngine"]
@@ -94,18 +91,13 @@ class DaskEngine(Engine):
             tasks = _Tasks(self, work, items, shared, stage)
             try:
                 for item, outcome in zip(items, tasks.outcomes(), strict=True):
-                    if self.report is not None:
-                        self.report.add(stage, outcome.spent)
                     yield outcome.value(name(item), self.more_memory)
             finally:
                 tasks.end()
 
     @contextmanager
     def _scheduler_there(self) -> Iterator[None]:
-        """Make one message of all that the client raises when its scheduler is gone.
-
-        Tasks raise none of these: what they cannot read is told in their outcomes.
-        """
+        """Make one message of all that the client raises when its scheduler is gone."""
         try:
             yield
         except (CancelledError, ClosedClientError, OSError) as error:
@@ -129,17 +121,14 @@ def _given(shared: S) -> S:
 def _batch(
     work: Callable[[S, T], R], shared: S, items: list[T], asked: dict[str, str]
 ) -> list[Outcome[R]]:
-    """Do tasks, if this worker has the versions of the client, which the result will state.
-
-    A worker may join at any time, so that looking at all of them once is not enough.
-    """
+    """Do tasks, if this worker has the versions of the client, which the result will state."""
     own = versions()
     others = [
         f"{name} {own[name]} and not {asked[name]}" for name in own if own[name] != asked[name]
     ]
     if others:
         return [Outcome(fault=_other_worker(others))] * len(items)
-    return [_weighed(attempt(work, shared, item, time.thread_time), item) for item in items]
+    return [attempt(work, shared, item) for item in items]
 
 
 def _other_worker(others: list[str]) -> UserError:
@@ -149,11 +138,6 @@ def _other_worker(others: list[str]) -> UserError:
         expected="one version everywhere of what numbers depend on",
         fix="start all workers from one environment, or image",
     )
-
-
-def _weighed(outcome: Outcome[R], item: object) -> Outcome[R]:
-    moved = Spent(sent=sizeof(item), returned=sizeof(outcome.result))
-    return replace(outcome, spent=outcome.spent + moved)
 
 
 class _Tasks(Generic[S, T, R]):
@@ -246,7 +230,7 @@ class _Tasks(Generic[S, T, R]):
         found = future.result()
         self._outcomes.update(zip(batch, found, strict=True))
         self._failed |= any(not outcome.done for outcome in found)
-        mean = sum(outcome.spent.wall_s for outcome in found) / len(found)
+        mean = sum(outcome.wall_s for outcome in found) / len(found)
         self._mean_s = mean if self._mean_s is None else (self._mean_s + mean) / 2
 
     def _keep_error(self, future: Future, batch: range, *, alone: bool) -> None:

@@ -11,7 +11,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
-from airzoo_bench.engines.report import RunReport
 from airzoo_bench.engines.tasks import attempt
 
 __all__ = ["HERE", "Engine", "Here", "runs"]
@@ -26,8 +25,6 @@ class Engine(ABC):
 
     Attributes
     ----------
-    report : RunReport or None
-        What tasks took is added to it.
     dashboard : str or None
         Where a browser shows what is going on.
     distributed : bool
@@ -36,43 +33,19 @@ class Engine(ABC):
         What a user may do where a task has too little.
     """
 
-    report: RunReport | None = None
     dashboard: str | None = None
     distributed: bool = False
     more_memory: str = "lower --jobs, or run it on a machine with more memory"
 
     def begin(self, run: str) -> None:  # noqa: B027 - most engines keep nothing
-        """Say which run the tasks are of that come next.
-
-        Parameters
-        ----------
-        run : str
-            A fingerprint of all that results depend on; an engine may keep what is finished
-            under it.
-        """
+        """Say which run the tasks are of that come next."""
 
     def forget(self) -> None:  # noqa: B027 - most engines keep nothing
         """Drop what is kept of the run: it cannot be trusted."""
 
     @abstractmethod
     def cut(self, count: int, size: int) -> list[slice]:
-        """Cut so many elements into runs, each of which is a task.
-
-        Parameters
-        ----------
-        count : int
-            Queries, rows of a gallery, cells of a cloud.
-        size : int
-            Elements that make a task worth its overhead: about a second of work, and no more
-            memory than a worker has. What is cut depends on it and on nothing else, so that tasks
-            are the same for any number of workers.
-
-        Returns
-        -------
-        list of slice
-            In order, without gaps; of an engine that does one task at a time, which gains nothing
-            by cutting, it may be a single one. No slice where `count` is 0.
-        """
+        """Cut so many elements into runs, each of which is a task."""
 
     @abstractmethod
     def map(
@@ -84,27 +57,7 @@ class Engine(ABC):
         stage: str,
         name: Callable[[T], str],
     ) -> Iterator[R]:
-        """Yield what ``work(shared, item)`` returns, in the order of the items.
-
-        Parameters
-        ----------
-        work : callable
-            A function of a module, without side effects but for files that `shared` names: a task
-            may be done twice, and on any machine.
-        items : sequence
-            Small: where a task reads much, they say where it lies.
-        shared : object
-            The same for all tasks; it goes to each worker once.
-        stage : str
-            What the tasks are, in the plural, for progress and reports: "shards".
-        name : callable
-            Names an item in a message: "rows 4,096 to 8,191 of gallery_descriptors".
-
-        Raises
-        ------
-        UserError
-            What a task raised; or tasks failed again and again, and the message names one.
-        """
+        """Yield what ``work(shared, item)`` returns, in the order of the items."""
 
 
 def runs(count: int, size: int) -> list[slice]:
@@ -131,10 +84,7 @@ class Here(Engine):
     ) -> Iterator[R]:
         """See `Engine.map`."""
         for item in items:
-            outcome = attempt(work, shared, item)
-            if self.report is not None:
-                self.report.add(stage, outcome.spent)
-            yield outcome.value(name(item), self.more_memory)
+            yield attempt(work, shared, item).value(name(item), self.more_memory)
 
 
 HERE: Engine = Here()

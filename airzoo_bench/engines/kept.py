@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import pickle
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.temporaries import PART
 from airzoo_bench.engines.engine import Engine, runs
 
 __all__ = ["Kept", "kept_folder"]
@@ -59,7 +60,6 @@ class Kept(Engine):
                 fix="move it away, or choose another --out",
             )
         self._inner, self.folder, self._reuse = inner, folder, reuse
-        self.report = inner.report
         self._run: str | None = None
         self._stages = 0
 
@@ -109,13 +109,15 @@ class Kept(Engine):
                 self._write(key, cast("Mapping[str, NDArray[Any]]", result))
                 yield result
             else:
-                if self.report is not None:
-                    self.report.add_kept(stage)
                 yield cast("R", found)
 
     def remove(self) -> None:
-        """Remove what is kept: the run has been saved, or what it read was changed."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove what is kept, and nothing else: the run was saved, or what it read was changed."""
+        with suppress(OSError):
+            for path in self.folder.iterdir():
+                if path.name == _MARK or path.name.endswith((_SUFFIX, PART)):
+                    path.unlink()
+            self.folder.rmdir()
 
     def _key(self, work: Callable[[S, T], R], item: T, place: str) -> str:
         function = getattr(work, "func", work)

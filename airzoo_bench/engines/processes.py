@@ -50,8 +50,6 @@ class Processes(Engine):
         found = parallel_map(partial(attempt, work, shared), items, jobs)
         try:
             for item, outcome in zip(items, found, strict=True):
-                if self.report is not None:
-                    self.report.add(stage, outcome.spent)
                 yield outcome.value(name(item), self.more_memory)
         except BrokenProcessPool as error:
             raise UserError(

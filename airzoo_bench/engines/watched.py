@@ -1,4 +1,4 @@
-"""Another engine, whose stages are shown while they run and timed."""
+"""Another engine, whose stages are shown while they run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TypeVar
 
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.engines.engine import Engine
-from airzoo_bench.engines.report import RunReport
 
 __all__ = ["Watched"]
 
@@ -17,7 +16,7 @@ R = TypeVar("R")
 
 
 class Watched(Engine):
-    """Shows stages of several tasks, and reports what all took.
+    """Shows stages of several tasks.
 
     Parameters
     ----------
@@ -29,7 +28,6 @@ class Watched(Engine):
 
     def __init__(self, inner: Engine, progress: Progress) -> None:
         self._inner, self._progress = inner, progress
-        self.report: RunReport = inner.report or RunReport()
         self.distributed = inner.distributed
 
     def begin(self, run: str) -> None:
@@ -57,5 +55,4 @@ class Watched(Engine):
         results = self._inner.map(work, items, shared=shared, stage=stage, name=name)
         if len(items) > 1:
             results = self._progress(results, stage, len(items))
-        with self.report.elapsing(stage):
-            yield from results
+        yield from results

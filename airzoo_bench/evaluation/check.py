@@ -50,28 +50,7 @@ def check(
     resources: Resources = Resources(),  # noqa: B008 - frozen
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
 ) -> Checked:
-    """Find all errors of predictions.
-
-    Where the benchmark folder exists, they are compared with its queries, tiles, photos and
-    priors.
-
-    Parameters
-    ----------
-    path : Path
-        A file, folder or archive.
-    data : Path
-        The benchmark folder, or the folder that holds it; it need not exist.
-    protocol : str, optional
-        Name or path; by default the file's own. It decides the track.
-    resources : Resources
-    read_by : ReadBy
-        How a method's own files are to be read.
-
-    Raises
-    ------
-    UserError
-        The file is missing or of no known kind, or no protocol is known for it.
-    """
+    """Find all errors of predictions."""
     try:
         given = open_predictions(path, None, protocol, data, resources, read_by)
     except UnreadableError:

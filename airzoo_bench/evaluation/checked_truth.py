@@ -14,23 +14,7 @@ __all__ = ["read_checked_truth"]
 
 
 def read_checked_truth(track: Any, benchmark: Benchmark, protocol: Protocol, scene: str) -> Any:
-    """Read the truth of a scene, and refuse conditions that have the name of another column.
-
-    Parameters
-    ----------
-    track : Track
-    benchmark : Benchmark
-    protocol : Protocol
-        Of the track's class.
-    scene : str
-        Its id.
-
-    Raises
-    ------
-    BenchmarkError
-        See `Track.read_truth`; or the records would have two columns of one name, of which one is
-        a score or a count.
-    """
+    """Read the truth of a scene, and refuse conditions that have the name of another column."""
     truth = track.read_truth(benchmark, scene)
     conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
     if conditions is None:

@@ -80,32 +80,7 @@ def evaluate(
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
     begun: Callable[[], None] = lambda: None,
 ) -> Evaluation:
-    """Score predictions.
-
-    Parameters
-    ----------
-    path : Path
-        A file, folder or archive.
-    data : Path
-        The benchmark folder, or the folder that holds it.
-    track : str, optional
-        By default found from the protocol, else from the file.
-    protocol : str, optional
-        Name or path; by default the file's own.
-    method : str, optional
-        Its name in tables; by default that of the file or folder.
-    resources : Resources
-    read_by : ReadBy
-        How a method's own files are to be read.
-    begun : callable
-        Called when the predictions and the truth are read, before they are scored.
-
-    Raises
-    ------
-    UserError
-        The predictions, the protocol or the benchmark folder are not as they must be, or the
-        predictions change while they are scored.
-    """
+    """Score predictions."""
     with _unchanged([path], resources.engine, _CHANGED_PREDICTIONS):
         return _evaluated(path, data, track, protocol, method, resources, read_by, begun)
 

@@ -27,29 +27,7 @@ def run_baseline(
     resources: Resources = Resources(),  # noqa: B008 - frozen
     note: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Run a track's baseline on a benchmark and write predictions.
-
-    Parameters
-    ----------
-    track : str
-    protocol : str
-        Name or path.
-    out : Path
-        The file or folder to write.
-    data : Path
-        The benchmark folder, or the folder that holds it.
-    settings : optional
-        Instead of the baseline's own, and of their class.
-    resources : Resources
-        The predictions do not depend on them.
-    note : callable
-        Called with notes on each scene.
-
-    Raises
-    ------
-    UserError
-        The protocol, the benchmark folder or an image cannot be used.
-    """
+    """Run a track's baseline on a benchmark and write predictions."""
     of: AnyTrack = TRACKS.get(track)
     if of.baseline is None:
         raise UsageError(f"the {track} track has no baseline")
@@ -90,28 +68,7 @@ def write_template(
     seed: int = 0,
     force: bool = False,
 ) -> Template:
-    """Write an example prediction for a protocol, at random.
-
-    Parameters
-    ----------
-    protocol : str
-        Name or path.
-    data : Path
-        The benchmark folder, or the folder that holds it.
-    out : Path, optional
-        The file or folder to write; by default the track's `template_out`.
-    kind : str, optional
-        One of the track's `template_kinds`.
-    seed : int
-    force : bool
-        Overwrite an existing file.
-
-    Raises
-    ------
-    UserError
-        The protocol or the benchmark folder is missing, the track has no template or not of this
-        kind, or `out` cannot be written or could be a prediction.
-    """
+    """Write an example prediction for a protocol, at random."""
     chosen = find_protocol(protocol, data)
     track: AnyTrack = TRACKS.get(chosen.track)
     kinds = track.template_kinds

@@ -13,9 +13,15 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.checked_truth import read_checked_truth
 from airzoo_bench.evaluation.near_places import place_meant, refuse_part, refuse_special
 from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
-from airzoo_bench.evaluation.reader import Reading, find_reader, read_native, reader_named
+from airzoo_bench.evaluation.reader import (
+    Reading,
+    find_reader,
+    picture_size,
+    read_native,
+    reader_named,
+)
 from airzoo_bench.evaluation.track import Track
-from airzoo_bench.formats.arrays import fields_file, open_arrays, protocol_name
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.lookup import (
     choose_protocol,
     find_protocol,
@@ -41,11 +47,13 @@ class ReadBy:
     reader : str or None
         The reader's name; by default the one that recognises the files, if any does.
     names : Path or None
-        See `reader.Reading`.
+    image_size : str or None
+        See `reader.Reading`; such as "640x480".
     """
 
     reader: str | None = None
     names: Path | None = None
+    image_size: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,31 +89,15 @@ def open_predictions(
     resources: Resources,
     read_by: ReadBy = ReadBy(),
 ) -> Given:
-    """Read or list predictions.
-
-    Parameters
-    ----------
-    path : Path
-    track : str, optional
-        By default found from the protocol, else from the file.
-    protocol : str, optional
-        Name or path; by default the file's own.
-    data : Path
-    resources : Resources
-    read_by : ReadBy
-
-    Raises
-    ------
-    UserError
-        The file cannot be read, or no protocol of the track is known for it.
-    """
+    """Read or list predictions."""
     refuse_special(path)
     reader = read_by.reader or _reader_of(path, track, protocol, data)
     if reader is not None:
-        return _open_native(path, reader, track, protocol, data, resources, read_by.names)
-    if read_by.names is not None:
+        return _open_native(path, reader, track, protocol, data, resources, read_by)
+    if read_by.names is not None or read_by.image_size is not None:
+        option = "--names" if read_by.names is not None else "--image-size"
         raise UsageError(
-            "--names is for files as methods write them, and no reader takes these for its own",
+            f"{option} is for files as methods write them, and no reader takes these for its own",
             where=path,
             fix="leave it out, or say which reader: --reader NAME",
         )
@@ -148,7 +140,7 @@ def _open_native(
     protocol: str | None,
     data: Path,
     resources: Resources,
-    names: Path | None,
+    read_by: ReadBy,
 ) -> Given:
     """Read what a method wrote; such files do not say which protocol they are for."""
     reader = reader_named(name)
@@ -174,7 +166,8 @@ def _open_native(
         if benchmark_place(chosen.benchmark, data).is_dir():
             raise  # it is there, and damaged or of other settings
         known = None  # readers say what they cannot tell without; scoring says that it is missing
-    reading = Reading(chosen, [], names, resources.memory_bytes)
+    names, size = read_by.names, picture_size(read_by.image_size)
+    reading = Reading(chosen, [], names, resources.memory_bytes, image_size=size)
     if known is not None:
         benchmark, truths = known
         scenes = tuple(scene.id for scene in benchmark.file.scenes)
@@ -209,7 +202,6 @@ def _refuse_missing(path: Path, asked: AnyTrack) -> None:
 
 def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
     """Refuse what only predictions of other tracks come as, and name the command for those."""
-    path = fields_file(path)
     tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
     ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
     if path.is_dir():
@@ -229,21 +221,7 @@ def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
 def read_truths(
     track: AnyTrack, protocol: Protocol, data: Path, *, sealed: bool = False
 ) -> tuple[Benchmark, list[Truth]]:
-    """Find the benchmark of a protocol, and read the truth of its scenes, in its order.
-
-    Parameters
-    ----------
-    track : Track
-    protocol : Protocol
-    data : Path
-    sealed : bool
-        Whether it may be sealed: then there are queries, tiles and crops, and no answers.
-
-    Raises
-    ------
-    BenchmarkError
-        The folder is not there, is damaged, was prepared by other settings, or its truth is sealed.
-    """
+    """Find the benchmark of a protocol, and read the truth of its scenes, in its order."""
     benchmark = find_benchmark(protocol.benchmark, data, sealed=sealed)
     benchmark.check_fits(protocol)
     with benchmark.fixes():
@@ -252,16 +230,7 @@ def read_truths(
 
 
 def track_of(path: Path, protocol: str | None, data: Path, resources: Resources) -> AnyTrack:
-    """Find the track of predictions by their protocol, else by what kind of file they are.
-
-    Raises
-    ------
-    UnreadableError
-        No track's predictions come as such a file.
-    ProtocolError
-        The protocol is unknown.
-    """
-    path = fields_file(path)
+    """Find the track of predictions by their protocol, else by what kind of file they are."""
     tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
     ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
     fitting = [track for track in tracks if ending in track.suffixes]

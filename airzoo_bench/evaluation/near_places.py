@@ -17,19 +17,7 @@ _DEEPEST = 2
 
 
 def place_meant(path: Path, track: str) -> str | None:
-    """Say which folder below or above a folder a reader of a track takes for its own.
-
-    Parameters
-    ----------
-    path : Path
-        A folder that is no prediction.
-    track : str
-
-    Returns
-    -------
-    str or None
-        What to do, for a message.
-    """
+    """Say which folder below or above a folder a reader of a track takes for its own."""
     for place in (*islice(_below(path), _LOOKED_AT), path.resolve().parent):
         title = _title(place, track)
         if title is not None:
@@ -38,13 +26,7 @@ def place_meant(path: Path, track: str) -> str | None:
 
 
 def refuse_part(path: Path, track: str) -> None:
-    """Refuse a file that only the folder it lies in makes a prediction.
-
-    Raises
-    ------
-    UnreadableError
-        It names the folder.
-    """
+    """Refuse a file that only the folder it lies in makes a prediction."""
     if path.suffix in TRACKS.get(track).suffixes or path.resolve().parent == Path.cwd():
         return
     whole = find_reader(path.parent, track)
@@ -58,13 +40,7 @@ def refuse_part(path: Path, track: str) -> None:
 
 
 def refuse_special(path: Path) -> None:
-    """Refuse what would be waited for or read without end, before anything is opened.
-
-    Raises
-    ------
-    UnreadableError
-        It is a pipe, a device, or a link to nothing.
-    """
+    """Refuse what would be waited for or read without end, before anything is opened."""
     if path.is_symlink() and not path.exists():
         what, fix = "a link to nothing", "copy there what it should lead to"
     elif path.exists() and not (path.is_file() or path.is_dir()):

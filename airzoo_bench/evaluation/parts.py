@@ -124,7 +124,9 @@ class EvalOption:
     default : bool or int
         An int makes it an option with a number from 1 to `most`.
     needs_out : bool
-        Whether it writes files, so that ``--out`` must be given.
+        Whether it writes files, into a folder of its name, so that ``--out`` must be given.
+    files : str
+        A regular expression of their names: a folder with other files is not replaced.
     """
 
     name: str
@@ -133,6 +135,7 @@ class EvalOption:
     default: bool | int = False
     most: int = 1
     needs_out: bool = True
+    files: str = ".*"
 
 
 DOUBLED = Option("double", "Look for the finest features too, for four times the time.")

@@ -65,22 +65,7 @@ class Fields(Generic[C]):
 
 
 def read_fields(arrays: Arrays, forms: tuple[Fields[C], ...], expected: str) -> QueryPredictions[C]:
-    """Read predictions in the one form that a file has.
-
-    Parameters
-    ----------
-    arrays : Arrays
-    forms : tuple of Fields
-        A file without the marker of any is read as the first.
-    expected : str
-        All forms, for messages.
-
-    Raises
-    ------
-    PredictionError
-        The file has more than one form, or a field is missing, unknown, or of a wrong type or
-        shape.
-    """
+    """Read predictions in the one form that a file has."""
     found = [form for form in forms if form.marker in arrays.names()]
     if len(found) > 1:
         raise PredictionError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,6 +58,8 @@ class Reading:
     scenes : tuple of str
         Ids of all scenes of the benchmark, also of those that the protocol leaves out: a path that
         names one of them is of no other.
+    image_size : (width, height) or None
+        Of the pictures that a matcher was given, for files that do not state it.
     """
 
     protocol: Protocol
@@ -65,6 +68,19 @@ class Reading:
     memory_bytes: int
     folders: tuple[Path, ...] = ()
     scenes: tuple[str, ...] = ()
+    image_size: tuple[float, float] | None = None
+
+
+def picture_size(text: str | None) -> tuple[float, float] | None:
+    """Return the width and height that a text such as "640x480" states."""
+    found = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text or "")
+    if text is not None and found is None:
+        raise UsageError(
+            f"{text[:40]!r} is no size of a picture",
+            where="--image-size",
+            expected="width and height in pixels, such as 640x480",
+        )
+    return None if found is None else (float(found[1]), float(found[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +124,8 @@ class Reader(ABC):
         Who writes this.
     takes_names : bool
         Whether it reads `Reading.names`. Where it does not, `--names` is refused.
+    takes_image_size : bool
+        The same of `Reading.image_size`.
     """
 
     track: ClassVar[str]
@@ -115,49 +133,19 @@ class Reader(ABC):
     layout: ClassVar[str]
     methods: ClassVar[tuple[str, ...]] = ()
     takes_names: ClassVar[bool] = False
+    takes_image_size: ClassVar[bool] = False
 
     @abstractmethod
     def recognise(self, path: Path) -> float:
-        """Say how sure it is that a path is its own, from what the files hold.
-
-        It reads little, runs nothing, and answers 0 for what it cannot read.
-
-        Parameters
-        ----------
-        path : Path
-            A file or folder; it is there.
-
-        Returns
-        -------
-        float
-            0 to 1; below `SURE` it is not.
-        """
+        """Say how sure it is that a path is its own, from what the files hold."""
 
     @abstractmethod
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """Read a path into predictions.
-
-        Parameters
-        ----------
-        path : Path
-        reading : Reading
-
-        Raises
-        ------
-        PredictionError
-            The files are damaged, incomplete or contradict themselves or the benchmark; or they
-            hold pickles, and the message has the lines that write what can be read.
-        """
+        """Read a path into predictions."""
 
 
 def reader_named(name: str) -> Reader:
-    """Return the reader of a name.
-
-    Raises
-    ------
-    UsageError
-        There is none; the nearest is offered.
-    """
+    """Return the reader of a name."""
     if name not in READERS.names():
         raise UsageError(
             f"there is no reader {name[:80]!r}{nearest(name[:80], READERS.names())}",
@@ -170,20 +158,7 @@ def reader_named(name: str) -> Reader:
 
 
 def find_reader(path: Path, track: str | None = None) -> str | None:
-    """Return the name of the reader that a path is of; None where it is of no reader.
-
-    Parameters
-    ----------
-    path : Path
-        A file or folder; it is there.
-    track : str, optional
-        Where it is known, its readers come first, and what may be theirs is.
-
-    Raises
-    ------
-    UnreadableError
-        Several are equally sure; they are named.
-    """
+    """Return the name of the reader that a path is of; None where it is of no reader."""
     readers: dict[str, Reader] = {name: READERS.get(name) for name in READERS.names()}
     sure = {name: reader.recognise(path) for name, reader in readers.items()}
     own = {name: value for name, value in sure.items() if readers[name].track == track}
@@ -204,22 +179,16 @@ def find_reader(path: Path, track: str | None = None) -> str | None:
 
 
 def read_native(reader: Reader, path: Path, reading: Reading) -> ReadPredictions:
-    """Read what a method wrote.
-
-    Parameters
-    ----------
-    reader : Reader
-    path : Path
-    reading : Reading
-
-    Raises
-    ------
-    UserError
-        See `Reader.read`; or there is a folder where the reader wants a file, or the reverse; or
-        names are given to a reader that takes none.
-    """
+    """Read what a method wrote."""
     if not reader.takes_names:
         refuse_names(reading, path, reader.title)
+    if reading.image_size is not None and not reader.takes_image_size:
+        raise PredictionError(
+            f"read as {reader.title}, whose pixels are of no stated size; --image-size is for "
+            "matches in resized pictures",
+            where=path,
+            fix="leave it out",
+        )
     try:
         return reader.read(path, reading)
     except PredictionError as error:
@@ -236,13 +205,7 @@ def read_native(reader: Reader, path: Path, reading: Reading) -> ReadPredictions
 
 
 def refuse_names(reading: Reading, where: Path, title: str) -> None:
-    """Refuse `--names` for files that name their images; unused, it would be called read.
-
-    Raises
-    ------
-    PredictionError
-        Names are given.
-    """
+    """Refuse `--names` for files that name their images; unused, it would be called read."""
     if reading.names is not None:
         raise PredictionError(
             f"read as {title}, where images have names; --names is for files without",

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path, PurePath
 
 from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.core.files import atomic_entries, fingerprint, sha256_of
+from airzoo_bench.core.files import atomic_entries, fingerprint
 from airzoo_bench.core.only_run import only_run
 from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.report import RunReport
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.results.files import RecordsKind
 from airzoo_bench.results.records_csv import write_csv
-from airzoo_bench.results.records_parquet import write_parquet
 from airzoo_bench.results.result import read_result, write_result
 from airzoo_bench.storage.cache import cache_folder
 from airzoo_bench.storage.remote import find
@@ -33,38 +30,32 @@ __all__ = [
     "save",
 ]
 
-_ALWAYS = ("result.json", *(kind.file for kind in RecordsKind))
-_REPORT = "run_report.json"
+_ALWAYS = ("result.json", "records.csv")
 
 
 def _run_files() -> tuple[str, ...]:
     """Name the files that runs of any track can leave in their folder."""
     tracks = [TRACKS.get(name) for name in TRACKS.names()]
     of_tracks = dict.fromkeys(name for track in tracks for name in track.files)
-    return (*_ALWAYS, *of_tracks, _REPORT)
+    return (*_ALWAYS, *of_tracks)
+
+
+def _run_folders() -> dict[str, str]:
+    """Name the folders that runs of any track can leave, with a pattern of the files in each."""
+    patterns: dict[str, str] = {}
+    for one in (option for name in TRACKS.names() for option in TRACKS.get(name).options):
+        if one.needs_out:
+            patterns[one.name] = f"{patterns.get(one.name, '')}|(?:{one.files})".lstrip("|")
+    return patterns
 
 
 def _run_entries() -> tuple[str, ...]:
     """Name the files and folders that runs of any track can leave."""
-    options = [option for name in TRACKS.names() for option in TRACKS.get(name).options]
-    return (*_run_files(), *dict.fromkeys(one.name for one in options if one.needs_out))
+    return (*_run_files(), *_run_folders())
 
 
 def check_run_folder(folder: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse, before any work, a folder or a URL that a run cannot be saved in.
-
-    Parameters
-    ----------
-    folder : str or Path
-    inputs : iterable of str or Path
-        What the run is made from, and so must not be replaced by its files.
-
-    Raises
-    ------
-    UsageError
-        It cannot be written to, or an input is, or lies in, what a run replaces there; through
-        links too.
-    """
+    """Refuse, before any work, a folder or a URL that a run cannot be saved in."""
     url = url_of(folder)
     if url is None:
         check_output_folder(Path(folder), _run_files())
@@ -72,6 +63,21 @@ def check_run_folder(folder: str | Path, inputs: Iterable[str | Path] = ()) -> N
         check_writable(url)
     for one in inputs:
         _refuse_loss(folder, one)
+    if url is None:
+        for name, pattern in _run_folders().items():
+            _refuse_others(Path(folder, name), rf"\..*|{pattern}")
+
+
+def _refuse_others(place: Path, pattern: str) -> None:
+    """Refuse to replace a folder with files in it that no run wrote."""
+    entries = sorted(place.iterdir()) if place.is_dir() else [place] if place.exists() else []
+    for one in entries:
+        if one == place or one.is_dir() or not re.fullmatch(pattern, one.name):
+            raise UsageError(
+                f"no run wrote this, and a run would replace {place.name}",
+                where=one,
+                fix="move it elsewhere, or name another --out",
+            )
 
 
 def _refuse_loss(folder: str | Path, given: str | Path) -> None:
@@ -113,13 +119,7 @@ def kept_beside(out: str | Path | None) -> Path | None:
 
 @contextmanager
 def only_run_at(out: str | Path | None) -> Iterator[None]:
-    """Keep other runs of this machine from a place where one is to be saved.
-
-    Raises
-    ------
-    UsageError
-        Another run is to be saved there.
-    """
+    """Keep other runs of this machine from a place where one is to be saved."""
     place = kept_beside(out)
     if place is None:
         yield
@@ -130,16 +130,7 @@ def only_run_at(out: str | Path | None) -> Iterator[None]:
 
 @contextmanager
 def run_folder(out: str | Path) -> Iterator[Path]:
-    """Give the folder to save a run in; what was saved for a URL is uploaded at the end.
-
-    ``result.json`` of an earlier run goes first and the new one comes last: a place without it
-    holds no run, and the records of another run do not have the checksum that it states.
-
-    Raises
-    ------
-    StorageError
-        It cannot be uploaded; the message says where the run is kept.
-    """
+    """Give the folder to save a run in; what was saved for a URL is uploaded at the end."""
     url = url_of(out)
     if url is None:
         yield Path(out)
@@ -151,43 +142,18 @@ def run_folder(out: str | Path) -> Iterator[Path]:
 def save(
     evaluation: Evaluation,
     folder: Path,
-    records: RecordsKind = RecordsKind.CSV,
-    report: RunReport | None = None,
+    draw: Callable[[Path], None] | None = None,
 ) -> list[Path]:
-    """Write the files of a run into a folder, in place of an earlier run's.
-
-    Everything is written first, then exchanged in one step: nothing of the two runs is ever mixed.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-    folder : Path
-        What is not of a run stays.
-    records : RecordsKind
-        As what they are written.
-    report : RunReport, optional
-        What the run took.
-
-    Returns
-    -------
-    list of Path
-        The files, ``result.json`` first.
-    """
+    """Write the files of a run into a folder, in place of an earlier run's."""
     check_run_folder(folder, [evaluation.given.predictions.path])
     with atomic_entries(folder, _run_entries()) as staged:
-        written = staged / records.file
-        if records is RecordsKind.PARQUET:
-            write_parquet(evaluation.records, written)
-            checksum = sha256_of(written)
-        else:
-            checksum = write_csv(evaluation.records, written)
+        checksum = write_csv(evaluation.records, staged / "records.csv")
         result = evaluation.result.with_records(checksum)
         write_result(staged / "result.json", result)
         for name, write in evaluation.given.track.files.items():
             write(evaluation, staged / name)
-        if report is not None:
-            text = json.dumps(report.values(), indent=1) + "\n"
-            (staged / _REPORT).write_text(text, encoding="utf-8")
+        if draw is not None:
+            draw(staged)
         return [folder / name for name in _run_files() if (staged / name).exists()]
 
 

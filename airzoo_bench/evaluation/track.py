@@ -59,6 +59,8 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         Fields of an ``.npz`` that no other track has.
     folders : bool
         Whether predictions can be a folder.
+    takes_image_size : bool
+        Whether a reader of the track reads `reader.Reading.image_size`.
     says_protocol : tuple of str or None
         Where predictions say which protocol they are for, and how to fix that they do not; None
         where it is in a field of the file.
@@ -115,6 +117,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     suffixes: ClassVar[tuple[str, ...]] = (".npz",)
     fields: ClassVar[tuple[str, ...]] = ()
     folders: ClassVar[bool] = False
+    takes_image_size: ClassVar[bool] = False
     unit: ClassVar[Literal["query", "scene"]] = "query"
     says_protocol: ClassVar[tuple[str, str] | None] = None
     argument: ClassVar[str] = "A prediction file."
@@ -143,15 +146,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
 
     @abstractmethod
     def assign(self, predictions: R, protocol: P, truths: Sequence[T], data: Path) -> A:
-        """Find which part of the predictions is for which query or scene.
-
-        `truths` is empty where the benchmark folder is missing: then only ids are looked at.
-
-        Raises
-        ------
-        PredictionError
-            They are for another benchmark altogether.
-        """
+        """Find which part of the predictions is for which query or scene."""
 
     @abstractmethod
     def match(
@@ -171,10 +166,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
 
     @property
     def recorded(self) -> frozenset[str]:
-        """Columns of the records that are neither scores nor conditions of the queries.
-
-        A ``*`` stands for any letters.
-        """
+        """Columns of the records that are neither scores nor conditions of the queries."""
         return frozenset(("scene", "query", "answered"))
 
     def records(self, scored: Sequence[S], protocol: P) -> pd.DataFrame:
@@ -194,10 +186,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     def validation_errors(
         self, predictions: R, protocol: P, *, thorough: bool
     ) -> Iterator[PredictionError]:
-        """Yield the errors of predictions that can be found without truth.
-
-        Where `thorough`, also those that take time to find and that scoring would find by itself.
-        """
+        """Yield the errors of predictions that can be found without truth."""
         yield from ()
 
     def kind(self, predictions: R, scored: Sequence[S]) -> str:
@@ -220,13 +209,7 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         return []
 
     def inspect(self, predicted: C, truth: T, protocol: P, resources: Resources) -> list[str]:
-        """Check the predictions of a scene as far as possible without scoring; returns notes.
-
-        Raises
-        ------
-        PredictionError
-            Scoring would refuse them.
-        """
+        """Check the predictions of a scene as far as possible without scoring; returns notes."""
         return []
 
     def inspect_alone(

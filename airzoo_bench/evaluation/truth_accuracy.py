@@ -23,19 +23,7 @@ _THRESHOLDS = (
 
 
 def accuracy_notes(protocol: Protocol, accuracy_m: Mapping[str, float | None]) -> list[str]:
-    """Say which thresholds are finer than three times the stated accuracy of the truth.
-
-    Parameters
-    ----------
-    protocol : Protocol
-    accuracy_m : mapping of str to float or None
-        By scene; None where none is stated.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-    """
+    """Say which thresholds are finer than three times the stated accuracy of the truth."""
     wanted = {scene.id for scene in protocol.scenes}
     stated = {
         scene: value for scene, value in accuracy_m.items() if value is not None and scene in wanted

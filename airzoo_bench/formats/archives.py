@@ -58,16 +58,7 @@ class Bundle:
 
     @contextmanager
     def file(self, member: Member) -> Iterator[Path]:
-        """Give a member as a file on disk, for as long as it is used.
-
-        Files of a folder are given as they are, files of an archive unpacked into a temporary
-        folder that goes away afterwards.
-
-        Raises
-        ------
-        PredictionError
-            The archive is damaged, or the disk has no room.
-        """
+        """Give a member as a file on disk, for as long as it is used."""
         if self.path.is_dir():
             yield self.path / member.name
             return
@@ -82,13 +73,7 @@ class Bundle:
             yield target
 
     def text(self, member: Member, limit_bytes: int) -> str:
-        """Return a small member as text.
-
-        Raises
-        ------
-        PredictionError
-            It is larger than the limit, or not UTF-8.
-        """
+        """Return a small member as text."""
         if member.size > limit_bytes:
             raise self._error(f"{member.name!r} has {member.size:,} bytes", fix="shorten it")
         with self.file(member) as path:
@@ -125,22 +110,7 @@ class Bundle:
 
 
 def open_bundle(path: Path, limit_bytes: int) -> Bundle:
-    """List the files of a folder, a zip or a tar archive, without unpacking any.
-
-    Hidden files and what macOS leaves in archives are passed over.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that all files together may take on disk once unpacked; folders have no limit.
-
-    Raises
-    ------
-    PredictionError
-        It is no such thing, or damaged; or it holds links, names that lead out of it, names more
-        than once, encrypted files, archives, too many files or too much.
-    """
+    """List the files of a folder, a zip or a tar archive, without unpacking any."""
     if path.is_dir():
         members = list(_folder_members(path))
     elif path.is_file() and _is_zip(path):

@@ -16,12 +16,11 @@ from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.formats.parquet import read_columns
 
 __all__ = [
-    "FIELDS",
     "Arrays",
+    "as_floating",
     "check_characters",
     "check_fields",
     "check_length",
-    "fields_file",
     "numbers",
     "open_arrays",
     "protocol_name",
@@ -29,8 +28,6 @@ __all__ = [
     "wrong_type",
 ]
 
-FIELDS = "predictions.npz"
-"""Of predictions in a folder, the file that has all fields but those in shards beside it."""
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
 _BLOCK_CODES = 1 << 20
@@ -86,21 +83,7 @@ class _Parquet:
 
 
 def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> Arrays:
-    """Open a prediction file.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the arrays may take in memory together.
-    columns : tuple of str
-        Fields that a parquet file may hold; none where the track has no such files.
-
-    Raises
-    ------
-    PredictionError
-        Another kind of file, or a damaged one.
-    """
+    """Open a prediction file."""
     kinds = ".npz or .parquet" if columns else ".npz"
     if path.is_dir():
         raise UnreadableError("a folder, not a prediction file", where=path, expected=kinds)
@@ -116,21 +99,10 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     )
 
 
-def fields_file(path: Path) -> Path:
-    """Return the file that has the fields of predictions: the path, or `FIELDS` in a folder."""
-    return path / FIELDS if (path / FIELDS).is_file() else path
-
-
 def check_fields(
     arrays: Arrays, needed: Collection[str], allowed: Collection[str], expected: str
 ) -> None:
-    """Refuse a file that lacks a field, or has one that would be passed over.
-
-    Raises
-    ------
-    PredictionError
-        The message names the fields.
-    """
+    """Refuse a file that lacks a field, or has one that would be passed over."""
     names = arrays.names()
     missing = sorted(set(needed) - names)
     if missing:
@@ -230,26 +202,33 @@ def _unprintable(ids: NDArray[np.str_]) -> NDArray[np.bool_]:
 def numbers(
     arrays: Arrays, name: str, shape: tuple[int | None, ...], *, mapped: bool = False
 ) -> NDArray[np.floating[Any]]:
-    """Read a field of floating point; None in `shape` stands for any length above 0."""
+    """Read a field of numbers; None in `shape` stands for any length above 0."""
     values = arrays.map(name) if mapped else arrays.read(name)
-    is_float = values.dtype.kind == "f" and values.dtype.itemsize <= 8
+    is_number = values.dtype.kind in "biuf" and values.dtype.itemsize <= 8
     fits = len(shape) == values.ndim and all(
         want == have or (want is None and have > 0)
         for want, have in zip(shape[1:], values.shape[1:], strict=False)
     )
-    if not (is_float and fits):
+    if not (is_number and fits):
         sides = ", ".join("any" if want is None else str(want) for want in shape)
         raise wrong_type(
             arrays.path,
             name,
             values,
-            expected=f"floating point of 16, 32 or 64 bits, of shape ({sides})",
+            expected=f"numbers of at most 64 bits, of shape ({sides})",
             fix=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
         )
-    if not mapped and values.dtype.itemsize < _BYTES_OF_DOUBLE:
+    if not mapped and values.dtype != np.float64:
         what = f"field '{name}' in double precision"
         arrays.budget.hold(arrays.path, what, values.size * _BYTES_OF_DOUBLE)
-    return values
+    return values if mapped else as_floating(values)
+
+
+def as_floating(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
+    """Return numbers as floating point, which those of 16 bits or less lose nothing by."""
+    if values.dtype.kind == "f":
+        return values
+    return values.astype(np.float32 if values.dtype.itemsize <= 2 else np.float64)
 
 
 def wrong_type(

@@ -28,24 +28,7 @@ class Budget:
     taken: dict[str, int] = field(default_factory=dict)
 
     def hold(self, path: Path, part: str, nbytes: int, fix: str | None = None) -> None:
-        """Count a part; one that is named again counts once, with the more that it takes.
-
-        Parameters
-        ----------
-        path : Path
-            For messages.
-        part : str
-            Such as ``"field 'depth'"``.
-        nbytes : int
-            What it takes in memory, exact however large.
-        fix : str, optional
-            What to do besides raising the limit.
-
-        Raises
-        ------
-        PredictionError
-            All parts together take more than the limit.
-        """
+        """Count a part; one that is named again counts once, with the more that it takes."""
         self.taken[part] = max(nbytes, self.taken.get(part, 0))
         others = sum(self.taken.values()) - self.taken[part]
         if self.taken[part] + others > self.limit_bytes:

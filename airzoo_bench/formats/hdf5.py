@@ -32,7 +32,7 @@ _MAGIC = b"\x89HDF\r\n\x1a\n"
 _KINDS = "biuf"
 _DEEPEST = 16
 _BYTES_OF_OBJECT = 12_000  # of memory, what pyfive keeps of a group or dataset
-_CHUNKED, _CONTIGUOUS, _NOWHERE = 2, 1, (1 << 64) - 1
+_CONTIGUOUS, _VIRTUAL, _NOWHERE = 1, 3, (1 << 64) - 1
 # pyfive reads each header about once; a file that makes it read more than this goes in circles.
 _TIMES_READ, _LEAST_READ = 16, 16 << 20
 # What pyfive, which checks little, raises over damaged bytes; its own `InvalidHDF5File` is added.
@@ -79,14 +79,7 @@ class Hdf5File:
         return name in self._datasets
 
     def read(self, name: str) -> NDArray[Any]:
-        """Read a dataset of numbers into memory.
-
-        Raises
-        ------
-        PredictionError
-            It is not there, holds no numbers, is compressed, is larger than the file, or more than
-            the limit with those read before it.
-        """
+        """Read a dataset of numbers into memory."""
         if name not in self._datasets:
             raise PredictionError(f"has no dataset {name[:200]!r}", where=self.path)
         with _damage(self.path), self.path.open("rb") as stream:
@@ -109,24 +102,25 @@ class Hdf5File:
                 self.path, f"{what} states {nbytes:,} bytes, the file has {self._size:,}"
             )
         self.budget.hold(self.path, what, nbytes)
-        if dataset.id.layout_class == _CONTIGUOUS:
-            start = dataset.id.data_offset
-            stream.seek(0 if start == _NOWHERE else start)
-            return _filled(stream, dtype, shape, written=start != _NOWHERE)
+        layout = dataset.id.layout_class
+        start = dataset.id.data_offset if layout == _CONTIGUOUS and nbytes else 0
+        if layout == _VIRTUAL or start == _NOWHERE:
+            raise PredictionError(
+                f"the numbers of {what} are not in the file: it is virtual, has external storage, "
+                "or was never written",
+                where=self.path,
+                expected="datasets whose numbers the file holds itself",
+                fix="copy them into one file: new[name] = old[name][...] in h5py",
+            )
+        if layout == _CONTIGUOUS:
+            stream.seek(start)
+            return _filled(stream, dtype, shape)
         values: NDArray[Any] = np.array(dataset[...], dtype=dtype.newbyteorder("="))
         return values
 
 
 def dataset_names(path: Path, most: int) -> list[str]:
-    """Return the names of the first few datasets; none of what is no HDF5 file or is damaged.
-
-    Parameters
-    ----------
-    path : Path
-        A file or a folder.
-    most : int
-        Names at most; fewer are found where many groups come first.
-    """
+    """Return the names of the first few datasets; none of what is no HDF5 file or is damaged."""
     if not path.is_file():
         return []
     found = []
@@ -173,11 +167,9 @@ def _members(before: str, group: pyfive.Group) -> Iterator[tuple[str, pyfive.Gro
     return ((before + member, group, member) for member in group)
 
 
-def _filled(
-    stream: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...], *, written: bool
-) -> NDArray[Any]:
-    values = np.zeros(shape, dtype)
-    if written and values.nbytes:
+def _filled(stream: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    values = np.empty(shape, dtype)
+    if values.nbytes:
         view = memoryview(values.reshape(-1).view(np.uint8).data)
         if stream.readinto(view) != len(view):  # type: ignore[attr-defined]
             raise EOFError("the file ends before the data does")
@@ -220,13 +212,7 @@ class _Bounded(io.RawIOBase):
 
 @contextmanager
 def _damage(path: Path) -> Iterator[None]:
-    """Say of what pyfive cannot read that the file is damaged.
-
-    Raises
-    ------
-    PredictionError
-        In place of what pyfive raises.
-    """
+    """Say of what pyfive cannot read that the file is damaged."""
     from pyfive.core import InvalidHDF5File
 
     try:

@@ -96,13 +96,7 @@ class MatFile:
         return set(self._variables)
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """Read an array of numbers, in C order.
-
-        Raises
-        ------
-        PredictionError
-            It holds something else, is cut off, or more than the limit with those before it.
-        """
+        """Read an array of numbers, in C order."""
         variable = self._variables[name]
         code = _NUMBERS.get(variable.data.kind)
         if variable.array_class not in _NUMERIC or code is None:
@@ -117,13 +111,7 @@ class MatFile:
         return np.ascontiguousarray(columns, dtype.newbyteorder("="))
 
     def texts(self, name: str) -> list[str]:
-        """Read an array of characters as its rows, without the blanks that fill them up.
-
-        Raises
-        ------
-        PredictionError
-            See `numbers`.
-        """
+        """Read an array of characters as its rows, without the blanks that fill them up."""
         variable = self._variables[name]
         codec = _CODECS.get(variable.data.kind)
         if variable.array_class != _CHARACTERS or codec is None or len(variable.shape) != 2:

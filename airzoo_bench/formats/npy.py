@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 
-__all__ = ["NpyHeader", "map_floats", "read_header"]
+__all__ = ["NpyHeader", "map_numbers", "read_header"]
 
 # All that `ast.literal_eval` and `numpy.dtype` raise over a text, and NumPy over what they return.
 _FAULTS = (
@@ -33,13 +33,7 @@ class NpyHeader(NamedTuple):
 
 
 def read_header(stream: IO[bytes]) -> NpyHeader:
-    """Read the header of an npy stream, which then stands at the data.
-
-    Raises
-    ------
-    ValueError
-        It is no header of an array without field names (versions 1 and 2 of the format).
-    """
+    """Read the header of an npy stream, which then stands at the data."""
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(stream)
     if version not in readers:
@@ -51,28 +45,17 @@ def read_header(stream: IO[bytes]) -> NpyHeader:
         raise ValueError(str(error) or type(error).__name__) from error
 
 
-def map_floats(path: Path) -> NDArray[np.floating[Any]]:
-    """Map the floating-point numbers that ``numpy.save`` wrote, none of which is read yet.
-
-    Parameters
-    ----------
-    path : Path
-        A regular file.
-
-    Raises
-    ------
-    PredictionError
-        It is no such file, is cut off, or holds Python objects, which are never loaded.
-    """
+def map_numbers(path: Path) -> NDArray[Any]:
+    """Map the numbers that ``numpy.save`` wrote, none of which is read yet."""
     try:
         with path.open("rb") as stream:
             shape, fortran_order, dtype = read_header(stream)
             offset = stream.tell()
     except (OSError, ValueError) as error:
         raise _no_array(path, str(error)) from error
-    if dtype.kind != "f" or not dtype.isnative or fortran_order:
+    if dtype.kind not in "biuf" or not dtype.isnative:
         what = "pickled Python objects, never loaded" if dtype.hasobject else f"{dtype.str} data"
-        raise _no_array(path, what + ", columns first" * fortran_order)
+        raise _no_array(path, what)
     size = path.stat().st_size - offset
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize != size:
         raise _no_array(
@@ -80,13 +63,13 @@ def map_floats(path: Path) -> NDArray[np.floating[Any]]:
         )
     if not size:
         return np.empty(shape, dtype)
-    return np.memmap(path, dtype, "r", offset, shape)
+    return np.memmap(path, dtype, "r", offset, shape, "F" if fortran_order else "C")
 
 
 def _no_array(path: Path, why: str) -> PredictionError:
     return PredictionError(
-        f"no array of floating-point numbers, or a damaged one: {why[:200]}",
+        f"no array of numbers, or a damaged one: {why[:200]}",
         where=path,
-        expected="a file as numpy.save writes it, row by row",
+        expected="a file as numpy.save writes it",
         fix="write or copy the file again",
     )

@@ -92,14 +92,7 @@ class NpzFile:
         return set(self.entries)
 
     def read(self, name: str) -> NDArray[Any]:
-        """Read one array into memory.
-
-        Raises
-        ------
-        PredictionError
-            With those read before it is larger than the limit, its checksum does not hold, or it is
-            text that is not text.
-        """
+        """Read one array into memory."""
         entry = self.entries[name]
         what = f"field '{name}' (shape {entry.shape}, {entry.dtype})"
         self.budget.hold(self.path, what, _bytes_in_memory(entry), _FIX_LARGE)
@@ -115,7 +108,7 @@ class NpzFile:
         """Map one array from disk where it is stored plainly, else read it."""
         entry = self.entries[name]
         plain = not (entry.compressed or entry.fortran_order or entry.nbytes == 0)
-        if not (plain and entry.dtype.kind in "fb" and entry.dtype.isnative):
+        if not (plain and entry.dtype.kind in "biuf" and entry.dtype.isnative):
             return self.read(name)
         offset = _data_offset(self.path, entry)
         return np.memmap(self.path, entry.dtype, "r", offset, entry.shape)

@@ -38,13 +38,7 @@ class RowStream:
         self._last: NDArray[Any] = np.empty(0)
 
     def __call__(self, row: int) -> NDArray[Any]:
-        """Return a row.
-
-        Raises
-        ------
-        PredictionError
-            The data are damaged or cut off.
-        """
+        """Return a row."""
         try:
             stream = self._stream
             if stream is None or row < self._next - 1:

@@ -6,7 +6,7 @@ bytes, and so it stays as small as it is stored until its lengths have been look
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,41 +19,16 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.parquet_pages import claimed_bytes
 
-__all__ = ["column_names", "read_columns", "read_flat_table"]
+__all__ = ["read_columns"]
 
 _BATCH_ROWS = 65_536
+_PANDAS_INDEX = "__index_level_"
 _LONGEST_TEXT = 512
-_BYTES_OF_NUMBER = 8
 _TEXT_OBJECT = 64  # bytes that a text takes in Python besides its letters
 
 
-def read_columns(
-    path: Path, columns: tuple[str, ...], budget: Budget, passed_over: tuple[str, ...] = ()
-) -> dict[str, NDArray[Any]]:
-    """Read the named columns that a parquet file has.
-
-    Parameters
-    ----------
-    path : Path
-        The file, one row a query; a list column becomes a matrix (rows, length).
-    columns : tuple of str
-        The columns that there may be.
-    budget : Budget
-        What the columns may take in memory together.
-    passed_over : tuple of str
-        Columns that there may be besides, and that are not read.
-
-    Returns
-    -------
-    dict of str to array
-        Text as ``str``, lists as 2D arrays.
-
-    Raises
-    ------
-    PredictionError
-        Not a parquet file, damaged, larger than the limit, other columns, null values, or lists
-        of differing lengths.
-    """
+def read_columns(path: Path, columns: tuple[str, ...], budget: Budget) -> dict[str, NDArray[Any]]:
+    """Read the named columns that a parquet file has."""
     if not path.is_file():
         raise UnreadableError(
             "no such prediction file",
@@ -62,77 +37,15 @@ def read_columns(
             fix="`airzoo-bench template` writes an example",
         )
     with _told_as_damage(path):
-        return _read(path, columns, budget, passed_over)
+        return _read(path, columns, budget, _pandas_index(path))
 
 
-def column_names(path: Path) -> list[str]:
-    """Return the names of a file's columns.
-
-    Raises
-    ------
-    PredictionError
-        Not a parquet file, or damaged.
-    """
+def _pandas_index(path: Path) -> tuple[str, ...]:
     import pyarrow.parquet as pq
 
-    with _told_as_damage(path):
-        claimed_bytes(path)  # Arrow may end the process over metadata that are damaged
-        return list(pq.read_schema(path).names)
-
-
-def read_flat_table(path: Path, columns: Collection[str], budget: Budget) -> Any:
-    """Read columns of numbers, truth values and texts, of which any may be missing in places.
-
-    Parameters
-    ----------
-    path : Path
-    columns : collection of str
-        Those that are read, each of which the file has.
-    budget : Budget
-        What they may take in memory together.
-
-    Returns
-    -------
-    pyarrow.Table
-        Of int64, uint64, float64, bool and large_string.
-
-    Raises
-    ------
-    PredictionError
-        Not a parquet file, damaged, larger than the limit, or a column is of another type.
-    """
-    import pyarrow as pa
-
-    with _told_as_damage(path), _opened(path, budget) as file:
-        parts, taken = [], 0
-        for batch in _batches(file, list(columns)):
-            batch.validate(full=True)
-            plain = {one: _plain(path, one, batch.column(one), budget, taken) for one in columns}
-            parts.append(pa.table(plain))
-            taken += parts[-1].nbytes
-        return pa.concat_tables(parts) if parts else file.schema_arrow.empty_table().select(columns)
-
-
-def _plain(path: Path, name: str, values: Any, budget: Budget, taken: int) -> Any:
-    """Return a column of a batch as one of the five types."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    kind = values.type
-    if pa.types.is_dictionary(kind):
-        longest = pc.max(pc.binary_length(values.dictionary)).as_py() or 0
-        budget.hold(path, "its columns", taken + len(values) * (longest + _BYTES_OF_NUMBER))
-        return values.dictionary_decode().cast(pa.large_string())
-    budget.hold(path, "its columns", taken + len(values) * _BYTES_OF_NUMBER)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return values.cast(pa.large_string())
-    if pa.types.is_boolean(kind) or pa.types.is_uint64(kind):
-        return values
-    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return values.cast(pa.int64() if pa.types.is_integer(kind) else pa.float64())
-    raise PredictionError(
-        f"column '{name}' has values of type {kind}", where=path, expected="text or numbers"
-    )
+    claimed_bytes(path)  # Arrow may end the process over metadata that are damaged
+    names = pq.read_schema(path).names
+    return tuple(name for name in names if name.startswith(_PANDAS_INDEX))
 
 
 @contextmanager
@@ -150,7 +63,7 @@ def _told_as_damage(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _opened(path: Path, budget: Budget, passed_over: tuple[str, ...] = ()) -> Any:
+def _opened(path: Path, budget: Budget, passed_over: tuple[str, ...]) -> Any:
     """Open a file whose pages are sound, and whose texts stay as small as they are stored."""
     import pyarrow.parquet as pq
 
@@ -194,8 +107,7 @@ def _check_columns(path: Path, names: list[str], columns: tuple[str, ...]) -> No
             f"has unknown columns: {first_of(unknown)}",
             where=path,
             expected="only " + ", ".join(columns),
-            fix="rename or leave them out (pandas: to_parquet(..., index=False)); descriptors "
-            "go into an .npz",
+            fix="rename or leave them out; descriptors go into an .npz",
         )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

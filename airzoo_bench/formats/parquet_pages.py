@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Chunk", "claimed_bytes", "row_groups"]
+__all__ = ["claimed_bytes"]
 
 _MAGIC = b"PAR1"
 _LARGEST_FOOTER = 1 << 22
@@ -27,61 +26,13 @@ _ROW_GROUPS, _COLUMNS, _GROUP_ROWS, _META = 4, 1, 3, 3
 _NAME, _VALUES, _CODEC_BYTES = 3, 5, 7
 _DATA_START, _DICTIONARY_START = 9, 11
 _PLAIN_BYTES, _PACKED_BYTES, _KINDS_OF_PAGE = 2, 3, {5: 2, 7: 2, 8: 4}
-_DOUBLE, _BINARY, _LISTS, _MAP, _STRUCT = 7, 8, (9, 10), 11, 12
+_DOUBLE, _BINARY, _LISTS, _STRUCT = 7, 8, (9, 10), 12
 
 Struct = dict[int, Any]
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """A column of a row group, as the file states it.
-
-    Attributes
-    ----------
-    column : str
-        Its outermost name.
-    rows, values : int
-        Of the row group; of the column in it, a value an entry of a list.
-    stored_bytes : int
-    pages : tuple of int
-        What each page asks for when it is read.
-    """
-
-    column: str
-    rows: int
-    values: int
-    stored_bytes: int
-    pages: tuple[int, ...]
-
-
 def claimed_bytes(path: Path, passed_over: Collection[str] = ()) -> int:
-    """Return how much memory the pages of a file ask for when they are read.
-
-    Parameters
-    ----------
-    path : Path
-    passed_over : collection of str
-        Columns that are not read.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged, or has pages that no reader can bound.
-    """
-    groups = row_groups(path)
-    return sum(
-        sum(chunk.pages) for group in groups for chunk in group if chunk.column not in passed_over
-    )
-
-
-def row_groups(path: Path) -> list[list[Chunk]]:
-    """Return what each row group of a file has, column by column.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged, or has pages that no reader can bound.
-    """
+    """Return how much memory the pages of a file ask for when they are read."""
     with path.open("rb") as stream:
         size = stream.seek(0, 2)
         if size < 12:
@@ -91,19 +42,23 @@ def row_groups(path: Path) -> list[list[Chunk]]:
             if body[-4:] != _MAGIC or not 0 < footer <= min(size - 12, _LARGEST_FOOTER):
                 raise ValueError("its footer is damaged, cut off or absurdly long")
             data = _Compact(body, size - 8 - footer, size - 8).struct()
-            return [_group(body, group, size) for group in _structs(data.get(_ROW_GROUPS))]
+            groups = _structs(data.get(_ROW_GROUPS))
+            chunks = [one for group in groups for one in _chunks(body, group, size)]
+    return sum(asked for column, asked in chunks if column not in passed_over)
 
 
-def _group(body: mmap.mmap, group: Struct, size: int) -> list[Chunk]:
-    rows, columns = _whole(group.get(_GROUP_ROWS, 0)), _structs(group.get(_COLUMNS))
-    return [_chunk(body, _struct(column.get(_META)), rows, size) for column in columns]
+def _chunks(body: mmap.mmap, group: Struct, size: int) -> list[tuple[str, int]]:
+    """Return the outermost name of each column of a row group, and the bytes it asks for."""
+    _whole(group.get(_GROUP_ROWS, 0))
+    columns = _structs(group.get(_COLUMNS))
+    return [_chunk(body, _struct(column.get(_META)), size) for column in columns]
 
 
-def _chunk(body: mmap.mmap, meta: Struct, rows: int, size: int) -> Chunk:
+def _chunk(body: mmap.mmap, meta: Struct, size: int) -> tuple[str, int]:
+    _whole(meta.get(_VALUES, 0))
     starts = [_whole(meta[key]) for key in (_DATA_START, _DICTIONARY_START) if meta.get(key)]
     place = min(starts, default=-1)
-    stored = _whole(meta.get(_CODEC_BYTES))
-    end = place + stored
+    end = place + _whole(meta.get(_CODEC_BYTES))
     if not 0 < place <= end <= size:
         raise ValueError("a column lies outside the file")
     pages: list[int] = []
@@ -116,8 +71,7 @@ def _chunk(body: mmap.mmap, meta: Struct, rows: int, size: int) -> Chunk:
         raise ValueError("the pages of a column do not fit it")
     name = meta.get(_NAME)
     column = name[0] if isinstance(name, list) and name and isinstance(name[0], bytes) else b""
-    values = _whole(meta.get(_VALUES, 0))
-    return Chunk(column.decode("utf-8", "replace"), rows, values, stored, tuple(pages))
+    return column.decode("utf-8", "replace"), sum(pages)
 
 
 def _page_bytes(page: Struct) -> int:

@@ -22,19 +22,7 @@ __all__ = ["opened_photo"]
 def opened_photo(
     path: Path, fix: str = "copy it again, or take it out of the folder"
 ) -> Iterator[Image]:
-    """Open a photo; what Pillow makes of a bad one inside the block becomes BenchmarkError.
-
-    Parameters
-    ----------
-    path : Path
-    fix : str
-        What to do about a bad one.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there, damaged, or no photo.
-    """
+    """Open a photo; what Pillow makes of a bad one inside the block becomes BenchmarkError."""
     from PIL import Image
 
     # Pillow raises SyntaxError and ValueError over headers, and warns of large photos, which a

@@ -1,122 +1,115 @@
 """Tensors in files of ``torch.save``, read without PyTorch and without running what they hold.
 
-Such a file is a zip of a pickle, which `torch_pickles` interprets, and of the numbers of each
-tensor.
+Such a file is a zip of a pickle and of the numbers of each tensor.
 """
 
 from __future__ import annotations
 
+import io
+import math
+import pickle
+import struct
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.formats.torch_pickles import Storage, UnreadableError, unpickled
 
 __all__ = ["read_tensors"]
 
 _LIMIT_BYTES = 16 << 20
-_PICKLE_BYTES = 1 << 20
-_MOST_MEMBERS = 10_000
-_ZIP = b"PK\x03\x04"
+_STORAGES = {
+    "HalfStorage": "f2",
+    "FloatStorage": "f4",
+    "DoubleStorage": "f8",
+    "ByteStorage": "u1",
+    "CharStorage": "i1",
+    "ShortStorage": "i2",
+    "IntStorage": "i4",
+    "LongStorage": "i8",
+}
+_OPCODES = (
+    *(pickle.PROTO, pickle.FRAME, pickle.STOP, pickle.MARK, pickle.MEMOIZE, pickle.REDUCE),
+    *(pickle.BINPUT, pickle.LONG_BINPUT, pickle.BINGET, pickle.LONG_BINGET, pickle.BINPERSID),
+    *(pickle.BININT, pickle.BININT1, pickle.BININT2, pickle.LONG1, pickle.BINFLOAT),
+    *(pickle.BINUNICODE, pickle.SHORT_BINUNICODE, pickle.GLOBAL, pickle.STACK_GLOBAL),
+    *(pickle.NONE, pickle.NEWTRUE, pickle.NEWFALSE, pickle.EMPTY_LIST, pickle.EMPTY_DICT),
+    *(pickle.EMPTY_TUPLE, pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3, pickle.TUPLE),
+    *(pickle.APPEND, pickle.APPENDS, pickle.SETITEM, pickle.SETITEMS),
+)
+_DAMAGE = (
+    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, RuntimeError),
+    *(TypeError, ValueError, pickle.UnpicklingError, struct.error, zipfile.BadZipFile),
+)
 
 
 def read_tensors(path: Path) -> dict[str, Any]:
-    """Read a dictionary that ``torch.save`` wrote.
-
-    Parameters
-    ----------
-    path : Path
-        Up to 16 MiB, and the pickle in it up to 1 MiB.
-
-    Returns
-    -------
-    dict of str to value
-        Tensors as arrays; numbers, texts, lists and dictionaries as they are.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing, damaged, in the layout before PyTorch 1.6, or holds anything else.
-    """
+    """Read a dictionary that ``torch.save`` wrote."""
     if not path.is_file():
         raise BenchmarkError("no such file", where=path, expected="a file of torch.save")
     try:
-        return _read(path)
-    except (
-        UnreadableError,
-        ValueError,
-        zipfile.BadZipFile,
-        NotImplementedError,
-        EOFError,
-    ) as error:
+        if path.stat().st_size > _LIMIT_BYTES:
+            raise ValueError(f"it is larger than {_LIMIT_BYTES:,} bytes")
+        with zipfile.ZipFile(path) as archive:
+            value = _Tensors(archive).load()
+        if not isinstance(value, dict):
+            raise ValueError("it holds no dictionary")
+    except _DAMAGE as error:
         raise BenchmarkError(
             f"cannot be read as tensors: {str(error)[:200]}",
             where=path,
-            expected="a dictionary of tensors, numbers and texts, as torch.save writes it",
+            expected="a dictionary of tensors, numbers and texts, as torch.save writes it since "
+            "PyTorch 1.6",
             fix="download it again if it is not whole; or where you trust it, write it anew:\n"
             "            torch.save(dict(torch.load(f, weights_only=True)), f)",
         ) from error
-
-
-def _read(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream:
-        start = stream.read(len(_ZIP))
-    if path.stat().st_size > _LIMIT_BYTES:
-        raise UnreadableError(f"it is larger than {_LIMIT_BYTES:,} bytes")
-    if start != _ZIP:
-        old = start.startswith(b"\x80")
-        raise UnreadableError(
-            "a pickle, such as PyTorch wrote before 1.6" if old else "no file of torch.save"
-        )
-    with zipfile.ZipFile(path) as archive:
-        pack = _Pack.of(archive)
-        value = unpickled(pack.member("data.pkl", _PICKLE_BYTES), pack.numbers, _LIMIT_BYTES)
-    if not isinstance(value, dict):
-        raise UnreadableError("it holds no dictionary")
     return value
 
 
-@dataclass(frozen=True, eq=False)
-class _Pack:
-    """The members of a zip, below its one folder."""
+class _Tensors(pickle._Unpickler):
+    """Makes numbers, texts, tensors, and lists and dictionaries of them, and knows nothing else."""
 
-    archive: zipfile.ZipFile
-    infos: dict[str, zipfile.ZipInfo]
-    root: str
+    dispatch: ClassVar[Any] = {code[0]: pickle._Unpickler.dispatch[code[0]] for code in _OPCODES}
 
-    @classmethod
-    def of(cls, archive: zipfile.ZipFile) -> _Pack:
-        listed = archive.infolist()
-        infos = {info.filename: info for info in listed}
-        if len(listed) > _MOST_MEMBERS or len(infos) < len(listed):
-            raise UnreadableError("its zip has too many members, or two of one name")
-        roots = [name.removesuffix("data.pkl") for name in infos if name.endswith("/data.pkl")]
-        if len(roots) != 1:
-            raise UnreadableError("its zip has no data.pkl, or several")
-        return cls(archive, infos, roots[0])
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        (found,) = [name for name in archive.namelist() if name.endswith("/data.pkl")]
+        self._archive, self._root = archive, found.removesuffix("data.pkl")
+        self._storages: dict[str, NDArray[Any]] = {}
+        super().__init__(io.BytesIO(self._member("data.pkl")))
 
-    def member(self, name: str, most: int) -> bytes:
-        """Return the bytes of a member, which must be stored as they are: no bomb is."""
-        info = self.infos.get(self.root + name)
-        if info is None:
-            raise UnreadableError(f"its zip lacks {name[:40]}")
-        if info.compress_type != zipfile.ZIP_STORED or info.flag_bits & 1:
-            raise UnreadableError(f"{name[:40]} is compressed or encrypted")
-        if not info.file_size == info.compress_size <= most:
-            raise UnreadableError(f"{name[:40]} has {info.file_size:,} bytes")
-        return self.archive.read(info)
+    def find_class(self, module: str, name: str, /) -> Any:
+        if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
+            return _tensor
+        if (module, name) == ("collections", "OrderedDict"):
+            return dict
+        if module == "torch" and name in _STORAGES:
+            return _STORAGES[name]
+        raise ValueError(f"its pickle names {module}.{name}, which is no tensor of numbers")
 
-    def numbers(self, storage: Storage) -> NDArray[Any]:
-        """Return all numbers of a storage, as one row."""
-        named = self.root + "byteorder" in self.infos
-        order = ">" if named and self.member("byteorder", 16) == b"big" else "<"
-        kind = np.dtype(order + storage.kind)
-        stored = self.member(f"data/{storage.key}", storage.count * kind.itemsize)
-        if len(stored) != storage.count * kind.itemsize:
-            raise UnreadableError(f"a tensor lacks some of its {storage.count:,} numbers")
-        return np.frombuffer(stored, kind)
+    def persistent_load(self, pid: Any) -> NDArray[Any]:
+        _, kind, key, _, count = pid
+        if key not in self._storages:
+            named = f"{self._root}byteorder" in self._archive.namelist()
+            order = ">" if named and self._member("byteorder") == b"big" else "<"
+            stored = self._member(f"data/{key}")
+            self._storages[key] = np.frombuffer(stored, np.dtype(order + kind), count)
+        return self._storages[key]
+
+    def _member(self, name: str) -> bytes:
+        info = self._archive.getinfo(self._root + name)
+        if info.compress_type != zipfile.ZIP_STORED:
+            raise ValueError(f"{name} is compressed")
+        return self._archive.read(info)
+
+
+def _tensor(
+    flat: NDArray[Any], offset: int, shape: tuple[int, ...], strides: tuple[int, ...], *_: Any
+) -> NDArray[Any]:
+    """Return the view of its numbers that a tensor is; NumPy refuses one that reaches beyond."""
+    if math.prod(shape) > flat.size or min((offset, *shape, *strides)) < 0:
+        raise ValueError("a tensor is larger than its numbers")
+    steps = [stride * flat.itemsize for stride in strides]
+    return np.ndarray(shape, flat.dtype, flat.data, offset * flat.itemsize, steps)

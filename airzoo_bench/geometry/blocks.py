@@ -48,11 +48,7 @@ def small_cache() -> rasterio.Env:
 
 
 def window_shape(dataset: Any, pixels: int) -> tuple[int, int]:
-    """Width and height of windows of whole blocks of the file, of about so many pixels.
-
-    Windows are nearly square where the file has tiles, and as wide as the raster where it has
-    strips; one block of the file at least.
-    """
+    """Width and height of windows of whole blocks of the file, of about so many pixels."""
     high, wide = dataset.block_shapes[0]
     width = min(wide * max(int(pixels**0.5) // wide, 1), dataset.width)
     height = min(high * max(pixels // width // high, 1), dataset.height)
@@ -130,29 +126,7 @@ def _clipped(dataset: Any, column: int, row: int, width: int, height: int) -> Wi
 
 
 def median_height(path: str | Path) -> float:
-    """Median of all valid heights of a raster's first band, in metres.
-
-    Radix selection: heights become unsigned integers of the same order, and each pass over the file
-    counts 16 bits of those that share the bits found so far: two passes for float32 and narrow
-    integers, four for all else (64-bit integers beyond 2^53 are rounded). The result is exact;
-    for an even count it is the mean of the two middle heights. Memory holds some windows of 4
-    million pixels (or one block of the file where that is larger) besides GDAL's block cache.
-
-    Parameters
-    ----------
-    path : str or Path
-        A GeoTIFF.
-
-    Returns
-    -------
-    float
-        Metres.
-
-    Raises
-    ------
-    RasterError
-        No valid height; see also `rasters.opened`.
-    """
+    """Median of all valid heights of a raster's first band, in metres."""
     with opened(path) as dataset:
         dtype = np.dtype(height_type(dataset.dtypes[0]))
         lower, upper = _middle(dataset, dtype, path)
@@ -213,16 +187,7 @@ def _height(key: int, dtype: np.dtype[Any]) -> float:
 
 @contextmanager
 def blocked_heights(path: str | Path) -> Iterator[HeightField]:
-    """Open a raster's first band as a height field that reads blocks when they are asked for.
-
-    It answers as `HeightField.read(path)` does, to the last bit, in at most 256 MiB (512 MiB where
-    heights need float64), however large the raster. Not for several threads at a time.
-
-    Raises
-    ------
-    RasterError
-        See `open_info`.
-    """
+    """Open a raster's first band as a height field that reads blocks when they are asked for."""
     info = open_info(path)
     with small_cache(), opened(path) as dataset:
         blocks = _Blocks(dataset)

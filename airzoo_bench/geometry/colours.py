@@ -22,27 +22,7 @@ def read_rgb(
     *,
     long_side_px: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Read colours: grey is repeated, alpha dropped.
-
-    Parameters
-    ----------
-    path : str or Path
-    window : (column, row, width, height), optional
-        In whole pixels; all of the raster where left out.
-    long_side_px : int, optional
-        Averaged down so far that the longer side is no longer than this.
-
-    Returns
-    -------
-    (height, width, 3) uint8 array
-        The bands that the file calls red, green and blue; otherwise the first three.
-
-    Raises
-    ------
-    RasterError
-        Not 8 bit; a palette; more than four bands of which none are called red, green and blue; a
-        window that is empty or reaches outside; see also `opened`.
-    """
+    """Read colours: grey is repeated, alpha dropped."""
     with opened(path) as dataset:
         column, row, width, height = window or (0, 0, dataset.width, dataset.height)
         inside = column >= 0 and row >= 0 and width > 0 and height > 0

@@ -82,22 +82,7 @@ class HeightField:
         bounds: tuple[float, float, float, float] | None = None,
         limit_bytes: int = 2 * _GIB,
     ) -> HeightField:
-        """Read the heights of a raster's first band, or of a part of it.
-
-        Parameters
-        ----------
-        path : str or Path
-        bounds : (left, bottom, right, top), optional
-            In the raster's CRS. The part read covers it with a pixel to spare, so that inside
-            `bounds` the surface is that of the whole raster; outside the part there is none.
-        limit_bytes : int
-            Largest size of the heights in memory.
-
-        Raises
-        ------
-        RasterError
-            The part is larger than `limit_bytes` or misses the raster; see also `open_info`.
-        """
+        """Read the heights of a raster's first band, or of a part of it."""
         info = open_info(path)
         window = _window(info, bounds)
         _check_size(info, window, np.dtype(height_type(info.dtype)).itemsize, limit_bytes)
@@ -115,11 +100,7 @@ class HeightField:
         return float(low), float(high)
 
     def sample(self, xy: ArrayLike) -> Floats:
-        """Height (...) of the surface at world coordinates (..., 2) in the field's CRS.
-
-        NaN where the surface has no height: outside the raster (its border is inside), where no
-        neighbour nearer than a pixel has a height, or where `xy` is NaN.
-        """
+        """Height (...) of the surface at world coordinates (..., 2) in the field's CRS."""
         return self.sample_pixels(world_to_pixel(self.transform, xy))
 
     def sample_pixels(self, colrow: ArrayLike) -> Floats:
@@ -145,11 +126,7 @@ class HeightField:
         return inside
 
     def corner_heights(self, cell: Ints) -> Floats:
-        """Heights (P, 4) at the corners of cells of the grid of pixel centres.
-
-        Cell (i, j) (P, 2) has its corners at the pixels (i, j) + CORNERS; beyond the border the
-        outermost pixel is repeated.
-        """
+        """Heights (P, 4) at the corners of cells of the grid of pixel centres."""
         last = np.array(self.heights.shape[::-1]) - 1
         column, row = np.moveaxis(np.clip(cell[:, None] + CORNERS, 0, last), -1, 0)
         return self.heights_at(column, row)
@@ -196,13 +173,7 @@ def read_metres(dataset: Any, window: Window) -> Heights:
 
 
 def metres_of(dataset: Any) -> tuple[float, float]:
-    """Scale and offset that make metres of stored numbers: the file's own, times its unit's.
-
-    Raises
-    ------
-    RasterError
-        See `units.height_unit_m`.
-    """
+    """Scale and offset that make metres of stored numbers: the file's own, times its unit's."""
     unit = height_unit_m(dataset)
     return float(dataset.scales[0]) * unit, float(dataset.offsets[0]) * unit
 
@@ -221,10 +192,7 @@ def read_heights(dataset: Any, window: Window, dtype: Any) -> Heights:
 
 
 def _read_plain(dataset: Any, window: Window, dtype: np.dtype[Any]) -> Heights | None:
-    """Read floats whose only mark is a nodata value; None where GDAL's own mask is needed.
-
-    GDAL reads the band a second time for its mask, which takes three times as long.
-    """
+    """Read floats whose only mark is a nodata value; None where GDAL's own mask is needed."""
     plain = dataset.mask_flag_enums[0] in ([MaskFlags.all_valid], [MaskFlags.nodata])
     if not plain or dataset.dtypes[0] != dtype.name:
         return None

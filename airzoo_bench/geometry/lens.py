@@ -159,11 +159,7 @@ def _in_range(x: Floats, y: Floats, k: Sequence[Floats] | Floats, limit: Floats)
 
 
 def _range_limit(distortion: Floats) -> Floats:
-    """Squared radius (N,) of the first turning point of r radial(r^2); infinite without one.
-
-    Its derivative is 1 + 3 k1 s + 5 k2 s^2 + 7 k3 s^3, a polynomial in u = 1/s that is monic
-    whichever coefficients vanish; the largest positive root u is found by the companion matrix.
-    """
+    """Squared radius (N,) of the first turning point of r radial(r^2); infinite without one."""
     companion = np.zeros((len(distortion), 3, 3))
     companion[:, 0, 0] = -3.0 * distortion[:, 0]
     companion[:, 0, 1] = -5.0 * distortion[:, 1]

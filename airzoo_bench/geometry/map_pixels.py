@@ -54,11 +54,7 @@ def to_map_pixels(source: Any, raster: RasterInfo) -> Callable[[Floats], Floats]
 
 
 def _turn(crs: Any) -> float:
-    """Return by how much x grows once round the earth; 0 where a CRS does not go round it.
-
-    Those go round it whose x is a multiple of the longitude, whatever the latitude. Longitudes are
-    those of the CRS itself: from WGS84 some datums lead to nowhere but in their own country.
-    """
+    """Return by how much x grows once round the earth; 0 where a CRS does not go round it."""
     plane = horizontal_crs(crs)
     degrees = plane.geodetic_crs or plane
     change = change_of_plane(degrees, plane)

@@ -52,22 +52,7 @@ class _Walk:
 def first_crossings(
     origins: Floats, unit: Floats, field: HeightField, max_range_m: float
 ) -> tuple[Floats, Bools]:
-    """Length along each ray to its first crossing of the surface.
-
-    Parameters
-    ----------
-    origins, unit : (P, 3) array
-        Rays that go down, from above the surface, unit directions.
-    field : HeightField
-    max_range_m : float
-
-    Returns
-    -------
-    length : (P,) array
-        NaN where there is no crossing.
-    cut : (P,) bool array
-        True where the walk would have gone on beyond `max_range_m`.
-    """
+    """Length along each ray to its first crossing of the surface."""
     found = np.full(len(origins), np.nan)
     walk, cut = _started(origins, unit, field, max_range_m)
     while walk.row.size:
@@ -150,22 +135,7 @@ def _meet(walk: _Walk, until: Floats, field: HeightField) -> Floats:
 
 
 def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats) -> Floats:
-    """Smallest u in [0, 1] at which the ray is on the surface or below.
-
-    Parameters
-    ----------
-    heights : (P, 4) array
-        Of the cell's corners; NaN where there is none.
-    start, way : (P, 2) array
-        Start of the ray in the cell and its way through it, in cells.
-    z, drop : (P,) array
-        drop <= 0.
-
-    Returns
-    -------
-    (P,) array
-        NaN where there is no crossing, or no height.
-    """
+    """Smallest u in [0, 1] at which the ray is on the surface or below."""
     known = ~np.isnan(heights)
     whole = known.all(axis=-1)
     part = known.any(axis=-1) & ~whole
@@ -197,10 +167,7 @@ def _first_on_bilinear(
 def _first_on_nearest(
     heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats
 ) -> Floats:
-    """Each corner with a height rules where it is the nearest, within a pixel: a convex region.
-
-    The ray's stay in it, and below its height, is an interval of u; the first of the four counts.
-    """
+    """Each corner with a height rules where it is the nearest, within a pixel: a convex region."""
     known = ~np.isnan(heights)
     first = np.full(len(heights), np.inf)
     for index, corner in enumerate(CORNERS):

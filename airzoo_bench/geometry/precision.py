@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.rotations import matrix_to_quaternion
 
 __all__ = [
     "COARSEST_M",
@@ -43,6 +44,10 @@ _CHANCE_BITS = 10
 # Fewer centres than this may have few decimals by their nature, and those at one height may be
 # places of a grid.
 _ENOUGH_CENTRES = 3
+# Digits of quaternions that are looked for; 3e-9 moves a camera on Earth by 5 cm at most.
+_RENORMALISED_DIGITS = range(3, 9)
+_NEIGHBOURS = np.array((-1.0, 0.0, 1.0))[:, None, None]
+_ALIKE, _NEARLY_WHOLE, _NOISE = 1e-6, 1e-6, 1e-15
 _NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
@@ -169,11 +174,15 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     else:
         off = np.abs(np.sqrt((quaternions**2).sum(axis=1)) - 1.0)
         entries, weight = quaternions, _OF_QUATERNION
-    turned = off
     # Rotations that few digits state exactly have lost nothing.
     if (off > _EXACT).any():
         kept = np.sqrt((rounding_errors(entries) ** 2).mean(axis=1))
         turned = np.where(off > _BEYOND_CHANCE * kept, off, kept)
+    else:
+        weight = _OF_QUATERNION
+        turned = _renormalised_errors(
+            matrix_to_quaternion(rotations) if quaternions is None else quaternions
+        )
     axes = np.round(rotations, 12)
     if np.isin(np.abs(axes), (0.0, 1.0)).all():
         moved = _of_centres(-np.einsum("nji,nj->ni", axes, translations))
@@ -182,6 +191,31 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
     by_turn = weight * turned * np.sqrt((translations**2).sum(axis=1))
     errors: Floats = np.hypot(by_turn, np.sqrt((moved**2).sum(axis=1)))
     return errors
+
+
+def _renormalised_errors(quaternions: Floats) -> Floats:
+    """Estimate errors (N,) of unit quaternions that were normalised after they were rounded."""
+    size = np.abs(quaternions)
+    largest = size.max(axis=1, initial=0.0, keepdims=True)
+    # Rows of one size, such as those of nadir, are the same at any number of digits.
+    rows = np.flatnonzero(((size > _ALIKE) & (size < largest - _ALIKE)).any(axis=1))
+    for digits in (*_NARROW, *_RENORMALISED_DIGITS) if len(rows) else ():
+        step = _grid(largest[rows], digits)
+        whole = np.round(largest[rows] / step) + _NEIGHBOURS
+        scaled = size[rows] * (whole * step / largest[rows])
+        step = _grid(scaled, digits)
+        off = np.abs(scaled - np.round(scaled / step) * step)
+        if (off < _NEARLY_WHOLE * step + _NOISE).all(axis=2).any(axis=0).all():
+            errors: Floats = np.sqrt((_grid(size, digits) ** 2).mean(axis=1)) * _UNIFORM
+            return errors
+    return np.zeros(len(size))
+
+
+def _grid(values: Floats, digits: int | type[np.floating[Any]]) -> Floats:
+    """Return the steps in which numbers of a narrow type, or of a number of decimals, go."""
+    return (
+        np.full_like(values, 10.0**-digits) if isinstance(digits, int) else _steps(values, digits)
+    )
 
 
 def centre_errors_m(centres: Floats) -> Floats:
@@ -205,11 +239,7 @@ def centre_errors_m(centres: Floats) -> Floats:
 
 
 def _of_centres(centres: Floats) -> Floats:
-    """Estimate errors of centres that turns by 90 degrees carried over into t as they are.
-
-    Whole coordinates, those of made-up scenes, have lost nothing. Heights are left aside: above
-    places on a lattice they may well be those of a surface model, which float32 holds.
-    """
+    """Estimate errors of centres that turns by 90 degrees carried over into t as they are."""
     kind = narrow_type(centres[:, :2])
     return np.zeros_like(centres) if kind is None else _steps(centres, kind) * _UNIFORM
 

@@ -77,14 +77,7 @@ class RasterInfo:
 
 
 def open_info(path: str | Path) -> RasterInfo:
-    """Read what a georeferenced raster says of itself.
-
-    Raises
-    ------
-    RasterError
-        The file is missing or not a raster, or has no CRS, no geotransform, or one that cannot be
-        inverted. Rotated and sheared geotransforms are taken.
-    """
+    """Read what a georeferenced raster says of itself."""
     with opened(path) as dataset:
         return RasterInfo(
             path=Path(path),
@@ -100,19 +93,7 @@ def open_info(path: str | Path) -> RasterInfo:
 
 @contextmanager
 def opened(path: str | Path, **settings: str) -> Iterator[Any]:
-    """Open a raster for reading; yields rasterio's dataset.
-
-    Parameters
-    ----------
-    path : str or Path
-    **settings
-        Of GDAL, while it is open.
-
-    Raises
-    ------
-    RasterError
-        The file is missing, not a raster, or cannot be read (truncated); also inside the block.
-    """
+    """Open a raster for reading; yields rasterio's dataset."""
     if not pointed(Path(path)).is_file():
         raise RasterError("no such file", where=path)
     pointer = pointer_at(Path(path))
@@ -152,20 +133,7 @@ def _forget_other_versions(pointer: Pointer) -> None:
 
 
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
-    """Take pixel coordinates to the raster's CRS.
-
-    Parameters
-    ----------
-    transform : affine.Affine or sequence of 6 float
-        The raster's geotransform a b c d e f.
-    colrow : (..., 2) array
-        Continuous; (0.5, 0.5) is the centre of the first pixel.
-
-    Returns
-    -------
-    (..., 2) array
-        x before y.
-    """
+    """Take pixel coordinates to the raster's CRS."""
     a, b, c, d, e, f = transform[:6]
     points = np.asarray(colrow, dtype=np.float64)
     column, row = points[..., 0], points[..., 1]
@@ -173,40 +141,14 @@ def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
 
 
 def world_to_pixel(transform: Any, xy: ArrayLike) -> Floats:
-    """Take coordinates (..., 2) of the raster's CRS to pixels; the inverse of `pixel_to_world`.
-
-    Parameters
-    ----------
-    transform : affine.Affine or sequence of 6 float
-        The raster's geotransform a b c d e f.
-    xy : (..., 2) array
-        x before y.
-
-    Returns
-    -------
-    (..., 2) array
-        Column and row, continuous.
-    """
+    """Take coordinates (..., 2) of the raster's CRS to pixels; the inverse of `pixel_to_world`."""
     _, _, c, _, _, f = transform[:6]
     # The origin goes first: carried through the inverse, its millions of metres cost digits.
     return world_to_pixel_steps(transform, np.asarray(xy, dtype=np.float64) - (c, f))
 
 
 def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
-    """Take differences (..., 2) of world coordinates to differences in pixels.
-
-    Parameters
-    ----------
-    transform : affine.Affine or sequence of 6 float
-        The raster's geotransform a b c d e f.
-    steps : (..., 2) array
-        x before y.
-
-    Returns
-    -------
-    (..., 2) array
-        Columns and rows.
-    """
+    """Take differences (..., 2) of world coordinates to differences in pixels."""
     a, b, _, d, e, _ = transform[:6]
     x, y = steps[..., 0], steps[..., 1]
     determinant = a * e - b * d
@@ -214,16 +156,7 @@ def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
 
 
 def gsd_m(info: RasterInfo) -> tuple[float, float]:
-    """Ground sampling distance at the raster's centre, in metres: between columns, between rows.
-
-    The geodesic on WGS84 across one column and one row: true ground metres, also where the CRS is
-    in degrees or stretches the ground as web Mercator does.
-
-    Raises
-    ------
-    RasterError
-        The centre lies outside the domain of the CRS.
-    """
+    """Ground sampling distance at the raster's centre, in metres: between columns, between rows."""
     centre = np.array((info.width / 2.0, info.height / 2.0))
     steps = np.array(((-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)))
     ends = to_lonlat(info.crs, pixel_to_world(info.transform, centre + steps))

@@ -20,30 +20,7 @@ _BLOCK = 1024
 def extract(
     image: Grey, max_features: int, peak_threshold: float, *, doubled: bool
 ) -> tuple[Floats, Descriptors]:
-    """Extract RootSIFT features from a grey image.
-
-    Features nearer to the border than their own scale are left out: most of what they describe
-    is outside the image, and pycolmap 4.2 leaves the descriptors of some of them unwritten, so
-    that they would hold whatever the memory held before.
-
-    Parameters
-    ----------
-    image : (H, W) uint8 array
-    max_features : int
-        The largest features are kept.
-    peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1.
-    doubled : bool
-        Look for features in the image made twice as large, too: some three times as many, the
-        finest ones, for four times the time (Lowe 2004, section 3.3).
-
-    Returns
-    -------
-    places : (n, 2) array
-        Pixels; the image's corner is (0, 0), as in COLMAP.
-    descriptors : (n, 128) float32 array
-        Whole numbers from 0 to 255, of length about 512.
-    """
+    """Extract RootSIFT features from a grey image."""
     pycolmap = load_pycolmap()
 
     options = pycolmap.FeatureExtractionOptions(use_gpu=False)
@@ -61,21 +38,7 @@ def extract(
 
 
 def mutual_nearest(a: Descriptors, b: Descriptors, ratio: float) -> tuple[Ints, Ints]:
-    """Pair descriptors that are each other's nearest and pass the ratio test from `a` to `b`.
-
-    Parameters
-    ----------
-    a, b : (n, 128), (m, 128) float32 arrays
-        Of whole numbers from 0 to 255: products and sums of squares below 2^24 are then exact in
-        float32, and the pairs do not depend on how a BLAS adds them up.
-    ratio : float
-        Distance to the nearest over that to the second, strictly below.
-
-    Returns
-    -------
-    rows_a, rows_b : (M,) int64 arrays
-        Rows of `a`, ascending, and their partners. Of equals the first row is the nearest.
-    """
+    """Pair descriptors that are each other's nearest and pass the ratio test from `a` to `b`."""
     if not (len(a) and len(b)):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     squares_b = (b * b).sum(axis=1)

@@ -25,40 +25,18 @@ from airzoo_bench.geometry.crs import describe_crs
 
 __all__ = [
     "ChangedHeights",
-    "Geoid",
     "changed_heights",
-    "geoid_at",
     "heights_crs",
     "how_to_install",
     "stated_heights_crs",
 ]
 
-_WGS84, _WGS84_3D = CRS.from_epsg(4326), CRS.from_epsg(4979)
-_GEOIDS = {"EGM2008": "EPSG:3855", "EGM96": "EPSG:5773"}
+_WGS84 = CRS.from_epsg(4326)
 _MARGIN_DEG = 0.01
 _EXPECTED = (
     "a CRS with heights, such as EPSG:5773 (EGM96), EPSG:3855 (EGM2008), EPSG:4979 (WGS84's "
     "ellipsoid) or a PROJ string with +geoidgrids"
 )
-
-
-@dataclass(frozen=True)
-class Geoid:
-    """A model of the geoid at a place.
-
-    Attributes
-    ----------
-    model : str
-        EGM2008 or EGM96.
-    undulation_m : float or None
-        Of the geoid above the WGS84 ellipsoid; None where its grid is not installed.
-    grid : str
-        The file of the grid, where it is not.
-    """
-
-    model: str
-    undulation_m: float | None
-    grid: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,32 +55,6 @@ class ChangedHeights:
     heights_m: Floats
     operation: str
     accuracy_m: float | None
-
-
-def geoid_at(lonlat: ArrayLike) -> Geoid:
-    """Return the first of EGM2008 and EGM96 whose grid is installed.
-
-    Parameters
-    ----------
-    lonlat : (2,) array
-        WGS84, degrees.
-
-    Returns
-    -------
-    Geoid
-        EGM2008 without a figure where neither is installed.
-    """
-    lon, lat = map(float, np.asarray(lonlat, dtype=np.float64))
-    found = [_geoid(model, code, lon, lat) for model, code in _GEOIDS.items()]
-    return next((geoid for geoid in found if geoid.undulation_m is not None), found[0])
-
-
-def _geoid(model: str, code: str, lon: float, lat: float) -> Geoid:
-    transformer, lacking = _operation(_WGS84_3D, heights_crs(code), None)
-    if transformer is None:
-        return Geoid(model, None, lacking)
-    height = float(transformer.transform(lon, lat, 0.0)[2])
-    return Geoid(model, -height if np.isfinite(height) else None)
 
 
 def heights_crs(given: Any) -> CRS:

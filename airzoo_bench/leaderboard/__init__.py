@@ -1,1 +1,1 @@
-"""The leaderboard: submissions and their checks, sealed truth, the public board, exports."""
+"""The leaderboard: submissions and their checks, sealed truth and the public board."""

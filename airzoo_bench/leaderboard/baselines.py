@@ -105,29 +105,7 @@ def remake(
     data: Path,
     resources: Resources,
 ) -> Remade:
-    """Make the predictions of a baseline again, compare them to the byte, and time it.
-
-    The same machine gives the same bytes. Another may not: photos of AirZoo-Mini, features and
-    k-means are rounded by the processor.
-
-    Parameters
-    ----------
-    submission : Submission
-        With `baseline`, which `check_baseline` found nothing wrong with.
-    track : str
-    predictions : Path
-        Those of the submission.
-    agrees : callable
-        Whether a result is one that the submission's predictions may have.
-    data : Path
-        The data root.
-    resources : Resources
-
-    Raises
-    ------
-    UserError
-        See `evaluation.generate.run_baseline`.
-    """
+    """Make the predictions of a baseline again, compare them to the byte, and time it."""
     baseline: Baseline[Any] = TRACKS.get(track).baseline
     fields = {option.name: name for name, (_, option) in _fields(baseline.settings).items()}
     changes = {fields[name]: value for name, value in (submission.baseline or {}).items()}

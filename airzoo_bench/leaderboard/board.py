@@ -64,9 +64,7 @@ class Board(Strict):
     Attributes
     ----------
     repository : str or None
-        Its name where it is hosted; on GitLab groups may lie in groups.
-    gitlab : str or None
-        The GitLab that hosts it; none where it is GitHub.
+        Its name on GitHub.
     maintainers : tuple of int
         Ids of the accounts that may change every submission; names can change hands, ids cannot.
     """
@@ -74,8 +72,7 @@ class Board(Strict):
     schema_version: Literal[1] = Field(alias="schema")
     title: Title
     url: Annotated[str, Field(pattern=r"^https://\S+$")] | None = None
-    repository: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)+$")] | None = None
-    gitlab: Annotated[str, Field(pattern=r"^https://[A-Za-z0-9.-]+(:[0-9]+)?$")] | None = None
+    repository: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+$")] | None = None
     limits: Limits = Limits()
     benchmarks: Annotated[tuple[BoardBenchmark, ...], Field(min_length=1)]
     maintainers: Annotated[tuple[Account, ...], Field(max_length=100)] = ()
@@ -83,16 +80,12 @@ class Board(Strict):
     @property
     def repository_url(self) -> str | None:
         """Where the repository is seen."""
-        if self.repository is None:
-            return None
-        return f"{self.gitlab or 'https://github.com'}/{self.repository}"
+        return self.repository and f"https://github.com/{self.repository}"
 
     @property
     def data_url(self) -> str | None:
         """Where the branch of the data is seen; the path of a file in it may follow."""
-        if self.repository is None:
-            return None
-        return f"{self.repository_url}{'/-' if self.gitlab else ''}/tree/leaderboard-data"
+        return self.repository_url and f"{self.repository_url}/tree/leaderboard-data"
 
     @property
     def addresses(self) -> tuple[str | None, str | None, str | None, str | None]:
@@ -106,20 +99,6 @@ class Board(Strict):
 
 
 def read_board(path: Path) -> Board:
-    """Read a leaderboard.toml.
-
-    Raises
-    ------
-    SubmissionError
-        It is missing, no TOML, or has missing, unknown or malformed keys.
-    """
+    """Read a leaderboard.toml."""
     data = read_toml(path, SubmissionError, "leaderboard file")
-    board = validated(data, Board, SubmissionError, path, "leaderboard file")
-    if board.gitlab is None and (board.repository or "").count("/") > 1:
-        raise SubmissionError(
-            f"key 'repository' is {board.repository!r}, which is no name on GitHub",
-            where=path,
-            expected="such as lab/board",
-            fix='name the host, gitlab = "https://gitlab.com", or correct the name',
-        )
-    return board
+    return validated(data, Board, SubmissionError, path, "leaderboard file")

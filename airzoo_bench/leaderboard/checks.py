@@ -105,29 +105,10 @@ def check_submission(
     *,
     known: Sequence[Known] | None = None,
     fetch: bool = False,
+    until: float | None = None,
     resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> CheckedSubmission:
-    """Find all errors of a submission that can be found without scoring it.
-
-    Parameters
-    ----------
-    folder : Path
-        That of the submission; its last three parts are benchmark, track and folder.
-    board : Board
-    data : Path
-        The data root. Where the benchmark is there, predictions are held to its ids.
-    known : sequence of Known, optional
-        What is on the board; what stands at the same place is replaced by this one. Where it is
-        not given, names and what is superseded are not held to the board.
-    fetch : bool
-        Whether predictions at an address are fetched, into the data root.
-    resources : Resources
-
-    Returns
-    -------
-    CheckedSubmission
-        With all errors, in the order in which a person would mend them.
-    """
+    """Find all errors of a submission that can be found without scoring it."""
     checked = CheckedSubmission(folder, Place.of(folder))
     # Before anything is read: what is in a folder may be links, or a million files.
     if not checked.take(check_folder(folder, board.limits)):
@@ -138,13 +119,17 @@ def check_submission(
         checked.errors.append(error)
         return checked
     checked.submission = submission
+    if submission.supersedes is not None:
+        checked.warnings.append("key 'supersedes' is ignored: withdraw the earlier submission")
     if known is not None:
         checked.take(check_names(submission, checked.place, known))
     checked.take(_dated(submission))
     checked.take(check_entries(folder, submission))
     placed = checked.take(_placed(checked, submission, board, data))
     try:
-        checked.predictions = find_predictions(folder, submission, board.limits, data, fetch=fetch)
+        checked.predictions = find_predictions(
+            folder, submission, board.limits, data, fetch=fetch, until=until
+        )
     except SubmissionError as error:
         checked.errors.append(error)
     checked.take(_claimed(checked, submission))

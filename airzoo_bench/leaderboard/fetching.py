@@ -1,4 +1,4 @@
-"""Predictions by address: over https from public hosts, no more bytes than stated, hashed."""
+"""Predictions by address: over https from public hosts, bounded in bytes and time, hashed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import http.client
 import socket
 import ssl
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -45,15 +46,15 @@ class Patience:
     slowest : float
         Bytes a second, on average over a file.
     longest : float
-        For a file of whatever size.
+        For a file of whatever size, with all redirects.
     """
 
     silence: float = 30.0
     answer: float = 60.0
     slowest: float = 250_000.0
-    longest: float = 4 * 3600.0
+    longest: float = 3600.0
 
-    def of_body(self, size: int) -> float:
+    def of_file(self, size: int) -> float:
         """Seconds for a file of so many bytes."""
         return min(self.answer + size / self.slowest, self.longest)
 
@@ -82,43 +83,25 @@ class Network:
     patience: Patience = Patience()
 
 
-def fetch(url: str, into: Path, *, size: int, sha256: str, network: Network | None = None) -> Path:
-    """Fetch a file of stated size and content into a folder.
-
-    The host is resolved once and every address of it checked; these, and no others, are then
-    connected to, whatever the name leads to later.
-
-    Parameters
-    ----------
-    url : str
-        https, to a public host by name that serves the file itself.
-    into : Path
-        The folder; the file has the name that its address gives it.
-    size : int
-        Bytes.
-    sha256 : str
-        Of the file.
-    network : Network, optional
-
-    Returns
-    -------
-    Path
-        The file. One that is there already, with this content, is not fetched again.
-
-    Raises
-    ------
-    SubmissionError
-        The address must not be fetched from, cannot be, or gives something else than was stated.
-    UserError
-        The file cannot be written.
-    """
+def fetch(
+    url: str,
+    into: Path,
+    *,
+    size: int,
+    sha256: str,
+    network: Network | None = None,
+    until: float | None = None,
+) -> Path:
+    """Fetch a file of stated size and content into a folder."""
     place = WebAddress.parse(url)
     target = into / place.file_name
     if target.is_file() and target.stat().st_size == size and sha256_of(target) == sha256:
         return target
     chosen = Network() if network is None else network
-    addresses = public_addresses(place.host, chosen.resolve)
-    with _opened(place, addresses, chosen) as visit:
+    end = time.monotonic() + chosen.patience.of_file(size)
+    if until is not None:
+        end = min(end, (time.monotonic() + until) / 2)
+    with _opened(place, chosen, end) as visit:
         visit.check_headers(size)
         with atomic_write(target) as stream:
             digest = hashlib.sha256()
@@ -142,18 +125,19 @@ def _other(place: WebAddress, found: str, stated: str) -> SubmissionError:
 class _Visit:
     """A connection to one address of a host, and its answer."""
 
-    def __init__(self, place: WebAddress, address: str, network: Network) -> None:
+    def __init__(self, place: WebAddress, address: str, network: Network, end: float) -> None:
         self.place = place
-        self._patience = network.patience
-        plain = network.connect(address, network.patience.silence)
-        plain.settimeout(network.patience.silence)
+        self._patience, self._end = network.patience, end
+        silence = min(network.patience.silence, _left(place, end))
+        plain = network.connect(address, silence)
+        plain.settimeout(silence)
         self._socket = network.trust.wrap_socket(
             plain, server_hostname=place.host, do_handshake_on_connect=False
         )
         self._late = False
 
     def ask(self) -> None:
-        with self._watched(self._patience.answer):
+        with self._watched(min(self._patience.answer, _left(self.place, self._end))):
             self._socket.do_handshake()
             connection = http.client.HTTPConnection(self.place.host, HTTPS_PORT)
             connection.sock = self._socket
@@ -193,7 +177,7 @@ class _Visit:
     def chunks(self, size: int) -> Iterator[bytes]:
         """Yield the file, and refuse it at the first byte too many."""
         seen = 0
-        with self._watched(self._patience.of_body(size)):
+        with self._watched(_left(self.place, self._end)):
             while chunk := self.response.read1(_CHUNK_BYTES):
                 seen += len(chunk)
                 if seen > size:
@@ -228,6 +212,14 @@ class _Visit:
             return
 
 
+def _left(place: WebAddress, end: float) -> float:
+    """Return the seconds until the end of a fetch, of which there must be some."""
+    seconds = end - time.monotonic()
+    if seconds <= 0:
+        raise _too_slow(place, 0)
+    return seconds
+
+
 def _too_slow(place: WebAddress, seconds: float) -> SubmissionError:
     return SubmissionError(
         "the host is too slow",
@@ -238,10 +230,13 @@ def _too_slow(place: WebAddress, seconds: float) -> SubmissionError:
 
 
 @contextmanager
-def _opened(place: WebAddress, addresses: Sequence[str], network: Network) -> Iterator[_Visit]:
-    """Ask for a file, wherever on the same host it has moved to."""
+def _opened(place: WebAddress, network: Network, end: float) -> Iterator[_Visit]:
+    """Ask for a file, wherever it has moved to."""
+    known: dict[str, list[str]] = {}
     for _ in range(_REDIRECTS + 1):
-        visit = _visited(place, addresses, network)
+        if place.host not in known:
+            known[place.host] = public_addresses(place.host, network.resolve)
+        visit = _visited(place, known[place.host], network, end)
         try:
             location = visit.response.getheader("Location")
             if visit.response.status not in _MOVED or location is None:
@@ -254,12 +249,12 @@ def _opened(place: WebAddress, addresses: Sequence[str], network: Network) -> It
     raise SubmissionError(f"the address leads on more than {_REDIRECTS} times", where=place.url)
 
 
-def _visited(place: WebAddress, addresses: Sequence[str], network: Network) -> _Visit:
+def _visited(place: WebAddress, addresses: Sequence[str], network: Network, end: float) -> _Visit:
     """Ask the first address of a host that takes a connection."""
     failed: OSError = OSError("no address")
     for address in addresses[:_MOST_ADDRESSES]:
         try:
-            visit = _Visit(place, address, network)
+            visit = _Visit(place, address, network, end)
         except OSError as error:
             failed = error
             continue

@@ -14,13 +14,7 @@ __all__ = ["Bibtex", "Contact", "Licence", "Sha256", "Url", "known_licence"]
 
 
 def known_licence(expression: str) -> str:
-    """Return an expression of SPDX as SPDX writes it.
-
-    Raises
-    ------
-    ValueError
-        It is none.
-    """
+    """Return an expression of SPDX as SPDX writes it."""
     from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Collection
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, validation_message
 from airzoo_bench.leaderboard.board import BOARD_FILE, Board, read_board
-from airzoo_bench.leaderboard.known import Place, check_superseded, known_submissions
+from airzoo_bench.leaderboard.known import Place
 from airzoo_bench.leaderboard.predictions_given import size_of_tree
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
@@ -54,13 +53,7 @@ class Files:
 
 
 def board_root(start: Path) -> Path:
-    """Return the folder of the board that a path is in.
-
-    Raises
-    ------
-    UsageError
-        Neither it nor one above it holds leaderboard.toml.
-    """
+    """Return the folder of the board that a path is in."""
     for folder in (start.resolve(), *start.resolve().parents):
         if (folder / BOARD_FILE).is_file():
             return folder
@@ -78,13 +71,7 @@ def folder_name(method: str) -> str:
 
 
 def place_of(protocol: str, folder: str, board: Board, data: Path) -> Place:
-    """Return where a submission for a protocol stands on a board.
-
-    Raises
-    ------
-    UserError
-        The board is not of this protocol, or the folder has no plain name.
-    """
+    """Return where a submission for a protocol stands on a board."""
     known = board.protocols
     if protocol not in known:
         raise UsageError(
@@ -106,37 +93,12 @@ def place_of(protocol: str, folder: str, board: Board, data: Path) -> Place:
 def write_submission(
     root: Path, place: Place, values: dict[str, Any], files: Files, *, replace: bool = False
 ) -> Path:
-    """Write the folder of a submission.
-
-    Parameters
-    ----------
-    root : Path
-        Of the board's repository.
-    place : Place
-    values : dict
-        All keys of submission.toml but predictions, which are taken from `files`.
-    files : Files
-    replace : bool
-        Whether an earlier version in the folder is replaced.
-
-    Returns
-    -------
-    Path
-        The folder, which appears when it is complete.
-
-    Raises
-    ------
-    UserError
-        A value is not as it must be, a file is missing or too large to be copied, or the folder is
-        there already.
-    """
+    """Write the folder of a submission."""
     board = read_board(root / BOARD_FILE)
     _check_inputs(files, board)
     given = _given(files) | {k: values[k] for k in ("reader",) if values.get(k)}
     rest = {key: value for key, value in values.items() if key != "reader"}
     submission = _validated(rest | {"schema": 1, "predictions": given})
-    for error in check_superseded(submission, place, known_submissions(root)):
-        raise error
     folder = root / SUBMISSIONS / place.benchmark / place.track / place.folder
     with _filled(folder, replace=replace) as staged:
         if files.url is None:
@@ -212,6 +174,6 @@ def _copy(source: Path, target: Path) -> None:
 
 def _filled(folder: Path, *, replace: bool) -> AbstractContextManager[Path]:
     if folder.is_dir() and replace:
-        there: Collection[str] = [entry.name for entry in folder.iterdir()]
+        there = [entry.name for entry in folder.iterdir()]
         return atomic_entries(folder, there)
     return atomic_folder(folder)

@@ -74,14 +74,7 @@ def fault_of_file_name(name: str) -> str:
 
 
 def plain_line(text: str) -> str:
-    """Refuse a text with anything that is not shown, or that is shown elsewhere than it stands.
-
-    Raises
-    ------
-    ValueError
-        It has control or format characters (bidirectional ones, escapes of terminals, line breaks),
-        blank letters, piled marks, blanks at an end or in a row, or is not in NFC.
-    """
+    """Refuse a text with anything that is not shown, or that is shown elsewhere than it stands."""
     for letter in text:
         if not letter.isprintable() or letter in _BLANK or _is_variation(letter):
             raise ValueError(f"has {_named(letter)}, which is not shown")
@@ -115,14 +108,7 @@ def shown_line(text: str) -> str:
 
 
 def board_name(text: str) -> str:
-    """Refuse, beside what `shown_line` does, letters that most readers cannot tell from others.
-
-    Raises
-    ------
-    ValueError
-        See `shown_line`; or a letter is of another script than Latin, Greek, Cyrillic, Chinese,
-        Japanese or Korean, or one among Latin letters looks like a Latin one.
-    """
+    """Refuse, beside what `shown_line` does, letters that most readers cannot tell from others."""
     shown_line(text)
     for letter in text:
         if not (letter.isascii() or letter in _EXTRA or _is_plain_letter(letter)):
@@ -140,11 +126,7 @@ def board_name(text: str) -> str:
 
 
 def skeleton(name: str) -> str:
-    """Return what is left of a name when what looks alike is written alike.
-
-    Case, accents, blanks, hyphens, brackets and punctuation count for nothing, and ``0`` is ``o``;
-    ``+`` counts, and ``.`` but at the ends, since versions of methods are called that.
-    """
+    """Return what is left of a name when what looks alike is written alike."""
     plain = unicodedata.normalize("NFKD", name)
     folded = "".join(_LOOKS_LIKE.get(c, c) for c in plain if not unicodedata.combining(c))
     folded = folded.casefold().translate(_SEPARATORS).strip(".")

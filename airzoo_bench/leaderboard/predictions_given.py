@@ -148,15 +148,15 @@ def check_entries(folder: Path, submission: Submission) -> Iterator[UserError]:
 
 
 def find_predictions(
-    folder: Path, submission: Submission, limits: Limits, data: Path, *, fetch: bool
+    folder: Path,
+    submission: Submission,
+    limits: Limits,
+    data: Path,
+    *,
+    fetch: bool,
+    until: float | None = None,
 ) -> Path | None:
-    """Return where the predictions lie, once they are known to be those announced.
-
-    Raises
-    ------
-    UserError
-        Size or hash are others, or they cannot be fetched.
-    """
+    """Return where the predictions lie, once they are known to be those announced."""
     given = submission.predictions
     if given.file is not None:
         path = folder / given.file
@@ -164,7 +164,7 @@ def find_predictions(
             return None
     else:
         _check_url_size(given, limits)
-        found = _fetched(given, data, fetch=fetch)
+        found = _fetched(given, data, fetch=fetch, until=until)
         if found is None:
             return None
         path = found
@@ -182,14 +182,16 @@ def _check_url_size(given: PredictionsGiven, limits: Limits) -> None:
         )
 
 
-def _fetched(given: PredictionsGiven, data: Path, *, fetch: bool) -> Path | None:
+def _fetched(
+    given: PredictionsGiven, data: Path, *, fetch: bool, until: float | None
+) -> Path | None:
     """Return the predictions at an address, once they are on this disk."""
     WebAddress.parse(str(given.url))  # what `fetch` would refuse is refused without a network too
     home = data / FETCHED / given.sha256
     if fetch:
         from airzoo_bench.leaderboard.fetching import fetch as fetch_now
 
-        return fetch_now(str(given.url), home, size=given.size, sha256=given.sha256)
+        return fetch_now(str(given.url), home, size=given.size, sha256=given.sha256, until=until)
     # What begins with a dot is being fetched, or was when a run was stopped.
     kept = sorted(home.glob("[!.]*"))
     return kept[0] if kept else None

@@ -8,10 +8,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from airzoo_bench.core.errors import ResultError, SubmissionError, UserError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.baselines import Remade, remake
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.submission import Submission
@@ -21,10 +24,19 @@ from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 
-__all__ = ["Difference", "Rescored", "pipeline_errors", "rescore"]
+__all__ = [
+    "Difference",
+    "Rescored",
+    "claim_differences",
+    "pipeline_errors",
+    "rescore",
+    "score_range",
+]
 
 SAME = 1e-9
-"""Scores of the same versions that differ by more are not of the same predictions."""
+"""Scores that differ by no more differ by rounding alone."""
+_MOVED = 1e-3
+"""The part of a scene's queries that another machine may answer otherwise; one query at least."""
 OVERALL, POOLED = "over scenes", "over all queries"
 _NEAR_PRIOR = 0.01
 _SHOWN = 5
@@ -98,24 +110,7 @@ def rescore(
     resources: Resources,
     make_again: bool = False,
 ) -> Rescored:
-    """Score a submission, and compare what it claims.
-
-    Parameters
-    ----------
-    checked : CheckedSubmission
-        Without errors, and with its predictions.
-    data : Path
-        The data root.
-    resources : Resources
-        No score depends on them.
-    make_again : bool
-        Whether predictions of the suite's own baseline are made again and timed.
-
-    Raises
-    ------
-    UserError
-        The predictions or the benchmark folder are not as they must be.
-    """
+    """Score a submission, and compare what it claims."""
     submission, predictions = checked.submission, checked.predictions
     if submission is None or predictions is None:
         raise SubmissionError(
@@ -132,17 +127,19 @@ def rescore(
         read_by=checked.read_by,
     )
     track = evaluation.given.track.name
-    found = _compared(checked.claimed, evaluation)
+    result = evaluation.result
+    scored = Scored(submission.method, result, evaluation.records)
+    found = _compared(checked.claimed, scored)
     remade = None
     if make_again and submission.baseline is not None:
-        agrees = partial(_agrees, evaluation)
+        agrees = partial(_agrees, scored)
         remade = remake(submission, track, predictions, agrees, data=data, resources=resources)
     return Rescored(
         evaluation,
         checked.claimed,
         found.differences,
-        (*found.errors, *pipeline_errors(submission, evaluation.result)),
-        (*found.lines, *_remade_lines(remade, evaluation.result)),
+        (*found.errors, *pipeline_errors(submission, result)),
+        (*found.lines, *_remade_lines(remade, result)),
         remade,
     )
 
@@ -154,24 +151,22 @@ class _Compared:
     lines: tuple[str, ...] = field(default=())
 
 
-def _compared(claimed: Result | None, evaluation: Evaluation) -> _Compared:
+def _compared(claimed: Result | None, scored: Scored) -> _Compared:
     """Compare what was claimed with what was found."""
     if claimed is None:
         return _Compared(lines=("no result was claimed",))
-    result = evaluation.result
     try:
-        check_comparable(_NAMES, (claimed, result))
-        _check_parts(claimed, result)
-        same_versions = claimed.versions == result.versions
-        differences = tuple(_differences(claimed, evaluation, same_versions=same_versions))
+        check_comparable(_NAMES, (claimed, scored.result))
+        _check_parts(claimed, scored.result)
     except ResultError as error:
         return _Compared(errors=(error,), lines=(f"claimed and re-scored differ: {error.what}",))
+    differences = tuple(claim_differences(claimed, scored))
     lines = [*map(str, differences)] or ["every score is as claimed"]
-    if not same_versions:
-        lines += [*_version_notes(claimed, result), "the re-scored numbers stand"]
+    lines += _version_notes(claimed, scored.result)
+    if differences:
+        lines.append("the re-scored numbers stand")
     refused = [one for one in differences if one.matters]
-    errors = (_refusal(refused, same_versions=same_versions),) if refused else ()
-    return _Compared(differences, errors, tuple(lines))
+    return _Compared(differences, (_refusal(refused),) if refused else (), tuple(lines))
 
 
 def _version_notes(claimed: Result, result: Result) -> list[str]:
@@ -195,11 +190,9 @@ def _check_parts(claimed: Result, result: Result) -> None:
             )
 
 
-def _differences(
-    claimed: Result, evaluation: Evaluation, *, same_versions: bool
-) -> Iterator[Difference]:
-    result = evaluation.result
-    limits = {} if same_versions else _limits(evaluation)
+def claim_differences(claimed: Result, scored: Scored) -> Iterator[Difference]:
+    """Yield the scores that were claimed otherwise than they were found, by whatever versions."""
+    result, ranges = scored.result, _ranges(scored)
     parts = {scene: (claimed.scenes[scene], result.scenes[scene]) for scene in result.scenes}
     parts |= {OVERALL: (claimed.overall, result.overall), POOLED: (claimed.pooled, result.pooled)}
     for part, (says, is_) in parts.items():
@@ -207,46 +200,66 @@ def _differences(
             one, two = says[column.key], is_[column.key]
             if one == two or abs(one - two) <= SAME:
                 continue
-            low, high = limits.get((part, column.key), (-math.inf, math.inf))
-            matters = same_versions or not low <= one <= high
+            low, high = ranges[part, column.key]
+            matters = not low - SAME <= one <= high + SAME
             yield Difference(part, column.key, column.title, one, two, matters)
 
 
-def _limits(evaluation: Evaluation) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return the interval of each score, by scene and key, where there is one."""
-    result = evaluation.result
-    columns: list[ScoreColumn] = [*result.columns]
-    scored = Scored(result.predictions.method, result, evaluation.records)
-    found = score_intervals(scored, columns, ResamplingConfig(resamples=2_000))
-    return {
-        (part, column.key): (one.low, one.high)
-        for part, intervals in (found.groups | {OVERALL: found.overall}).items()
-        for column, one in zip(columns, intervals, strict=True)
-        if one.low is not None and one.high is not None
-    }
+def _ranges(scored: Scored) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return between which numbers each score may lie on another machine, by part and key."""
+    found: dict[tuple[str, str], tuple[float, float]] = {}
+    result = scored.result
+    of_scene = scored.records["scene"].to_numpy(str)
+    for column in result.columns:
+        values = scored.records[column.key].to_numpy(np.float64)
+        own = {scene: values[of_scene == scene] for scene in result.scenes}
+        moved = {scene: _moved(result, len(part)) for scene, part in own.items()}
+        scenes = {scene: score_range(part, column, moved[scene]) for scene, part in own.items()}
+        low, high = np.mean([*scenes.values()], axis=0).tolist()
+        pooled = score_range(values, column, sum(moved.values()))
+        parts = scenes | {OVERALL: (low, high), POOLED: pooled}
+        found |= {(part, column.key): limits for part, limits in parts.items()}
+    return found
 
 
-def _agrees(evaluation: Evaluation, other: Result) -> bool:
-    """Whether another result is within the intervals of this one, as machines may differ."""
-    limits = _limits(evaluation)
-    for key, value in evaluation.result.overall.items():
-        low, high = limits.get((OVERALL, key), (value - SAME, value + SAME))
-        if not low <= other.overall[key] <= high:
+def _moved(result: Result, count: int) -> float:
+    """Return how many of a scene's queries another machine may answer otherwise."""
+    if result.track == "retrieval":  # no score of it depends on a machine
+        return 0
+    return max(1, int(_MOVED * count)) if result.unit == "query" else _MOVED
+
+
+def score_range(values: Floats, column: ScoreColumn, moved: float) -> tuple[float, float]:
+    """Return between which numbers a score stays when so many queries are answered otherwise."""
+    if column.average == "median":
+        steps = math.ceil(moved)
+        ordered = np.concatenate([np.zeros(steps), np.sort(values), np.full(steps, np.inf)])
+        middle = np.array([(len(values) - 1) // 2, len(values) // 2])
+        return float(ordered[middle].mean()), float(ordered[middle + 2 * steps].mean())
+    largest = 1.0 if column.unit == "share" else float(values.max())
+    mean, reach = float(values.mean()), moved * largest / len(values)
+    return mean - reach, mean + reach
+
+
+def _agrees(scored: Scored, other: Result) -> bool:
+    """Whether another result is within the intervals of this one, as features may be rounded."""
+    columns = scored.result.columns
+    found = score_intervals(scored, columns, ResamplingConfig(resamples=2_000)).overall
+    for column, one in zip(columns, found, strict=True):
+        value = scored.result.overall[column.key]
+        low = value - SAME if one.low is None else one.low
+        high = value + SAME if one.high is None else one.high
+        if not low <= other.overall[column.key] <= high:
             return False
     return True
 
 
-def _refusal(refused: list[Difference], *, same_versions: bool) -> SubmissionError:
+def _refusal(refused: list[Difference]) -> SubmissionError:
     more = [f"and {len(refused) - _SHOWN} more"] if len(refused) > _SHOWN else []
-    why = (
-        f"all to {SAME:g}: these predictions, this truth and these versions give one number"
-        if same_versions
-        else "all within the interval of the re-scored number, as other versions may round"
-    )
     return SubmissionError(
         f"{counted(len(refused), 'score')} of the claimed result.json cannot be found again:\n    "
         + "\n    ".join([*map(str, refused[:_SHOWN]), *more]),
-        expected=why,
+        expected="what these predictions score on any machine, docs/submission.md says how nearly",
         fix="score the predictions of this folder again with `airzoo-bench eval ... --out DIR`, "
         "or leave result.json out: CI scores anyway",
     )

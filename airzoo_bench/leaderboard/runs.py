@@ -95,13 +95,7 @@ class Run(Strict):
 
 
 def read_run(path: Path) -> Run:
-    """Read a run.json.
-
-    Raises
-    ------
-    SubmissionError
-        It is missing, or is none.
-    """
+    """Read a run.json."""
     text = read_text(path, SubmissionError, "run file")
     try:
         return Run.model_validate_json(text)
@@ -123,18 +117,7 @@ def write_facts(
     claimed: Claimed | None = None,
     made_again: MadeAgain | None = None,
 ) -> None:
-    """Write what is stated of a run that is scored now, beside its result: all but the contact.
-
-    Parameters
-    ----------
-    run : Path
-        The run's folder.
-    submission : Submission
-    commit, tree : str
-        See `Run`.
-    claimed : Claimed or None
-    made_again : MadeAgain or None
-    """
+    """Write what is stated of a run that is scored now, beside its result: all but the contact."""
     stated = submission_text(submission.public())
     (run / SUBMISSION_FILE).write_text(stated, encoding="utf-8")
     now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
@@ -150,13 +133,7 @@ def write_facts(
 
 
 def newest_runs(table: Path) -> dict[str, Path]:
-    """Return the newest run of each folder of a benchmark's track.
-
-    Parameters
-    ----------
-    table : Path
-        Such as ``runs/<benchmark>/<track>``.
-    """
+    """Return the newest run of each folder of a benchmark's track."""
     found = {}
     for folder in sorted(path for path in table.glob("*") if path.is_dir()):
         numbers = [int(one.name) for one in folder.iterdir() if one.name.isdecimal()]

@@ -135,7 +135,7 @@ class PublicSubmission(Strict):
     baseline : dict or None
         Settings of the track's built-in baseline, where that made the predictions.
     supersedes : str or None
-        The folder of an earlier submission of the same team.
+        Ignored: earlier boards made the named folder the history of this one.
     """
 
     schema_version: Literal[1] = Field(
@@ -202,7 +202,7 @@ class PublicSubmission(Strict):
         None,
         description="Only where `airzoo-bench baseline` made the predictions: its settings that "
         "are not the default. They can be made again, compared and timed.",
-        examples=[{"words": 2, "double": False}],
+        examples=[{"double": False}],
     )
     predictions: PredictionsGiven = Field(
         description="Where the predictions lie, and their hash.",
@@ -210,7 +210,7 @@ class PublicSubmission(Strict):
     )
     supersedes: Name | None = Field(
         None,
-        description="The folder, beside this one, of your earlier submission that this replaces.",
+        description="Ignored: withdraw the earlier submission, or put the new one in its folder.",
         examples=["salad-2025"],
     )
 
@@ -237,24 +237,12 @@ class Submission(PublicSubmission):
 
 
 def read_submission(path: Path) -> Submission:
-    """Read a submission.toml.
-
-    Raises
-    ------
-    SubmissionError
-        It is missing, too large, no TOML, or has missing, unknown or malformed keys.
-    """
+    """Read a submission.toml."""
     return _read(path, Submission)
 
 
 def read_public_submission(path: Path) -> PublicSubmission:
-    """Read the submission.toml of a run, which has no contact.
-
-    Raises
-    ------
-    SubmissionError
-        See `read_submission`.
-    """
+    """Read the submission.toml of a run, which has no contact."""
     return _read(path, PublicSubmission)
 
 

@@ -19,16 +19,7 @@ _MAX_RANGE_M = 2000.0  # as `check-split` has it
 
 
 def training_warnings(submission: Submission, benchmark: str, data: Path) -> Iterator[str]:
-    """Warn of training data that are, or may hold, what the benchmark is of.
-
-    Parameters
-    ----------
-    submission : Submission
-    benchmark : str
-        That it is scored on.
-    data : Path
-        The data root; training data that are there are compared with the benchmark on the ground.
-    """
+    """Warn of training data that are, or may hold, what the benchmark is of."""
     known = _known_ids(data) if submission.training_data else []
     for name in submission.training_data:
         if _same(name, benchmark):

@@ -67,24 +67,7 @@ def plan(
     *,
     ground_height_m: float,
 ) -> Task:
-    """Work out from a prior how a photo lies on the map.
-
-    Parameters
-    ----------
-    photo : Path
-    camera : Cameras
-        One.
-    prior : Poses or None
-        One; where there is none, the photo is taken to lie on the map as it is.
-    crs : Any
-        Of the prior: projected, in metres.
-    dom : RasterInfo
-    window : (column, row, width, height)
-        The crop, in whole pixels of the map.
-    ground_height_m : float
-        Of the crop, such as the median of its DSM. Where the prior is not above it, or it is NaN,
-        the ground resolution of the photo is taken for the map's.
-    """
+    """Work out from a prior how a photo lies on the map."""
     turn, ratio = (
         _lie(camera, prior, crs, dom, ground_height_m) if prior is not None else (0.0, 1.0)
     )

@@ -7,15 +7,24 @@ import itertools
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.cameras import project
+from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rotations import (
     matrix_to_quaternion,
     quaternion_to_matrix,
     rotation_angle_deg,
 )
+from airzoo_bench.matching.lifting import lift
+from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["refuse_other_conventions", "suspect_inverted", "suspect_turned"]
+__all__ = [
+    "refuse_other_conventions",
+    "suspect_heights",
+    "suspect_inverted",
+    "suspect_points",
+    "suspect_turned",
+]
 
 # Poses count as inverted where that brings most of them this many times nearer to the priors.
 _TIMES_NEARER = 10.0
@@ -32,25 +41,17 @@ _LEAST_PHOTOS, _LEAST_GAIN_DEG, _STANDARD_ERRORS = 5, 0.5, 3.0
 # of the photos at Brighton; and half of the centres lie this near. What fails does not fail alike.
 _MOST, _NEARLY_ALL, _ALIKE_DEG, _NEAR_M = 0.6, 0.9, 8.0, 50.0
 _OPPOSITE_YAW = np.diag((-1.0, -1.0, 1.0))
+# Another reading is suspected where it explains the first share of a misfit, and refused from the
+# second on, if the misfit is clear: in metres, or as a share of a photo's diagonal.
+_SUGGESTS, _EXPLAINS, _CLEARLY_OFF_M, _CLEARLY_OFF = 0.5, 0.9, 20.0, 0.05
+_SAMPLED_QUERIES, _SAMPLED = 10, 40
+_FOOT_M = 0.3048
 # From camera axes x right, y down, z forward to x right, y up, z backward, or back.
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 
 
 def refuse_other_conventions(given: Poses, priors: Poses, *, quaternions: bool = False) -> None:
-    """Refuse poses that agree with the photos' own GPS and gimbal only when read in another way.
-
-    Parameters
-    ----------
-    given, priors : Poses
-        Of the same N queries; N may be 0.
-    quaternions : bool
-        Whether the rotations were written as quaternions, and not as matrices.
-
-    Raises
-    ------
-    PredictionError
-        It names the convention, and how near each reading comes to the priors.
-    """
+    """Refuse poses that agree with the photos' own GPS and gimbal only when read in another way."""
     if not len(given):
         return
     with np.errstate(over="ignore"):
@@ -68,15 +69,7 @@ def refuse_other_conventions(given: Poses, priors: Poses, *, quaternions: bool =
 
 
 def suspect_inverted(given: Poses, priors: Poses) -> str | None:
-    """Return a note where rotations of cameras that look down fit the gimbal better inverted.
-
-    This is no error: a gimbal's signs can be wrong in the metadata, too.
-
-    Parameters
-    ----------
-    given, priors : Poses
-        Of the same N queries; N may be 0.
-    """
+    """Return a note where rotations of cameras that look down fit the gimbal better inverted."""
     if len(given) < _LEAST_PHOTOS:
         return None
     gimbal = priors.rotation[:, 2]
@@ -94,16 +87,8 @@ def suspect_inverted(given: Poses, priors: Poses) -> str | None:
 
 
 def suspect_turned(given: Poses, priors: Poses) -> str | None:
-    """Return a note where cameras that are in place are turned by 90 or 180 degrees, all alike.
-
-    This is no error: priors can have axes of their own, too.
-
-    Parameters
-    ----------
-    given, priors : Poses
-        Of the same N queries; N may be 0.
-    """
-    if len(given) < _LEAST_PHOTOS:
+    """Return a note where cameras that are in place are turned by 90 or 180 degrees, all alike."""
+    if len(given) < _LEAST_PHOTOS or _are_quarter_turns(given.rotation):
         return None
     with np.errstate(over="ignore"):
         away = float(np.median(np.linalg.norm(given.centres - priors.centres, axis=1)))
@@ -122,6 +107,87 @@ def suspect_turned(given: Poses, priors: Poses) -> str | None:
                 f"centres lie {away:.1f} m from GPS"
             )
     return None
+
+
+def suspect_heights(given: Poses, truth: Poses) -> str | None:
+    """Say where heights in feet explain half of what centres are off; refuse nine tenths."""
+    if len(given) < _LEAST_PHOTOS:
+        return None
+    with np.errstate(over="ignore"):
+        off, left = (
+            float(np.median(np.linalg.norm(given.centres * (1, 1, unit) - truth.centres, axis=1)))
+            for unit in (1.0, _FOOT_M)
+        )
+    return _judged("heights in feet", "the poses", (off, left), _CLEARLY_OFF_M, "m")
+
+
+def suspect_points(
+    truth: MatchingTruth, parts: list[slice], query_xy: Floats, map_xy: Floats | None, xyz: Floats
+) -> str | None:
+    """Say so of matches: x and y exchanged within the crop, or points with heights in feet."""
+    asked = [query for query, part in enumerate(parts) if part.stop - part.start]
+    rows = {
+        query: np.linspace(parts[query].start, parts[query].stop - 1, _SAMPLED).astype(int)
+        for query in asked[:: -(-len(asked) // _SAMPLED_QUERIES) or 1]
+    }
+    cameras, poses = truth.cameras, truth.poses
+    diagonal = float(np.hypot(cameras.width, cameras.height).max(initial=0.0))
+
+    def off_px(*, otherwise: bool) -> float:
+        off = [np.zeros(0)]
+        for query, some in rows.items():
+            points = _points_of(truth, query, map_xy, xyz, some, otherwise=otherwise)
+            seen = world_to_camera(poses.take([query]), points[None])
+            pixels = project(cameras.take([query]), seen)[0]
+            off.append(np.linalg.norm(pixels - query_xy[some], axis=1))
+        # What no camera sees is as far as can be.
+        return float(np.median(np.fmin(np.concatenate(off), diagonal))) if rows else 0.0
+
+    clear, off = _CLEARLY_OFF * diagonal, off_px(otherwise=False)
+    both = (off, off_px(otherwise=True) if off > clear else off)
+    points, pixels = (
+        ("heights in feet", "field 'points3d'"),
+        ("x and y exchanged", "field 'map_xy'"),
+    )
+    return _judged(*(points if map_xy is None else pixels), both, clear, "px")
+
+
+def _points_of(
+    truth: MatchingTruth,
+    query: int,
+    map_xy: Floats | None,
+    xyz: Floats,
+    rows: Ints,
+    *,
+    otherwise: bool,
+) -> Floats:
+    """Return the points of some matches of a query, as they stand or in the other reading."""
+    if map_xy is None:
+        return xyz[rows] * (1.0, 1.0, _FOOT_M if otherwise else 1.0)
+    corner, reference = truth.crops[query, :2], truth.map_of(query)
+    xy = corner + (map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
+    return lift(xy, reference.dom, reference.dsm, jobs=1).points
+
+
+def _judged(
+    what: str, where: str, misfits: tuple[float, float], clear: float, unit: str
+) -> str | None:
+    """Refuse a misfit of which another reading leaves a tenth, ask where it leaves a half."""
+    off, left = misfits
+    said = f"they are {off:.4g} {unit} off as they stand, {left:.4g} {unit} read so (medians)"
+    if off > clear and left < (1.0 - _EXPLAINS) * off:
+        raise PredictionError(
+            f"looks like {what}: {said}",
+            where=where,
+            expected="metres, and pixels as x, the column, before y",
+            fix="convert them before you write the file",
+        )
+    return f"{what}? {said}" if off > clear and left < (1.0 - _SUGGESTS) * off else None
+
+
+def _are_quarter_turns(rotations: Floats) -> bool:
+    """Tell rotations of a map's tile, north up or so, which are no reading of a camera's."""
+    return bool(np.isin(np.abs(np.round(rotations, 12)), (0.0, 1.0)).all())
 
 
 def _turn(axis: int, degrees: float) -> Floats:
@@ -148,6 +214,8 @@ def _way_back(given: Poses, priors: Poses) -> str:
 
 def _refuse_turned(given: Floats, priors: Floats, *, quaternions: bool) -> None:
     """Refuse rotations that agree with the IMU only when they are read in another way."""
+    if _are_quarter_turns(given):
+        return
     back = np.swapaxes(given, 1, 2)
     reordered = quaternion_to_matrix(np.roll(matrix_to_quaternion(given), 1, axis=1))
     order = "quaternions in the order x y z w"

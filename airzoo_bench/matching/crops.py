@@ -92,34 +92,7 @@ def crop_windows(
     crop: Crop,
     plane_height_m: float,
 ) -> CropWindows:
-    """Find the reference crop of each query (PROTOCOLS.md, track 2, "Crop").
-
-    The image's four corners are cast onto the surface model. A corner whose ray comes down where
-    the model has no height, or past its edge, is met with a level plane, as `missing_heights` says
-    (see `missing_heights.meet_missing`). Any other that misses (above the horizon, too far) is cut
-    at `max_range_m` along its ray, and counts with the horizontal position of that end. The box
-    around the four, in the map's pixels, grows on each of its sides by `margin` times its length
-    along that axis, is widened to whole pixels and cut to the map.
-
-    Parameters
-    ----------
-    cameras, priors : Cameras, Poses
-        Of the N queries; prior poses in the surface model's CRS.
-    dom : RasterInfo
-        The map, in any CRS.
-    dsm : HeightField, str or Path
-        The surface model, in a projected CRS in metres; of a file only the blocks that rays cross
-        are kept, after one pass for its lowest and highest height. Both give the same crops.
-    crop : Crop
-        The protocol's. A margin of 0.1 lets a box of 100 m become one of 120 m.
-    plane_height_m : float
-        Height of the plane that `missing_heights = "plane"` asks for.
-
-    Raises
-    ------
-    RasterError
-        The surface model is not in metres, or cannot be read.
-    """
+    """Find the reference crop of each query (PROTOCOLS.md, track 2, "Crop")."""
     corners = _cast_corners(cameras, priors, dsm, crop, plane_height_m)
     pixels = to_map_pixels(corners.crs, dom)(corners.xy)
     low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
@@ -185,33 +158,7 @@ def _missing_heights(dsm: HeightField, crop: Crop, plane_height_m: float) -> Hei
 def write_crop(
     dom_path: str | Path, dsm_path: str | Path, window: PixelWindow, folder: Path, name: str
 ) -> tuple[Path, Path]:
-    """Write the crop of map and surface model, ``<name>_dom.tif`` and ``<name>_dsm.tif``.
-
-    Each keeps its file's bands, numbers, nodata, mask, scale and CRS, and has its own geotransform.
-    The crop of the surface model covers that of the map with a pixel to spare, so that the surface
-    inside is that of the whole raster. The same inputs give the same bytes.
-
-    Parameters
-    ----------
-    dom_path, dsm_path : str or Path
-    window : (x, y, width, height)
-        In whole pixels of the map, inside it.
-    folder : Path
-        Made where it is missing.
-    name : str
-
-    Returns
-    -------
-    tuple of Path
-        The two files; each appears when it is complete.
-
-    Raises
-    ------
-    RasterError
-        The window is empty or reaches outside the map; the surface model does not meet it.
-    UserError
-        The files cannot be written.
-    """
+    """Write the crop of map and surface model, ``<name>_dom.tif`` and ``<name>_dsm.tif``."""
     dom, dsm = open_info(dom_path), open_info(dsm_path)
     x, y, width, height = window
     if min(x, y, width - 1, height - 1) < 0 or x + width > dom.width or y + height > dom.height:

@@ -80,36 +80,7 @@ def lift(
     heights_above_m: float | None = None,
     jobs: int,
 ) -> Lifted:
-    """Lift matches onto the surface model.
-
-    Bilinear on height between pixel centres; where one of the four neighbours has no height, that
-    of the nearest one that has and is nearer than a pixel (PROTOCOLS.md, track 2, "Lift").
-
-    Parameters
-    ----------
-    map_xy : (M, 2) array
-        Pixels of the whole map, its corner being (0, 0); the map's border is inside.
-    dom : RasterInfo
-        The map, in any CRS.
-    dsm : RasterInfo, str or Path
-        The surface model; its grid and CRS need not be the map's.
-    heights_above_m : float, optional
-        Drop matches of which a neighbour that counts has no height above this.
-    jobs : int
-        Threads. The result is the same bytes for any number of them.
-
-    Returns
-    -------
-    Lifted
-        Besides, memory holds some 10 bytes a match and a few million pixels a job.
-
-    Raises
-    ------
-    PredictionError
-        `map_xy` has another shape.
-    RasterError
-        The surface model cannot be read; see `open_info`.
-    """
+    """Lift matches onto the surface model."""
     xy = np.asarray(map_xy, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise PredictionError(f"map pixels have shape {xy.shape}", expected="shape (M, 2)")

@@ -59,13 +59,7 @@ def grid_of(dom: RasterInfo) -> dict[str, Any]:
 
 
 def dsm_checksum(dsm: Path) -> str:
-    """Return the SHA-256 of a surface model.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there.
-    """
+    """Return the SHA-256 of a surface model."""
     if not pointed(dsm).is_file():
         raise BenchmarkError(
             "the surface model is not there",
@@ -77,13 +71,7 @@ def dsm_checksum(dsm: Path) -> str:
 
 
 def check_map(path: Path, dom: RasterInfo) -> None:
-    """Compare a map's grid with the one that ``map.json`` states.
-
-    Raises
-    ------
-    BenchmarkError
-        They differ, or the file is damaged.
-    """
+    """Compare a map's grid with the one that ``map.json`` states."""
     text = read_text(path, BenchmarkError, "grid of the map", _MAP_LIMIT_BYTES)
     try:
         prepared = json.loads(text)
@@ -107,14 +95,7 @@ def _compare(prepared: dict[str, Any], dom: RasterInfo) -> None:
 
 
 def own_map(folder: Path, photo: str) -> tuple[Path, Path]:
-    """Return the files of a photo's own map and surface model.
-
-    Parameters
-    ----------
-    folder : Path
-    photo : str
-        The photo's id.
-    """
+    """Return the files of a photo's own map and surface model."""
     name = photo.split("/", 1)[1]
     return folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
 
@@ -134,22 +115,7 @@ def write_own_maps(path: Path, ids: Sequence[str], maps: Sequence[ReferenceMap])
 
 
 def read_own_maps(path: Path, folder: Path, ids: Sequence[str]) -> tuple[ReferenceMap, ...]:
-    """Read the queries' maps, and compare them with those that were prepared.
-
-    Parameters
-    ----------
-    path : Path
-        The table that `write_own_maps` wrote.
-    folder : Path
-        Of the maps.
-    ids : sequence of str
-        The queries, in the table's order.
-
-    Raises
-    ------
-    BenchmarkError
-        The table is of other queries, or a map or surface model is another or missing.
-    """
+    """Read the queries' maps, and compare them with those that were prepared."""
     table = read_table(path, ("id", *_GRID, "crs", "dsm_sha256"))
     if table["id"].tolist() != list(ids):
         raise BenchmarkError("the maps are not those of queries.csv", where=path, fix=_ANEW)
@@ -166,13 +132,7 @@ def read_own_maps(path: Path, folder: Path, ids: Sequence[str]) -> tuple[Referen
 
 
 def check_dsm(dsm: Path, found: str, prepared: str | None) -> None:
-    """Refuse a surface model that is not the one that was prepared.
-
-    Raises
-    ------
-    BenchmarkError
-        Its checksum is another.
-    """
+    """Refuse a surface model that is not the one that was prepared."""
     if found != prepared:
         raise BenchmarkError(
             "the surface model is not the one that the benchmark was prepared with",

@@ -9,9 +9,15 @@ import numpy as np
 
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.precision import COARSEST_M
 from airzoo_bench.matching.conventions import suspect_inverted, suspect_turned
 from airzoo_bench.matching.lifting import LiftStatus
-from airzoo_bench.matching.predictions import GivenPoses, MatchingPredictions
+from airzoo_bench.matching.predictions import (
+    Correspondences,
+    GivenPoses,
+    MatchingPredictions,
+    lattice_m,
+)
 from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
 from airzoo_bench.matching.scoring import NEAR_DEG, NEAR_M, NOT_GIVEN, ScoredScene, lifted_points
 from airzoo_bench.matching.settings import MatchingProtocol
@@ -40,14 +46,18 @@ _DOUBTS = {
 
 
 def plausibility_warnings(
-    truths: Sequence[MatchingTruth], scene_predictions: Sequence[ScenePredictions]
+    predictions: MatchingPredictions,
+    truths: Sequence[MatchingTruth],
+    scene_predictions: Sequence[ScenePredictions],
 ) -> list[str]:
     """Return what `check` and `eval` both note, before any pose is solved."""
     scenes = list(zip(truths, scene_predictions, strict=True))
     return [
+        *_lattice_notes(predictions.content, truths),
         *_scale_notes(scenes),
         *_crop_notes(scenes),
         *_inverted_notes(scenes),
+        *(f"scene {truth.scene}: {one.doubt}" for truth, one in scenes if one.doubt),
     ]
 
 
@@ -170,6 +180,21 @@ def _prior_notes(near: int, truths: Sequence[MatchingTruth]) -> list[str]:
     return [
         f"{near:,} of {total:,} answers equal the prior, the photo's own GPS and gimbal angles, "
         f"within {NEAR_M * 100:g} cm and {NEAR_DEG:g} degrees"
+    ]
+
+
+def _lattice_notes(
+    content: Correspondences | GivenPoses, truths: Sequence[MatchingTruth]
+) -> list[str]:
+    """Say how much centres lose that are all places of a lattice, such as whole metres."""
+    if not (isinstance(content, GivenPoses) and content.centred):
+        return []
+    lost = float(content.errors_m.max(initial=0.0))
+    if lost <= max(COARSEST_M, *(lattice_m(truth.poses.centres) for truth in truths)):
+        return []
+    return [
+        f"centres lie on a lattice, such as whole metres: if they were rounded to it, they are "
+        f"{lost:.2g} m off on average"
     ]
 
 

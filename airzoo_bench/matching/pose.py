@@ -85,56 +85,7 @@ def solve_pose(
     max_matches: int,
     max_trials_times_matches: int,
 ) -> PoseEstimate:
-    """Find the camera pose that most matches agree on.
-
-    Parameters
-    ----------
-    camera : Cameras
-        The one camera, of the image size that `query_xy` is in. Distortion is the solver's own
-        model, exactly: COLMAP's FULL_OPENCV without its last three coefficients.
-    query_xy : (M, 2) array
-        Pixels, the image's corner being (0, 0).
-    points : (M, 3) array
-        Their points in the world, in metres of any frame with orthogonal axes of one scale.
-    solver : {"colmap", "colmap+refine", "poselib"}
-        LO-RANSAC of COLMAP; the same and then least squares over its inliers (Cauchy loss of 1
-        px); LO-RANSAC of PoseLib, which always refines.
-    max_error_px : float
-        Largest reprojection error of an inlier, above 0.
-    min_inlier_ratio : float
-        Caps the number of trials; PoseLib has no such setting and goes by `max_trials` alone.
-    min_trials, max_trials : int
-    confidence : float
-        Probability of having drawn one sample without outliers, at which trials may end.
-    seed : int
-        Of the sampling, 0 or above. The answer depends on the arguments and on nothing else, and
-        not on the order of the matches or on matches that stand more than once.
-    max_matches : int
-        Of more different matches, this many are chosen by the seed and solved.
-    max_trials_times_matches : int
-        Bounds the trials, those of `min_trials` too: about ten seconds on any machine of today
-        for 5e8.
-
-    Returns
-    -------
-    PoseEstimate
-        Fewer than four different matches are ``TOO_FEW_MATCHES``. ``NO_POSE`` is when the solver
-        finds none, when its pose is not finite, or when all inliers lie on a line, about which
-        the camera could turn freely.
-
-    Raises
-    ------
-    ValueError
-        Shapes that do not fit, coordinates or settings that are not possible.
-    UsageError
-        PoseLib is asked for and not installed.
-
-    References
-    ----------
-    Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schoenberger, Frahm,
-    Structure-from-motion revisited, CVPR 2016 (COLMAP). Larsson and contributors, PoseLib, 2020,
-    github.com/PoseLib/PoseLib.
-    """
+    """Find the camera pose that most matches agree on."""
     ransac = Ransac(max_error_px, min_inlier_ratio, min_trials, max_trials, confidence, seed)
     check_settings(solver, ransac)
     _check_problem(camera, query_xy, points)
@@ -183,32 +134,7 @@ def solve_poses(
     progress: Progress = silent,
     **settings: Unpack[PoseSettings],
 ) -> list[PoseEstimate]:
-    """Solve many problems, one thread each.
-
-    Parameters
-    ----------
-    problems : sequence of PoseProblem
-        May make its items when they are asked for: few are held at a time.
-    jobs : int
-        Threads, at least 1; the estimates do not depend on it, to the last bit.
-    progress : Progress
-        Shows problems as they are solved.
-    **settings
-        See `solve_pose`. Every problem has the same seed, hence its estimate depends neither on
-        its place nor on the others.
-
-    Returns
-    -------
-    list of PoseEstimate
-        In the order of the problems.
-
-    Raises
-    ------
-    ValueError
-        See `solve_pose`; `jobs` below 1.
-    UsageError
-        See `solve_pose`.
-    """
+    """Solve many problems, one thread each."""
     if jobs < 1:
         raise ValueError(f"jobs is {jobs}, expected at least 1")
 
@@ -224,12 +150,7 @@ def solve_poses(
 def _threaded(
     solve: Callable[[PoseProblem], PoseEstimate], problems: Sequence[PoseProblem], jobs: int
 ) -> Iterator[PoseEstimate]:
-    """Map in order, with a bounded number of problems taken and not yet answered.
-
-    One worker is a thread too: the solvers release the interpreter's lock, so that Ctrl-C reaches
-    the main thread at once, which does not wait for the problems under way. A task of an engine is
-    in another thread already, whose processor time is its own.
-    """
+    """Map in order, with a bounded number of problems taken and not yet answered."""
     if jobs == 1 and current_thread() is not main_thread():
         yield from map(solve, problems)
         return

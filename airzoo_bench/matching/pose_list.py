@@ -31,23 +31,7 @@ _OTHERS = "trajectories of TUM and KITTI are read with --reader tum or kitti, an
 
 
 def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
-    """Read world-to-camera poses, a line each.
-
-    Names are ids, with the photo's ending or without. The identity, and NaN, stand for a pose that
-    was not found: that is how some tools write a failure.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the poses may take in memory.
-
-    Raises
-    ------
-    PredictionError
-        It is too large, a line has other columns, a pose is NaN in part, a quaternion is not of
-        unit length.
-    """
+    """Read world-to-camera poses, a line each."""
     size = path.stat().st_size if path.is_file() else 0
     Budget(limit_bytes).hold(path, "its text", size * _BYTES_A_BYTE)
     lines = read_text(path, UnreadableError, "pose file", _LIMIT_BYTES).splitlines()
@@ -71,13 +55,7 @@ def read_pose_list(path: Path, limit_bytes: int) -> MatchingPredictions:
 
 @contextmanager
 def refused_in(where: object, fix: str) -> Iterator[None]:
-    """Say of cameras that cannot be which file they stand in, and how to mend it.
-
-    Raises
-    ------
-    PredictionError
-        In place of a CameraError.
-    """
+    """Say of cameras that cannot be which file they stand in, and how to mend it."""
     try:
         yield
     except CameraError as error:

@@ -105,21 +105,7 @@ class _Shared(NamedTuple):
 
 
 def solve_queries(queries: PoseQueries, settings: PoseSettings, resources: Resources) -> Solved:
-    """Solve for the poses of queries, wherever the engine has it done.
-
-    Parameters
-    ----------
-    queries : PoseQueries
-    settings : PoseSettings
-        See `solve_pose`.
-    resources : Resources
-        What is found does not depend on them, but for the seconds.
-
-    Raises
-    ------
-    UserError
-        See `solve_pose` and `Engine.map`.
-    """
+    """Solve for the poses of queries, wherever the engine has it done."""
     size = _queries_a_task(len(queries), resources.jobs)
     blocks = [queries[cut] for cut in resources.engine.cut(len(queries), size)]
     # Where all is one task, it shows how far it is; tasks are shown by the engine.

@@ -26,8 +26,14 @@ __all__ = [
     "GivenPoses",
     "MatchingPredictions",
     "check_digits",
+    "lattice_m",
     "validation_errors",
 ]
+
+
+# Of the finest threshold: whole metres lose 0.5 m, which passes beside 1 m; six digits lose 2.9 m
+# of a northing, which does not beside 5 m.
+_MATTERS = 0.55
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,27 +115,15 @@ def validation_errors(predictions: MatchingPredictions) -> Iterator[PredictionEr
 
 
 def check_digits(
-    given: GivenPoses, query_ids: NDArray[np.str_], true_centres: Floats | None = None
+    given: GivenPoses,
+    query_ids: NDArray[np.str_],
+    finest_m: float,
+    true_centres: Floats | None = None,
 ) -> None:
-    """Refuse poses whose rounding may have moved their cameras by more than a centimetre.
-
-    Parameters
-    ----------
-    given : GivenPoses
-        Of Q queries.
-    query_ids : (Q,) str
-    true_centres : (N, 3) float64, optional
-        Where those of a made-up scene have few decimals themselves, centres with as few have lost
-        nothing.
-
-    Raises
-    ------
-    PredictionError
-        It names them and the error.
-    """
+    """Refuse poses whose rounding may have moved their cameras by more than a centimetre."""
     limit = COARSEST_M
-    if given.centred and true_centres is not None:
-        limit = max(limit, float(centre_errors_m(true_centres).max(initial=0.0)))
+    if given.centred:
+        limit = max(limit, _MATTERS * finest_m, lattice_m(true_centres))
     coarse = np.flatnonzero(given.errors_m > limit)
     if coarse.size:
         error = float(np.sqrt((given.errors_m[coarse] ** 2).mean()))
@@ -143,9 +137,14 @@ def check_digits(
             f"{_queries(query_ids[coarse], query_ids)}: what they leave out moves a camera by "
             f"{error:.2g} m on average{why}",
             where="field 'centres'" if given.centred else "the poses",
-            expected=f"digits that fix camera centres to {COARSEST_M:g} m",
+            expected=f"digits that fix camera centres to {limit:g} m",
             fix=fix if given.centred else fix + translated,
         )
+
+
+def lattice_m(centres: Floats | None) -> float:
+    """Return how far centres may lie from what was meant if they were rounded, 0 for none."""
+    return 0.0 if centres is None else float(centre_errors_m(centres).max(initial=0.0))
 
 
 def _check_offsets(predictions: MatchingPredictions, matches: Correspondences) -> None:

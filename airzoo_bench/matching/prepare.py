@@ -44,19 +44,7 @@ _NO_CROP = {
 
 
 def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
-    """Match each photo to the whole of its own map; those without one are left out.
-
-    Parameters
-    ----------
-    inputs : SceneInputs
-    maps : Path
-        Folder of the maps and surface models, see `maps.own_map`.
-
-    Raises
-    ------
-    RasterError
-        A map or surface model cannot be read.
-    """
+    """Match each photo to the whole of its own map; those without one are left out."""
     photos = inputs.photos
     files = [own_map(maps, photo) for photo in photos["id"]]
     there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
@@ -75,22 +63,7 @@ def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
 
 
 def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
-    """Find the crop of each photo that has a prior; the others are left out, with the reason.
-
-    Parameters
-    ----------
-    inputs : SceneInputs
-    crop, prior : Crop, Prior
-        The protocol's.
-
-    Raises
-    ------
-    BenchmarkError
-        There is no map or no surface model; or the priors equal the truth, and the protocol does
-        not say so.
-    RasterError
-        The surface model is not in metres, or cannot be read.
-    """
+    """Find the crop of each photo that has a prior; the others are left out, with the reason."""
     photos = inputs.photos
     dom = needed(inputs.dom, "map", inputs.scene)
     dsm = needed(inputs.dsm, "surface model", inputs.scene)

@@ -29,20 +29,7 @@ _WIDEST = 8
 
 
 def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
-    """Read a prediction file of the matching track.
-
-    Parameters
-    ----------
-    path : Path
-        ``.npz``, or ``.txt`` with a pose a line: ``name qw qx qy qz tx ty tz``.
-    limit_bytes : int
-        The most memory that the file's arrays may take together.
-
-    Raises
-    ------
-    PredictionError
-        Another kind of file, a field is missing, or has a wrong type or shape.
-    """
+    """Read a prediction file of the matching track."""
     if path.suffix == ".txt":
         return read_pose_list(path, limit_bytes)
     return read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
@@ -61,10 +48,10 @@ def _read_correspondences(
             expected=f"{n_queries + 1:,}, one more than there are queries",
             fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
         )
-    query_xy = numbers(arrays, "query_xy", (None, 2)).astype(np.float64)
+    query_xy = _pixels(arrays, "query_xy")
     map_xy = points = None
     if "map_xy" in arrays.names():
-        map_xy = numbers(arrays, "map_xy", (None, 2)).astype(np.float64)
+        map_xy = _pixels(arrays, "map_xy")
     else:
         points = _precise(arrays, "points3d", (None, 3))
     for name, values in (("map_xy", map_xy), ("points3d", points)):
@@ -81,6 +68,15 @@ def _read_correspondences(
         size = _integers(arrays, "image_size", (None, 2))
         check_length(arrays, "image_size", size, n_queries)
     return Correspondences(offsets, query_xy, map_xy, _map_frame(arrays), points, size)
+
+
+def _pixels(arrays: Arrays, name: str) -> Floats:
+    """Read pixels, whole ones of any width among them."""
+    values = arrays.read(name)
+    if values.dtype.kind not in "iu" or values.shape[1:] != (2,):
+        return numbers(arrays, name, (None, 2)).astype(np.float64)
+    arrays.budget.hold(arrays.path, f"field '{name}' in double precision", values.size * 8)
+    return values.astype(np.float64)
 
 
 def _map_frame(arrays: Arrays) -> Literal["map", "crop"] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,18 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
 from airzoo_bench.geometry.rotations import rotation_angle_deg
-from airzoo_bench.matching.conventions import refuse_other_conventions
+from airzoo_bench.matching.conventions import (
+    refuse_other_conventions,
+    suspect_heights,
+    suspect_points,
+)
 from airzoo_bench.matching.predictions import (
     Correspondences,
     GivenPoses,
     MatchingPredictions,
     check_digits,
 )
+from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.matching.truth import MatchingTruth
 
 __all__ = ["ScenePredictions", "count_near", "match_scene"]
@@ -52,6 +57,8 @@ class ScenePredictions:
         In the scene's CRS, instead of `map_xy`.
     poses : Poses or None
         Instead of matches and pairs; NaN where there is none.
+    doubt : str or None
+        Another reading that would fit better.
     """
 
     answered: Bools
@@ -60,6 +67,7 @@ class ScenePredictions:
     map_xy: Floats | None
     points: Floats
     poses: Poses | None
+    doubt: str | None = None
 
     def equal_to_prior(self, truth: MatchingTruth) -> int:
         """Count the poses that are the photo's own GPS position and gimbal angles."""
@@ -84,30 +92,19 @@ def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> in
 
 
 def match_scene(
-    predictions: MatchingPredictions, truth: MatchingTruth, rows: NDArray[np.intp]
+    predictions: MatchingPredictions,
+    truth: MatchingTruth,
+    rows: NDArray[np.intp],
+    scores: MatchingScores,
 ) -> ScenePredictions:
-    """Return the predictions for the queries of a scene; refuse what cannot be meant as written.
-
-    Parameters
-    ----------
-    predictions : MatchingPredictions
-    truth : MatchingTruth
-        With Q queries.
-    rows : (Q,) int
-        The row of the predictions that answers each query, -1 for none.
-
-    Raises
-    ------
-    PredictionError
-        Pixels outside the picture or the crop, another image size, poses that look
-        camera-to-world.
-    """
+    """Return the predictions for the queries of a scene; refuse what cannot be meant as written."""
     content = predictions.content
     try:
         if isinstance(content, GivenPoses):
             matched = _match_poses(content, truth, rows)
             # After the convention: it decides which digits count.
-            check_digits(content, predictions.query_ids, truth.poses.centres)
+            centres = truth.poses.centres
+            check_digits(content, predictions.query_ids, scores.finest_m, centres)
             return matched
         return _match_correspondences(content, truth, rows)
     except PredictionError as error:
@@ -125,9 +122,10 @@ def _match_poses(
     refuse_other_conventions(
         poses.take(there), truth.priors.take(there), quaternions=given.quaternions
     )
+    doubt = suspect_heights(poses.take(there), truth.poses.take(there))
     nothing = np.zeros((0, 2))
     return ScenePredictions(
-        answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses
+        answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses, doubt
     )
 
 
@@ -151,7 +149,8 @@ def _match_correspondences(
     elif map_xy is not None:
         _refuse_other_frame(map_xy, truth, query, stated=matches.map_frame is not None)
     points = np.zeros((0, 3)) if matches.points3d is None else matches.points3d[taken]
-    return ScenePredictions(answered, offsets, query_xy, map_xy, points, None)
+    found = ScenePredictions(answered, offsets, query_xy, map_xy, points, None)
+    return replace(found, doubt=suspect_points(truth, found.parts(), query_xy, map_xy, points))
 
 
 def _refuse_coarse_pixels(query_xy: Floats, map_xy: Floats | None, truth: MatchingTruth) -> None:

@@ -44,16 +44,7 @@ def auc_column(limit_m: float) -> str:
 
 
 def matching_scores(settings: MatchingScores) -> list[Score]:
-    """Return the scores that a protocol asks for.
-
-    The headline is the paper's: median error and translation recall, and pose recall where the
-    truth has a trusted orientation.
-
-    Returns
-    -------
-    list of Score
-        The columns are those of `airzoo_bench.matching.scoring.score_scene`.
-    """
+    """Return the scores that a protocol asks for."""
     trusted = settings.orientation_is_trusted
     pose = [
         Score.share(pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True)
@@ -79,12 +70,7 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
 
 
 def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    """Return the columns of the records that errors of Q poses give: the errors, then scores.
-
-    Returns
-    -------
-    dict of str to (Q,) array
-    """
+    """Return the columns of the records that errors of Q poses give: the errors, then scores."""
     metres, degrees = errors.translation_m, errors.rotation_deg
     columns = {
         "error_m": metres,

@@ -84,23 +84,7 @@ def score_scene(
     protocol: MatchingProtocol,
     resources: Resources,
 ) -> ScoredScene:
-    """Score every query of a scene.
-
-    Parameters
-    ----------
-    truth : MatchingTruth
-        With Q queries.
-    predicted : ScenePredictions
-        Of the same Q queries.
-    protocol : MatchingProtocol
-    resources : Resources
-        The records do not depend on them.
-
-    Returns
-    -------
-    ScoredScene
-        A failure has infinite errors and stays in the records.
-    """
+    """Score every query of a scene."""
     if predicted.poses is not None:
         posed = _given(predicted.poses)
     else:

@@ -101,6 +101,11 @@ class MatchingScores(Strict):
     ]
     auc_up_to_m: Limits
 
+    @property
+    def finest_m(self) -> float:
+        """The smallest distance that decides a recall."""
+        return min(*self.translation_below_m, *(metres for metres, _ in self.pose_below_m_deg))
+
 
 class MatchingProtocol(Protocol):
     """A protocol of cross-view matching."""

@@ -63,28 +63,7 @@ def match_photos(
     engine: Engine = HERE,
     progress: Progress = silent,
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Match photos with the map.
-
-    Parameters
-    ----------
-    tasks : sequence of Task
-    settings : SiftSettings
-    engine : Engine
-        Of processes, since pycolmap keeps the interpreter's lock while it extracts.
-    progress : Progress
-
-    Yields
-    ------
-    query_xy, map_xy : (M, 2) arrays
-        In the order of the tasks: pixels of the photo at full size, and of the whole map.
-
-    Raises
-    ------
-    BenchmarkError
-        A photo is not readable, or not of its camera's size.
-    RasterError
-        The map is not readable, or a window is not inside it.
-    """
+    """Match photos with the map."""
     matched = engine.map(_match_task, tasks, shared=settings, stage="photos", name=_photo_name)
     yield from progress(matched, "photos", len(tasks))
 
@@ -98,29 +77,7 @@ def match(
     crop_scale: float,
     settings: SiftSettings,
 ) -> tuple[Floats, Floats]:
-    """Match a photo with a crop of the map.
-
-    Parameters
-    ----------
-    query_grey : (h, w) uint8 array
-        The photo, at any size.
-    query_camera : Cameras
-        One, of the photo at full size.
-    crop_grey : (H, W) uint8 array
-        0 where the map has no data; nothing is matched there.
-    turn_deg : float
-        See `Task`.
-    crop_scale : float
-        Before features are extracted the crop is made this much smaller, at most 1.
-    settings : SiftSettings
-
-    Returns
-    -------
-    query_xy : (M, 2) array
-        Pixels of the photo at full size; corner (0, 0).
-    crop_xy : (M, 2) array
-        Pixels of `crop_grey`. No pair comes twice.
-    """
+    """Match a photo with a crop of the map."""
     seen = (query_grey.shape[1], query_grey.shape[0])
     full = np.array((query_camera.width[0], query_camera.height[0]), dtype=np.float64)
     query_xy, query_found = _features(query_grey, settings.max_features, settings)
@@ -202,22 +159,7 @@ def _features(image: Grey, count: int, settings: SiftSettings) -> tuple[Floats, 
 
 
 def resample(grey: Grey, scale: float, turn_deg: float) -> tuple[Grey, Floats]:
-    """Make an image smaller, then turn it so that what pointed to `turn_deg` points right.
-
-    Parameters
-    ----------
-    grey : (H, W) uint8 array
-    scale : float
-        At most 1; width and height become whole numbers, each with its own scale.
-    turn_deg : float
-        Clockwise from the image's right; the nearest quarter turn is taken.
-
-    Returns
-    -------
-    resampled : (h, w) uint8 array
-    back : (2, 3) array
-        Takes its pixels to those of `grey`; corners are (0, 0).
-    """
+    """Make an image smaller, then turn it so that what pointed to `turn_deg` points right."""
     from PIL import Image
 
     full = np.array(grey.shape[::-1], dtype=np.float64)

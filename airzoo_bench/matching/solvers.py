@@ -113,28 +113,7 @@ def check_settings(solver: Solver, ransac: Ransac) -> None:
 def find_pose(
     solver: Solver, camera: Cameras, query_xy: Floats, points: Floats, ransac: Ransac
 ) -> Found | None:
-    """Find a pose, in the coordinates of the points.
-
-    Parameters
-    ----------
-    solver : Solver
-    camera : Cameras
-        Of one camera.
-    query_xy : (M, 2) array
-    points : (M, 3) array
-        Near the origin of their frame, for no solver does that itself.
-    ransac : Ransac
-
-    Returns
-    -------
-    Found or None
-        None where the solver has none. The pose may not be finite.
-
-    Raises
-    ------
-    UsageError
-        PoseLib is asked for and not installed.
-    """
+    """Find a pose, in the coordinates of the points."""
     return _SOLVERS[solver](camera, query_xy, points, ransac)
 
 

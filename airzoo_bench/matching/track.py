@@ -73,16 +73,10 @@ class MatchingTrack(
             "figures",
             "Draw error curves, matches and maps into --out.",
             "airzoo_bench.report.matching:draw_figures",
-        ),
-        EvalOption(
-            "seeds",
-            "Solve under so many seeds and say how far the scores spread.",
-            "airzoo_bench.matching.seeds:spread_over_seeds",
-            default=1,
-            most=1000,
-            needs_out=False,
+            files=r"errors\.png|.+_(map|matches)\.png",
         ),
     )
+    takes_image_size = True
     files = {"timings.csv": _write_timings}  # noqa: RUF012 - never changed
     baseline = SIFT
 
@@ -135,7 +129,7 @@ class MatchingTrack(
         """See `match_scene`."""
         from airzoo_bench.matching.scene_predictions import match_scene
 
-        return match_scene(predictions, truth, rows)
+        return match_scene(predictions, truth, rows, protocol.scores)
 
     def score(
         self,
@@ -172,7 +166,7 @@ class MatchingTrack(
 
         return [
             *scored_notes(predictions, truths, scored),
-            *plausibility_warnings(truths, scene_predictions),
+            *plausibility_warnings(predictions, truths, scene_predictions),
         ]
 
     def inspect_alone(
@@ -183,7 +177,8 @@ class MatchingTrack(
 
         if isinstance(predictions.content, GivenPoses):
             try:
-                check_digits(predictions.content, predictions.query_ids)
+                finest = protocol.scores.finest_m
+                check_digits(predictions.content, predictions.query_ids, finest)
             except PredictionError as error:
                 yield error.inside(predictions.path)
 
@@ -200,7 +195,7 @@ class MatchingTrack(
 
         return [
             *lifting_notes(predictions, truths, scene_predictions, protocol, resources.jobs),
-            *plausibility_warnings(truths, scene_predictions),
+            *plausibility_warnings(predictions, truths, scene_predictions),
         ]
 
     def references(

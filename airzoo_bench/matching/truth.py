@@ -139,18 +139,7 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
-    """Read a scene's truth, and compare surface model and map with those that were prepared.
-
-    Where the truth is sealed the queries have no poses.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing or damaged, a crop is not inside the map, or map or surface model are not
-        those that were prepared.
-    RasterError
-        Map or surface model cannot be read.
-    """
+    """Read a scene's truth, and compare surface model and map with those that were prepared."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     home = folder / "matching"
     excluded = read_excluded(benchmark, scene, "matching")

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import PredictionError, ProtocolError
 from airzoo_bench.core.places import DATA_VARIABLE
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
-from airzoo_bench.formats.arrays import fields_file, open_arrays, protocol_name
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [
@@ -38,14 +38,7 @@ _IN_A_FIELD = (
 
 
 def load_protocol(path: Path) -> Protocol:
-    """Read and check a protocol file.
-
-    Raises
-    ------
-    ProtocolError
-        The file is missing, is not TOML, or has an unknown key, a wrong type or an impossible
-        value; the message names file, key and expectation.
-    """
+    """Read and check a protocol file."""
     data = read_toml(path, ProtocolError, "protocol file")
     track = data.get("track")
     if not isinstance(track, str) or track not in TRACKS:
@@ -72,21 +65,7 @@ def _shipped_folder() -> Path:
 
 
 def find_protocol(name: str, data_root: Path) -> Protocol:
-    """Find a protocol by name or by path.
-
-    Parameters
-    ----------
-    name : str
-        The path of a ``.toml`` file, the name of a shipped protocol, or of one that ``prepare``
-        wrote into a benchmark folder.
-    data_root : Path
-        Where benchmark folders lie.
-
-    Raises
-    ------
-    ProtocolError
-        Nothing has that name; the nearest names are offered.
-    """
+    """Find a protocol by name or by path."""
     if name.endswith(".toml"):
         return load_protocol(Path(name))
     known = protocol_files(data_root)
@@ -101,13 +80,7 @@ def find_protocol(name: str, data_root: Path) -> Protocol:
 
 
 def protocol_of_track(name: str, data_root: Path, model: type[P]) -> P:
-    """Find a protocol that must be of one track.
-
-    Raises
-    ------
-    ProtocolError
-        See `find_protocol`; or it is of another track.
-    """
+    """Find a protocol that must be of one track."""
     chosen = find_protocol(name, data_root)
     if not isinstance(chosen, model):
         (wanted,) = get_args(model.model_fields["track"].annotation)
@@ -137,18 +110,7 @@ def choose_protocol(
     model: type[P],
     says: tuple[str, str] | None = None,
 ) -> P:
-    """Return the protocol that was named, else the one that the file names.
-
-    `says` is the expectation and the fix of the error where neither names one; by default those
-    of a file that has a field for it.
-
-    Raises
-    ------
-    ProtocolError
-        Neither names one, or it is unknown.
-    PredictionError
-        It is of another track.
-    """
+    """Return the protocol that was named, else the one that the file names."""
     if named is not None:
         chosen = find_protocol(named, data)
     elif in_file is not None:
@@ -174,16 +136,7 @@ def choose_protocol(
 def refuse_other_track(
     path: Path, named: str | None, data: Path, model: type[P], memory_bytes: int
 ) -> None:
-    """Refuse an ``.npz`` that names a protocol of another track, before its fields are read.
-
-    So too where another protocol was named instead, which is of the track.
-
-    Raises
-    ------
-    PredictionError
-        The message names the right command, not the fields that the file lacks for this one.
-    """
-    path = fields_file(path)
+    """Refuse an ``.npz`` that names a protocol of another track, before its fields are read."""
     if path.suffix != ".npz" or not path.is_file():
         return
     in_file = protocol_name(open_arrays(path, memory_bytes))
@@ -204,13 +157,7 @@ def refuse_other_track(
 
 
 def protocol_files(data_root: Path) -> dict[str, Path]:
-    """Return every protocol that can be named: shipped, and of prepared benchmark folders.
-
-    Parameters
-    ----------
-    data_root : Path
-        A benchmark folder, or the folder that holds some; it need not exist.
-    """
+    """Return every protocol that can be named: shipped, and of prepared benchmark folders."""
     return {path.stem: path for path in _prepared_files(data_root)} | shipped_protocols()
 
 
@@ -219,22 +166,7 @@ def _prepared_files(data_root: Path) -> list[Path]:
 
 
 def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -> P:
-    """Derive the protocol of own data from another one.
-
-    Parameters
-    ----------
-    base : Protocol
-        Where all values come from that are not changed, the version among them.
-    name : str
-        Of the benchmark and its one scene.
-    changes : mapping of str to mapping
-        New values by section and key, such as ``{"gallery": {"tile_sizes_px": (256,)}}``.
-
-    Raises
-    ------
-    ProtocolError
-        A value is impossible.
-    """
+    """Derive the protocol of own data from another one."""
     values = base.model_dump(by_alias=True)
     values |= {"name": f"{name}-{base.track}", "benchmark": name}
     values |= {"title": f"{name}, {base.track}", "scenes": ({"id": name, "title": name},)}

@@ -60,20 +60,20 @@ class _AerialExtreMatch(PairFiles):
         return super().read(path, reading)
 
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
 
         from airzoo_bench.formats.budget import Budget
-        from airzoo_bench.formats.npy import map_floats
+        from airzoo_bench.formats.npy import map_numbers
 
-        mapped = map_floats(path)
+        mapped = map_numbers(path)
         if mapped.ndim != 2 or mapped.shape[1] != _COLUMNS:
             raise UnreadableError(
                 f"an array of shape {mapped.shape}", where=path, expected="(N, 4): x y and x y"
             )
-        Budget(memory_bytes).hold(path, "its matches", mapped.size * 8)
+        Budget(reading.memory_bytes).hold(path, "its matches", mapped.size * 8)
         values = np.array(mapped, dtype=np.float64)
         return values[:, :2], values[:, 2:]
 

@@ -39,13 +39,13 @@ class AnyLocReader(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        from airzoo_bench.formats.npy import map_floats
+        from airzoo_bench.formats.npy import map_numbers
         from airzoo_bench.readers.image_bag import read_bag
         from airzoo_bench.readers.lengths import compared
         from airzoo_bench.readers.retrieval import SceneImages
 
         def descriptor(number: int) -> Any:
-            rows = map_floats(files[number])
+            rows = map_numbers(files[number])
             if rows.ndim != 2 or len(rows) != 1:
                 raise PredictionError(
                     f"has shape {rows.shape}", where=files[number], expected="shape (1, D)"
@@ -75,10 +75,10 @@ def _files(path: Path) -> Iterator[Path]:
 
 def _shape(path: Path) -> tuple[int, ...]:
     """Return the shape of a file's numbers; none where it is no such file, or damaged."""
-    from airzoo_bench.formats.npy import map_floats
+    from airzoo_bench.formats.npy import map_numbers
 
     try:
-        shape: tuple[int, ...] = map_floats(path).shape if path.is_file() else ()
+        shape: tuple[int, ...] = map_numbers(path).shape if path.is_file() else ()
     except PredictionError:
         return ()
     return shape

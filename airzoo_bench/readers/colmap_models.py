@@ -83,23 +83,7 @@ def first_cameras(folder: Path) -> tuple[int, list[ModelCamera]]:
 
 
 def model_scene(scenes: ScenePlaces, place: Path, folder: Path, memory: int) -> ScenePrediction:
-    """Read the points of a model, and the poses of its images.
-
-    Parameters
-    ----------
-    scenes : ScenePlaces
-    place : Path
-        Of the scene.
-    folder : Path
-        Of the model.
-    memory : int
-        The most that it may take, in bytes.
-
-    Raises
-    ------
-    PredictionError
-        A file is damaged; a quaternion is none; an image is of no photo; `--names` is given.
-    """
+    """Read the points of a model, and the poses of its images."""
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget

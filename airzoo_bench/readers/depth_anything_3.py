@@ -87,9 +87,6 @@ class DepthAnything3(SceneReader):
         from airzoo_bench.formats.npz import NpzFile
 
         results = _results(place)
-        meta = place if results is None else results.parents[1] / "gt_meta.npz"
-        if scenes.reading.names is None and npz_fields(meta) >= _META:
-            raise _pickled_names(meta)
         if results is not None:
             file = NpzFile(results, memory, ("image",))
             return read_views(file, _FIELDS, view_names(scenes, place))
@@ -97,6 +94,13 @@ class DepthAnything3(SceneReader):
             return streaming_scene(place, memory, view_names(scenes, place))
         if _is_model(place):
             return model_scene(scenes, place, place, memory)
+        if npz_fields(place) >= _META:
+            raise PredictionError(
+                "holds 'image_files', the names of the views, as a pickle, which is never loaded",
+                where=place,
+                expected="results.npz beside it, and a list of names, a line each",
+                fix=_NAMES_FROM_META.format(place),
+            )
         raise PredictionError(
             "scene.glb is turned, moved to its middle point, thinned to a million points, and has "
             "the cameras drawn into it",
@@ -132,15 +136,6 @@ def _is_model(place: Path) -> bool:
 def _is_glb(place: Path) -> bool:
     beside = (place / "scene.jpg").is_file() or (place / "depth_vis").is_dir()
     return beside and (place / "scene.glb").is_file()
-
-
-def _pickled_names(meta: Path) -> PredictionError:
-    return PredictionError(
-        "'image_files', the names of the views, is a pickle, which is never loaded",
-        where=meta,
-        expected="a list of names, a line each",
-        fix=_NAMES_FROM_META.format(meta),
-    )
 
 
 DEPTH_ANYTHING_3 = DepthAnything3()

@@ -40,13 +40,7 @@ def _has_frames(folder: Path) -> bool:
 
 
 def streaming_scene(place: Path, memory: int, names: ViewNames | None) -> ScenePrediction:
-    """Read poses, intrinsics, and the frames, one in memory at a time.
-
-    Raises
-    ------
-    PredictionError
-        The run did not end, or wrote no depth; a text is damaged; see `maps_of`.
-    """
+    """Read poses, intrinsics, and the frames, one in memory at a time."""
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget

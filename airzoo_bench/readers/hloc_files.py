@@ -51,13 +51,7 @@ class Features:
 
     @classmethod
     def of(cls, path: Path, limit_bytes: int) -> Features:
-        """Open a file of features.
-
-        Raises
-        ------
-        PredictionError
-            It is damaged, or two names are one where hloc writes - for /.
-        """
+        """Open a file of features."""
         file = Hdf5File(path, limit_bytes)
         names = [n.removesuffix(_KEYPOINTS) for n in file.names() if n.endswith(_KEYPOINTS)]
         by_key: dict[str, str] = {}
@@ -74,13 +68,7 @@ class Features:
         return cls(file, names, by_key)
 
     def keypoints(self, picture: Picture) -> Floats:
-        """Return the keypoints of a picture, as hloc counts them.
-
-        Raises
-        ------
-        PredictionError
-            They are those of another size of the picture.
-        """
+        """Return the keypoints of a picture, as hloc counts them."""
         import numpy as np
 
         name = self.by_key.get(picture.name.replace("/", "-"))
@@ -119,18 +107,12 @@ class Features:
 
 
 def pixels_of(file: Hdf5File, name: str) -> NDArray[Any]:
-    """Read a dataset of pixels (N, 2).
-
-    Raises
-    ------
-    PredictionError
-        It is no such thing.
-    """
+    """Read a dataset of pixels (N, 2)."""
     values = file.read(name)
-    if values.ndim != 2 or values.shape[1] != 2 or values.dtype.kind != "f":
+    if values.ndim != 2 or values.shape[1] != 2 or values.dtype.kind not in "iuf":
         raise PredictionError(
             f"{name.rsplit('/', 1)[1]} is {values.dtype} of shape {values.shape}",
-            expected="floating point of shape (N, 2)",
+            expected="numbers of shape (N, 2)",
         )
     return values
 

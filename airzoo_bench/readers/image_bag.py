@@ -48,32 +48,7 @@ def read_bag(
     images: SceneImages,
     budget: Budget,
 ) -> tuple[RetrievalPredictions, tuple[str, ...]]:
-    """Read the descriptors of queries into memory; those of tiles too, or into a temporary file.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    names : sequence of str
-        Of the images.
-    read : callable
-        Returns the descriptor of an image by its number, (D,) or (1, D).
-    images : SceneImages
-    budget : Budget
-
-    Returns
-    -------
-    RetrievalPredictions, tuple of str
-        With a note on images that are neither.
-
-    Raises
-    ------
-    PredictionError
-        Names that could be several images, or lack queries or tiles altogether; descriptors of
-        several lengths, or queries of more than fits the memory.
-    UserError
-        The temporary file cannot be written.
-    """
+    """Read the descriptors of queries into memory; those of tiles too, or into a temporary file."""
     budget.hold(path, "the names of its images", len(names) * _BYTES_OF_NAME)
     sort = _sort(path, names, images)
     queries = _rows(path, names, sort.queries, read, budget, "the descriptors of queries")
@@ -146,18 +121,15 @@ def _rows(
     budget: Budget,
     what: str | None,
 ) -> NDArray[np.floating[Any]]:
-    """Read descriptors into one array, of the first one's length and type.
-
-    Those that have no name for the budget may be more than the memory: they go to disk then.
-    """
+    """Read descriptors into one array, of the first one's length and type."""
     import numpy as np
 
     first = read(some[0]).reshape(-1)
-    if first.dtype.kind != "f" or first.dtype.itemsize > _DOUBLE or not first.size:
+    if first.dtype.kind not in "biuf" or first.dtype.itemsize > _DOUBLE or not first.size:
         raise PredictionError(
             f"{names[some[0]][:200]!r} has {first.size:,} numbers of type {first.dtype}",
             where=path,
-            expected="descriptors: floating point of 16, 32 or 64 bits",
+            expected="descriptors: numbers of at most 64 bits",
             fix="write the file again",
         )
     shape = (len(some), first.size)

@@ -23,22 +23,7 @@ _METRICS = {"l2": "L2 distance", "cosine": "cosine", "inner_product": "inner pro
 def compared(
     own: str, protocol: Any, predictions: RetrievalPredictions
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Say how descriptors are compared, and whether that is another way than the method's own.
-
-    Parameters
-    ----------
-    own : str
-        The method's metric: "l2", "inner_product", "cosine".
-    protocol : RetrievalProtocol
-    predictions : RetrievalPredictions
-        Descriptors.
-
-    Returns
-    -------
-    tuple, tuple
-        Conventions and notes. Where all tiles are of one length, all three metrics rank alike,
-        whatever the lengths of queries are.
-    """
+    """Say how descriptors are compared, and whether that is another way than the method's own."""
     from airzoo_bench.retrieval.predictions import RankedIds
 
     content, metric = predictions.content, protocol.scores.descriptor_metric
@@ -58,13 +43,7 @@ def compared(
 def refuse_tiles_without_unit_length(
     path: Path, predictions: RetrievalPredictions, fix: str
 ) -> None:
-    """Refuse queries of unit length with tiles of others, as no method ranks them.
-
-    Raises
-    ------
-    PredictionError
-        They are.
-    """
+    """Refuse queries of unit length with tiles of others, as no method ranks them."""
     from airzoo_bench.retrieval.predictions import RankedIds
 
     content = predictions.content
@@ -85,10 +64,10 @@ def _lengths(rows: Any) -> NDArray[np.float64]:
     """Return the lengths of some rows, spread over all of them."""
     import numpy as np
 
-    from airzoo_bench.retrieval.descriptor_rows import Rows, RowSource, as_float32
+    from airzoo_bench.retrieval.descriptor_rows import as_float32, rows_of
     from airzoo_bench.retrieval.similarity import norms_of
 
-    source = rows if isinstance(rows, Rows) else RowSource.of(rows)
+    source = rows_of(rows)
     some = np.unique(np.linspace(0, len(source) - 1, _LOOKED_AT).astype(int)).tolist()
     read = (source.read(row, row + 1) for row in some)
     return np.concatenate([norms_of(one, as_float32(one)) for one in read])

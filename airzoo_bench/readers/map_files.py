@@ -20,13 +20,7 @@ _DIGITS = 6
 
 
 def numbered(folder: Path, ending: str) -> list[Path]:
-    """Return the files ``000000<ending>`` and on of a folder, none of which is missing.
-
-    Raises
-    ------
-    PredictionError
-        Some are missing, two have one number, or there are none.
-    """
+    """Return the files ``000000<ending>`` and on of a folder, none of which is missing."""
     files = [one for one in folder.iterdir() if one.name.endswith(ending) and one.is_file()]
     files = sorted(one for one in files if one.stem.isascii() and one.stem.isdigit())
     found = {int(one.stem): one for one in files}
@@ -52,13 +46,7 @@ def numbered(folder: Path, ending: str) -> list[Path]:
 
 
 def npy_size(path: Path) -> tuple[tuple[int, ...], Any, int]:
-    """Return shape, dtype and the byte where the data of an npy file begin.
-
-    Raises
-    ------
-    PredictionError
-        It is none, holds Python objects, or less or more than its header says.
-    """
+    """Return shape, dtype and the byte where the data of an npy file begin."""
     import math
 
     from airzoo_bench.formats.npy import read_header
@@ -82,13 +70,7 @@ def npy_size(path: Path) -> tuple[tuple[int, ...], Any, int]:
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read an npy file that `npy_size` has let pass.
-
-    Raises
-    ------
-    PredictionError
-        It has changed since.
-    """
+    """Read an npy file that `npy_size` has let pass."""
     import math
 
     import numpy as np
@@ -103,21 +85,7 @@ def maps_of_files(
     size_of: Callable[[Path], tuple[tuple[int, ...], Any]],
     read: Callable[[Path], NDArray[Any]],
 ) -> LazyMaps:
-    """Return the maps of files, each read when it is asked for.
-
-    Parameters
-    ----------
-    files : sequence of Path
-    size_of : callable
-        Returns shape and dtype of the map of a file; all must be the same.
-    read : callable
-        Returns the map of a file.
-
-    Raises
-    ------
-    PredictionError
-        They differ.
-    """
+    """Return the maps of files, each read when it is asked for."""
     import numpy as np
 
     from airzoo_bench.reconstruction.maps import LazyMaps
@@ -138,13 +106,7 @@ def maps_of_files(
 
 
 def check_same_number(one: Sequence[Path], other: Sequence[Path]) -> None:
-    """Refuse two folders of another number of files.
-
-    Raises
-    ------
-    PredictionError
-        They are.
-    """
+    """Refuse two folders of another number of files."""
     if len(one) != len(other):
         raise PredictionError(
             f"{one[0].parent.name} holds {counted(len(one), 'file')}, {other[0].parent.name} "

@@ -51,11 +51,11 @@ class PairFiles(Reader):
 
     @abstractmethod
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """Return the matched pixels of both pictures, (N, 2) each, corners being (0, 0)."""
 
-    def sizes(self, path: Path) -> Sizes | None:
+    def sizes(self, path: Path, reading: Reading) -> Sizes | None:
         """Return the sizes of the pictures that the model was given, if the layout has them."""
         return None
 
@@ -83,9 +83,9 @@ class PairFiles(Reader):
                 if pair is None:
                     left.append(name)
                     continue
-                xy = self.pixels(one, *pair, reading.memory_bytes)
+                xy = self.pixels(one, *pair, reading)
                 rows.add(*_photo_first(pair, xy), name)
-                sizes = self.sizes(one)
+                sizes = self.sizes(one, reading)
                 if sizes is not None:
                     shapes.add(pair, xy, sizes)
             except PredictionError as error:
@@ -95,17 +95,13 @@ class PairFiles(Reader):
             raise nothing_matched(path, left, pictures)
         shapes.check(path)
         notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
-        return ReadPredictions(rows.predictions(), self.conventions, notes)
+        size = reading.image_size
+        said = () if size is None else (f"pictures were {size[0]:g}x{size[1]:g} px: --image-size",)
+        return ReadPredictions(rows.predictions(), (*self.conventions, *said), notes)
 
 
 def _files(path: Path, suffix: str) -> Iterator[Path]:
-    """Yield the files of a suffix, in no order.
-
-    Raises
-    ------
-    UnreadableError
-        There are too many.
-    """
+    """Yield the files of a suffix, in no order."""
     if path.is_file() and path.suffix == suffix:
         yield path
     if not path.is_dir():
@@ -125,7 +121,8 @@ def _pair(name: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
     if found is not None:
         return found
     cuts = [at for at, letter in enumerate(stem) if letter == "_" and at >= len(folder)]
-    joined = [_joined(stem[:at], stem[at + 1 :], pictures) for at in cuts]
+    halves = [(stem[:at], rest) for at in cuts for rest in (stem[at + 1 :], _after(stem, at))]
+    joined = [_joined(*two, pictures) for two in halves]
     different = {pair for pair in joined if pair is not None}
     if len(different) == 1:
         return different.pop()
@@ -133,11 +130,13 @@ def _pair(name: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
     return None if alone is None or alone.query is None else (alone, pictures.crop_of(alone))
 
 
-def _joined(one: str, other: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
-    """Return the pictures of two names where one is a photo and the other a part of the map.
+def _after(stem: str, at: int) -> str:
+    """Return what follows one _ or, as in ``A__B``, two."""
+    return stem[at + 1 :].removeprefix("_")
 
-    The second lies in the folder of the first.
-    """
+
+def _joined(one: str, other: str, pictures: Pictures) -> tuple[Picture, Picture] | None:
+    """Return the pictures of two names where one is a photo and the other a part of the map."""
     folder, slash, _ = one.rpartition("/")
     first = pictures.find(one)
     second = None if first is None else pictures.find(folder + slash + other)
@@ -166,13 +165,7 @@ def npz_fields(path: Path) -> set[str]:
 
 
 def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
-    """Read a field of pixels, whole or not, in double precision.
-
-    Raises
-    ------
-    PredictionError
-        It is missing, has another type or shape, or numbers that no pixel has.
-    """
+    """Read a field of pixels, whole or not, in double precision."""
     import numpy as np
 
     from airzoo_bench.formats.arrays import wrong_type
@@ -192,26 +185,14 @@ def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
 
 
 def field_of(arrays: Arrays, name: str) -> NDArray[Any]:
-    """Read a field that must be there.
-
-    Raises
-    ------
-    PredictionError
-        It is not.
-    """
+    """Read a field that must be there."""
     if name not in arrays.names():
         raise PredictionError(f"lacks the field {name!r}", where=arrays.path)
     return arrays.read(name)
 
 
 def stated_size(arrays: Arrays, side: int) -> tuple[float, float] | None:
-    """Return the width and height that pixels belong to, where the file says so.
-
-    Raises
-    ------
-    PredictionError
-        It is not two positive whole numbers.
-    """
+    """Return the width and height that pixels belong to, where the file says so."""
     name, turned = f"image_size{side}", f"hw{side}_i"
     names = arrays.names() & {name, turned}
     if not names:

@@ -10,6 +10,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.readers.match_files import PairFiles, field_of, npz_fields, pixels_of, stated_size
 
 if TYPE_CHECKING:
+    from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.formats.arrays import Arrays
     from airzoo_bench.geometry.arrays import Floats
     from airzoo_bench.readers.pictures import Picture
@@ -31,12 +32,12 @@ _RESIZED = (
 
 class _Resized(PairFiles):
     conventions = _RESIZED
+    takes_image_size = True
 
-    def sizes(self, path: Path) -> Sizes | None:
+    def sizes(self, path: Path, reading: Reading) -> Sizes | None:
         """See `PairFiles.sizes`."""
         arrays = _opened(path, _SIZE_BYTES)
-        first, second = (stated_size(arrays, side) for side in (0, 1))
-        return None if first is None or second is None else (first, second)
+        return _size(arrays, 0, reading), _size(arrays, 1, reading)
 
 
 class _Loftr(_Resized):
@@ -49,12 +50,14 @@ class _Loftr(_Resized):
         return {"mkpts0_f", "mkpts1_f"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
-        arrays = _opened(path, memory_bytes)
+        arrays = _opened(path, reading.memory_bytes)
         first, second = _together(arrays, "mkpts0_f", "mkpts1_f")
-        return _enlarged(arrays, 0, first, one), _enlarged(arrays, 1, second, other)
+        return _enlarged(arrays, 0, first, one, reading), _enlarged(
+            arrays, 1, second, other, reading
+        )
 
 
 class _SuperGlue(_Resized):
@@ -67,12 +70,12 @@ class _SuperGlue(_Resized):
         return {"keypoints0", "keypoints1", "matches"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
 
-        arrays = _opened(path, memory_bytes)
+        arrays = _opened(path, reading.memory_bytes)
         first, second = (pixels_of(arrays, name) for name in ("keypoints0", "keypoints1"))
         matches = field_of(arrays, "matches")
         fits = matches.dtype.kind == "i" and matches.shape == (len(first),)
@@ -84,7 +87,9 @@ class _SuperGlue(_Resized):
             )
         found = np.flatnonzero(matches >= 0)
         first, second = first[found], second[matches[found]]
-        return _enlarged(arrays, 0, first, one), _enlarged(arrays, 1, second, other)
+        return _enlarged(arrays, 0, first, one, reading), _enlarged(
+            arrays, 1, second, other, reading
+        )
 
 
 class _Roma(PairFiles):
@@ -98,17 +103,17 @@ class _Roma(PairFiles):
     )
 
     def knows(self, path: Path) -> bool:
-        """See `PairFiles.knows`: no other npz has matches of its own without keypoints."""
+        """See `PairFiles.knows`: no other npz has matches of its own without keypoints0."""
         names = npz_fields(path)
-        return "matches" in names and names <= {"matches", "certainty", "overlap", "precision"}
+        return "matches" in names and not names & {"keypoints0", "keypoints1"}
 
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
 
-        values = pixels_of(_opened(path, memory_bytes), "matches", 4)
+        values = pixels_of(_opened(path, reading.memory_bytes), "matches", 4)
         first, second = values[:, :2], values[:, 2:]
         beyond = int((np.abs(values) > _NORMALISED).any(axis=1).sum())
         if beyond > _MOST * len(values):
@@ -140,10 +145,10 @@ class _Dust3r(PairFiles):
         return {"matches_im0", "matches_im1"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
-        arrays = _opened(path, memory_bytes)
+        arrays = _opened(path, reading.memory_bytes)
         first, second = _together(arrays, "matches_im0", "matches_im1")
         size = _loaded_size(arrays)
         return _uncropped(first, one, size, path), _uncropped(second, other, size, path)
@@ -164,12 +169,12 @@ class _Mast3rVisloc(PairFiles):
         return {"matches_im_query", "matches_im_map"} <= npz_fields(path)
 
     def pixels(
-        self, path: Path, one: Picture, other: Picture, memory_bytes: int
+        self, path: Path, one: Picture, other: Picture, reading: Reading
     ) -> tuple[Floats, Floats]:
         """See `PairFiles.pixels`."""
         import numpy as np
 
-        arrays = _opened(path, memory_bytes)
+        arrays = _opened(path, reading.memory_bytes)
         names = ("matches_im_query", "matches_im_map")
         if all(field_of(arrays, name).size == 0 for name in names):  # saved as an empty list
             return np.zeros((0, 2)), np.zeros((0, 2))
@@ -192,24 +197,38 @@ def _together(arrays: Arrays, one: str, other: str) -> tuple[Floats, Floats]:
     return first, second
 
 
-def _enlarged(arrays: Arrays, side: int, xy: Floats, picture: Picture) -> Floats:
-    """Return pixels of the full size, from those of a picture that was resized."""
-    import numpy as np
-
-    size = stated_size(arrays, side)
+def _size(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
+    """Return the width and height of what the model was given, as the file or the user says."""
+    stated, given = stated_size(arrays, side), reading.image_size
+    if stated is not None and given is not None:
+        raise PredictionError(
+            "states to which size of the pictures its pixels belong, and so does --image-size",
+            where=arrays.path,
+            fix="leave --image-size out",
+        )
+    size = stated or given
     if size is None:
         raise PredictionError(
             "does not say to which size of the pictures its pixels belong",
             where=arrays.path,
             expected="image_size0 and image_size1, width and height of what the model was given",
-            fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]",
+            fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]"
+            ", or give --image-size WxH",
         )
+    return size
+
+
+def _enlarged(arrays: Arrays, side: int, xy: Floats, picture: Picture, reading: Reading) -> Floats:
+    """Return pixels of the full size, from those of a picture that was resized."""
+    import numpy as np
+
+    size = _size(arrays, side, reading)
     xy = xy + _CENTRE
     outside = (xy > np.add(size, 1)).any(axis=1)
     if outside.any():
         x, y = xy[outside][0]
         raise PredictionError(
-            f"a pixel at ({x:.1f}, {y:.1f}) in a picture that image_size{side} says has "
+            f"a pixel at ({x:.1f}, {y:.1f}) in a picture that is said to have "
             f"{size[0]:.0f}x{size[1]:.0f} px",
             where=arrays.path,
             expected="the size that the pixels belong to, width before height",

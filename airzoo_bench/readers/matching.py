@@ -24,13 +24,7 @@ _FAR_M = 50_000.0  # no photo of a map is taken so far from its middle
 
 
 def scenes_of(reading: Reading, where: Path) -> Sequence[MatchingTruth]:
-    """Return the scenes that names are looked up in.
-
-    Raises
-    ------
-    PredictionError
-        There is none, since the benchmark folder is missing.
-    """
+    """Return the scenes that names are looked up in."""
     if not reading.truths:
         raise PredictionError(
             "its names of images mean nothing without the benchmark, whose folder is missing",
@@ -68,13 +62,7 @@ class NamedPoses:
 def posed(
     given: NamedPoses, reading: Reading, path: Path
 ) -> tuple[QueryPredictions[GivenPoses], int]:
-    """Make predictions of poses whose names are those of photos; count those of others.
-
-    Raises
-    ------
-    PredictionError
-        A name is that of several queries, two are of one, none is of any; a rotation is none.
-    """
+    """Make predictions of poses whose names are those of photos; count those of others."""
     import numpy as np
 
     from airzoo_bench.evaluation.prediction_files import QueryPredictions
@@ -125,13 +113,7 @@ def _content(given: NamedPoses, path: Path) -> GivenPoses:
 
 
 def refuse_other_world(content: GivenPoses, scenes: Sequence[MatchingTruth], path: Path) -> None:
-    """Refuse cameras that all stand far from every map.
-
-    Raises
-    ------
-    PredictionError
-        It names the offset from the nearest.
-    """
+    """Refuse cameras that all stand far from every map."""
     import numpy as np
 
     centres = content.poses.centres[content.found]

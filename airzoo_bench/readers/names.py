@@ -4,7 +4,8 @@ Methods name an image by its path: absolute or relative to some folder, with or 
 with either kind of slash, or by its last part alone. The id is the one whose own name the path ends
 with. A path with a folder that is called as a scene means images of that scene only; of several
 such folders the innermost counts, as in ``/east/exports/west/x.jpg``, which is of west. What names
-no scene means the only image that it fits, and is refused where it fits several.
+no scene means the only image that it fits, and is refused where it fits several. A name with
+positions, ``@east@north@...@x@.png``, means the image x.
 """
 
 from __future__ import annotations
@@ -69,21 +70,7 @@ class ImageNames:
         home: str = "",
         change: Callable[[str], str] = str,
     ) -> ImageNames:
-        """Take ids with their images' names, relative to the folder of their scene.
-
-        Parameters
-        ----------
-        what : str
-        names : iterable of (id, name)
-        left_out : iterable of (id, name)
-            Images that a method may name, too, and that are none of these.
-        scenes : iterable of str
-            Ids of scenes that paths may name, besides those of the images.
-        home : str
-            A folder whose scene is meant by paths that name none.
-        change : callable, optional
-            What the method does to names before it writes them.
-        """
+        """Take ids with their images' names, relative to the folder of their scene."""
         others = dict(left_out)
         alone: dict[str, str] = {}
         by_last: dict[str, list[tuple[_Parts, str, str]]] = {}
@@ -104,13 +91,14 @@ class ImageNames:
         return cls(what, alone, by_last, frozenset(others), scene_of)
 
     def find(self, path: str) -> str | None:
-        """Return the id of the image that a path means; None where it means none.
+        """Return the id of the image that a path means; None where it means none."""
+        found = self._find(path)
+        folder, _, last = path.strip().rpartition("/")
+        if found is None and last.startswith("@"):
+            return self._find(f"{folder}/{_stem(last).rstrip('@').rpartition('@')[2]}")
+        return found
 
-        Raises
-        ------
-        PredictionError
-            It could be several; they are named.
-        """
+    def _find(self, path: str) -> str | None:
         folder, _, last = path.strip().rpartition("/")
         alone = self.alone.get(_stem(last))
         if alone is not None and alone not in self.left_out:
@@ -128,10 +116,7 @@ class ImageNames:
         )
 
     def _fitting(self, parts: _Parts) -> list[tuple[int, str]]:
-        """Return the ids that a path fits, with how many of its last parts are their names'.
-
-        Those whose scene the path names come alone, and those of other scenes do not fit.
-        """
+        """Return the ids that a path fits, with how many of its last parts are their names'."""
         named, unnamed = [], []
         for own, scene, one in self._called(parts[-1]) if parts else ():
             shared = 1 if len(own) == 1 else _shared(parts, own)
@@ -151,13 +136,7 @@ class ImageNames:
         return self.by_last.get(last, [])
 
     def find_all(self, paths: Sequence[str], where: Path) -> list[str | None]:
-        """Return the id of each path.
-
-        Raises
-        ------
-        PredictionError
-            A path could mean several images, two mean the same, or none means any.
-        """
+        """Return the id of each path."""
         try:
             found = [self.find(path) for path in paths]
         except PredictionError as error:
@@ -224,16 +203,7 @@ def _scene(one: str) -> str:
 def scene_finder(
     scenes: Iterable[str], change: Callable[[str], str] = str, otherwise: str | None = None
 ) -> Callable[[str], str | None]:
-    """Return what finds the innermost scene in a folder's path; the images of a folder are many.
-
-    Parameters
-    ----------
-    scenes : iterable of str
-    change : callable, optional
-        What the method does to names before it writes them.
-    otherwise : str or None
-        What is returned for a path that names none.
-    """
+    """Return what finds the innermost scene in a folder's path; the images of a folder are many."""
     spelled = {_folders(change(scene)): scene for scene in sorted(scenes)}
     lengths = sorted({*map(len, spelled)} - {0}, reverse=True)
 
@@ -266,13 +236,7 @@ def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
 
 
 def read_names(path: Path) -> list[str]:
-    """Read a list of image names, a line each; empty lines are left out.
-
-    Raises
-    ------
-    PredictionError
-        It is missing, too large or no text.
-    """
+    """Read a list of image names, a line each; empty lines are left out."""
     text = read_text(path, PredictionError, "list of image names", _LIMIT_BYTES)
     lines = text.removeprefix("\ufeff").splitlines()
     return [line.strip() for line in lines if line.strip()]

@@ -105,13 +105,7 @@ class Pictures:
         return f"{stem} and {stem}{_CROP}"
 
     def find(self, name: str) -> Picture | None:
-        """Return the picture of a name; None where it is that of none.
-
-        Raises
-        ------
-        PredictionError
-            It could be several.
-        """
+        """Return the picture of a name; None where it is that of none."""
         if name not in self._found:
             self._found[name] = self._sought(name)
         return self._found[name]
@@ -164,16 +158,7 @@ class MatchRows:
     def add(
         self, photo: Picture, reference: Picture, photo_xy: Floats, map_xy: Floats, source: str
     ) -> None:
-        """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0).
-
-        The `source` is what they are called where they stand, for messages.
-
-        Raises
-        ------
-        PredictionError
-            Pixels lie outside their picture, are not finite, or take too much memory; or the pair
-            was taken before, as where a folder holds two runs.
-        """
+        """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0)."""
         first = self._pairs.setdefault(
             (str(photo.query), reference.origin, reference.whole), source
         )
@@ -213,18 +198,7 @@ class MatchRows:
         self._farthest[kind] = np.maximum(self._farthest.get(kind, farthest), farthest)
 
     def predictions(self, *, rounded: bool = False) -> MatchingPredictions:
-        """Return what was taken as predictions, in pixels of the whole map.
-
-        Parameters
-        ----------
-        rounded : bool
-            Whether pixels went through float16, and the reader says so.
-
-        Raises
-        ------
-        PredictionError
-            Pixels of all photos, or of all crops, lie in their upper left part.
-        """
+        """Return what was taken as predictions, in pixels of the whole map."""
         import numpy as np
 
         from airzoo_bench.evaluation.prediction_files import QueryPredictions

@@ -30,10 +30,7 @@ class PoseRows:
 
 
 def first_rows(path: Path) -> list[list[str]]:
-    """Return the first rows of a text, split at blanks; none of what is no text.
-
-    Comments and empty lines are left out, and so is a row that the head of the file cuts.
-    """
+    """Return the first rows of a text, split at blanks; none of what is no text."""
     if not path.is_file() or path.suffix.lower() not in ("", ".txt", ".tum", ".kitti", ".log"):
         return []
     head = first_bytes(path, _HEAD_BYTES)
@@ -72,22 +69,7 @@ def unit_share(values: Floats) -> float:
 
 
 def pose_rows(path: Path, columns: int, *, named: bool, memory_bytes: int) -> PoseRows:
-    """Read all rows of a text of poses.
-
-    Parameters
-    ----------
-    path : Path
-    columns : int
-        Of numbers.
-    named : bool
-        Whether a name stands before them.
-    memory_bytes : int
-
-    Raises
-    ------
-    PredictionError
-        It is too large or no text, is empty, or a row has other columns or words for numbers.
-    """
+    """Read all rows of a text of poses."""
     from airzoo_bench.formats.budget import Budget
 
     Budget(memory_bytes).hold(path, "its text", path.stat().st_size * _BYTES_A_BYTE)

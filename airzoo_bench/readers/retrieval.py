@@ -58,19 +58,7 @@ class SceneImages:
 
     @classmethod
     def of(cls, reading: Reading, path: Path) -> SceneImages:
-        """Take the names of scenes.
-
-        Parameters
-        ----------
-        reading : Reading
-        path : Path
-            The predictions.
-
-        Raises
-        ------
-        PredictionError
-            There is no scene, since the benchmark folder is missing.
-        """
+        """Take the names of scenes."""
         if not reading.truths:
             raise PredictionError(
                 "its names of images mean nothing without the benchmark, whose folder is missing",
@@ -98,14 +86,7 @@ class SceneImages:
         return ImageNames.of("tile", tiles, scenes=self.scenes, home=self.home)
 
     def of_run(self, folders: Iterable[str]) -> SceneImages:
-        """Take the scene that the folders of a run name for that of its names without one.
-
-        Of each path the innermost scene counts. Where two name different ones, none is taken.
-
-        Parameters
-        ----------
-        folders : iterable of str
-        """
+        """Take the scene that the folders of a run name for that of its names without one."""
         scene_of = scene_finder(truth.scene for truth in self.truths)
         named = {scene_of(folder) for folder in folders} - {None}
         return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
@@ -128,19 +109,13 @@ class NamedRows:
 
 
 def check_descriptors(path: Path, what: str, rows: NDArray[Any], names: int | None = None) -> None:
-    """Refuse what are no descriptors, or not as many as there are names.
-
-    Raises
-    ------
-    PredictionError
-        The message says what it is instead.
-    """
-    fine = rows.ndim == 2 and rows.dtype.kind == "f" and rows.dtype.itemsize <= 8
+    """Refuse what are no descriptors, or not as many as there are names."""
+    fine = rows.ndim == 2 and rows.dtype.kind in "biuf" and rows.dtype.itemsize <= 8
     if not fine or not rows.size:
         raise PredictionError(
             f"{what} has type {rows.dtype} and shape {rows.shape}",
             where=path,
-            expected="descriptors: floating point of 16, 32 or 64 bits, a row an image",
+            expected="descriptors: numbers of at most 64 bits, a row an image",
             fix="write the file again",
         )
     if names is not None and names != len(rows):
@@ -193,16 +168,11 @@ def _shown(name: str) -> str:
 def join(
     path: Path, queries: Sequence[NamedRows], galleries: Sequence[NamedRows]
 ) -> RetrievalPredictions:
-    """Make predictions of descriptors; the galleries of several files stay where they are.
-
-    Raises
-    ------
-    PredictionError
-        Files have descriptors of different lengths.
-    """
+    """Make predictions of descriptors; the galleries of several files stay where they are."""
     import numpy as np
 
     from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.formats.arrays import as_floating
     from airzoo_bench.retrieval.descriptor_rows import RowParts
     from airzoo_bench.retrieval.predictions import Descriptors
 
@@ -215,7 +185,8 @@ def join(
             fix="describe photos and tiles of all scenes with one model",
         )
     asked = np.concatenate([one.ids for one in queries])
-    rows = queries[0].rows if len(queries) == 1 else np.concatenate([one.rows for one in queries])
+    parts = [as_floating(one.rows) for one in queries]
+    rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
     tiles = np.concatenate([one.ids for one in galleries])
     gallery: Any = galleries[0].rows
     if len(galleries) > 1:
@@ -229,13 +200,7 @@ def ranked_lists(
     scores: Mapping[str, Sequence[float]] | None,
     budget: Budget,
 ) -> RetrievalPredictions:
-    """Make predictions of ranked ids, best first, of any lengths.
-
-    Raises
-    ------
-    PredictionError
-        There is none, or they take too much memory.
-    """
+    """Make predictions of ranked ids, best first, of any lengths."""
     import numpy as np
 
     from airzoo_bench.evaluation.prediction_files import QueryPredictions

@@ -6,6 +6,7 @@ or a folder with such an output a scene, ``PATH/<scene>/...``.
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
 
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["ScenePlaces", "SceneReader", "find_scenes"]
 
 _LOOKED_AT = 256
+_NUMBER_AND_NAME = re.compile(r"(\d+(?:\.\d+)?)\s+(.+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,31 +50,34 @@ class ScenePlaces:
     reading: Reading
 
     def listed_names(self, place: Path) -> list[str] | None:
-        """Return the names of a scene's views that ``--names`` lists; None where it is not given.
+        """Return the names of views that ``--names`` lists of a scene; None without it."""
+        return None if self.reading.names is None else self._of_place(self._names, place)
 
-        Raises
-        ------
-        PredictionError
-            The list cannot be read, or it is of several scenes and names what is no photo.
-        """
-        if self.reading.names is None:
-            return None
+    def numbered_names(self, place: Path) -> dict[float, str]:
+        """Return the listed names of a scene by number: ``number name`` in each line, or from 0."""
+        lines = [_NUMBER_AND_NAME.fullmatch(line) for line in self._names]
+        numbers = {line[2]: float(line[1]) for line in lines if line is not None}
+        if len(numbers) < len(lines):
+            return dict(enumerate(self._of_place(self._names, place)))
+        names = self._of_place(list(numbers), place)
+        found = {numbers[name]: name for name in names}
+        if len(found) < len(names):
+            raise PredictionError(
+                f"gives {counted(len(names), 'photo')} {len(found):,} numbers",
+                where=self.reading.names,
+                expected="another number for each photo of a scene",
+            )
+        return found
+
+    def _of_place(self, names: list[str], place: Path) -> list[str]:
+        """Return the names that are of the scene at a place."""
         if len(self.places) == 1:
-            return self._names
-        return [
-            name
-            for name, one in zip(self._names, self._scenes, strict=True)
-            if self.places.get(one) == place
-        ]
+            return names
+        scenes = zip(names, self._scenes(names), strict=True)
+        return [name for name, one in scenes if self.places.get(one) == place]
 
     def photos(self, place: Path, names: Sequence[str]) -> list[str]:
-        """Return the benchmark's names of the photos that names mean; others stay as they are.
-
-        Raises
-        ------
-        PredictionError
-            See `ImageNames.find_all`.
-        """
+        """Return the benchmark's names of the photos that names mean; others stay as they are."""
         scene = next(scene for scene, one in self.places.items() if one == place)
         truth = next((one for one in self.reading.truths if one.scene == scene), None)
         if truth is None:
@@ -100,12 +106,11 @@ class ScenePlaces:
     def _names(self) -> list[str]:
         return [] if self.reading.names is None else read_names(self.reading.names)
 
-    @cached_property
-    def _scenes(self) -> list[str]:
+    def _scenes(self, names: list[str]) -> list[str]:
         """Return the scene of each listed name."""
         known = self._named(self.reading.truths)
-        found = known.find_all(self._names, self.reading.names or self.path)
-        lost = [repr(name) for name, one in zip(self._names, found, strict=True) if one is None]
+        found = known.find_all(names, self.reading.names or self.path)
+        lost = [repr(name) for name, one in zip(names, found, strict=True) if one is None]
         if lost:
             raise PredictionError(
                 f"names that are of no photo, so that their scene is not known: {first_of(lost)}",
@@ -135,22 +140,7 @@ class SceneReader(Reader):
 
     @abstractmethod
     def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
-        """Read the output of one scene.
-
-        Parameters
-        ----------
-        scenes : ScenePlaces
-            All scenes.
-        place : Path
-            Of this scene.
-        memory : int
-            The most that it may take, in bytes.
-
-        Raises
-        ------
-        PredictionError
-            See `Reader.read`.
-        """
+        """Read the output of one scene."""
 
     def sure_within(self, place: Path) -> float:
         """Do the same for what lies in a folder of scenes' outputs."""
@@ -184,20 +174,7 @@ class SceneReader(Reader):
 
 
 def find_scenes(path: Path, reading: Reading, is_scene: Callable[[Path], bool]) -> ScenePlaces:
-    """Find the output of each scene.
-
-    Parameters
-    ----------
-    path : Path
-    reading : Reading
-    is_scene : callable
-        Whether a file or folder is one scene's output.
-
-    Raises
-    ------
-    PredictionError
-        There is none; it is one scene's, and not clear whose; or a scene has two.
-    """
+    """Find the output of each scene; refuse none, one of an unknown scene, and two of a scene."""
     known = [scene.id for scene in reading.protocol.scenes]
     if is_scene(path):
         return ScenePlaces(path, {_only_scene(path, known): path}, (), reading)

@@ -75,14 +75,7 @@ class StatedShapes:
         side.beyond = side.beyond or farthest > share + _SLACK_PX / size[axis]
 
     def check(self, path: Path) -> None:
-        """Refuse pictures that look padded or exchanged.
-
-        Raises
-        ------
-        PredictionError
-            In nearly all files the crop has the shape of the photo, and the photo another; or no
-            match of any file lies where pictures would have been padded.
-        """
+        """Refuse pictures that look padded or exchanged."""
         if self._exchanged >= max(_LEAST_EXCHANGED, _NEARLY_ALL * self._told):
             raise PredictionError(
                 f"the sizes that {counted(self._exchanged, 'file')} state give the crop the shape "

@@ -45,13 +45,7 @@ class Trajectory:
     camera_to_world: Any
 
     def poses(self, names: list[str] | None) -> ImagePoses:
-        """Return the cameras world-to-camera, under names, or without.
-
-        Raises
-        ------
-        PredictionError
-            Names are doubled, or of another number.
-        """
+        """Return the cameras world-to-camera, under names, or without."""
         import numpy as np
 
         from airzoo_bench.formats.budget import Budget
@@ -91,19 +85,7 @@ def _is_unit(quaternion: list[float]) -> bool:
 
 
 def read_trajectory(path: Path, *, w_first: bool) -> Trajectory:
-    """Read lines of number, centre and quaternion of camera-to-world poses.
-
-    Parameters
-    ----------
-    path : Path
-    w_first : bool
-        Whether quaternions are w x y z, else x y z w.
-
-    Raises
-    ------
-    PredictionError
-        There is none; a line has other columns, or its quaternion is not of unit length.
-    """
+    """Read lines of number, centre and quaternion of camera-to-world poses."""
     import numpy as np
 
     from airzoo_bench.core.files import read_text

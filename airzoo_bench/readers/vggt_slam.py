@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.readers.map_files import maps_of_files
-from airzoo_bench.readers.names import read_names
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import (
     Trajectory,
@@ -64,7 +63,7 @@ class VggtSlam(SceneReader):
         """See `SceneReader.conventions`."""
         listed = scenes.reading.names
         if listed is not None:
-            named = f"number k is line k, from 0, of {listed.name}"
+            named = f"number k is line k, from 0, of {listed.name}, or the photo with it there"
         else:
             named = "numbers are the first number in the name of each photo"
         return (
@@ -138,8 +137,8 @@ def _last_of_each(trajectory: Trajectory) -> Trajectory:
 def _names(scenes: ScenePlaces, place: Path, trajectory: Trajectory) -> list[str]:
     """Return the photo of each number."""
     if scenes.reading.names is not None:
-        listed = scenes.listed_names(place) or read_names(scenes.reading.names)
-        photos = {float(number): name for number, name in enumerate(scenes.photos(place, listed))}
+        listed = scenes.numbered_names(place)
+        photos = dict(zip(listed, scenes.photos(place, list(listed.values())), strict=True))
     else:
         photos = _by_number(scenes.photo_names(place), trajectory.path)
         if not photos:  # without the benchmark folder; scoring says that it is missing
@@ -149,7 +148,8 @@ def _names(scenes: ScenePlaces, place: Path, trajectory: Trajectory) -> list[str
         raise PredictionError(
             f"numbers that are of no photo: {first_of(lost, len(trajectory.numbers))}",
             where=trajectory.path,
-            expected="the first number in the name of each photo, or lines of --names from 0",
+            expected="the first number in the name of each photo, or lines of --names: "
+            "'number name', or names alone, counted from 0",
             fix=_RENAME,
         )
     return [photos[number] for number in trajectory.numbers]

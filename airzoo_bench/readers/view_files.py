@@ -75,16 +75,7 @@ def sorted_images(folder: Path) -> list[str]:
 
 
 def view_names(scenes: ScenePlaces, place: Path, beside: Path | None = None) -> ViewNames | None:
-    """Name the views of a scene: by ``--names``, else by the sorted images beside them.
-
-    None where there is neither; the views are then taken for the scene's photos in the order of
-    their names, if their poses fit.
-
-    Raises
-    ------
-    PredictionError
-        See `ScenePlaces.listed_names` and `ScenePlaces.photos`.
-    """
+    """Name the views of a scene: by ``--names``, else by the sorted images beside them."""
     listed = scenes.listed_names(place)
     if listed is not None:
         return ViewNames(scenes.photos(place, listed), f"in {scenes.reading.names}")
@@ -151,21 +142,7 @@ def read_views(
     names: ViewNames | None,
     made: Mapping[str, Callable[[], Any]] | None = None,
 ) -> ScenePrediction:
-    """Read depth maps, or point maps where there are none; pixel centres are integers.
-
-    Parameters
-    ----------
-    file : NpzFile
-    fields : ViewFields
-    names : ViewNames or None
-    made : mapping of str to callable, optional
-        Fields by the suite's names that are made of others.
-
-    Raises
-    ------
-    PredictionError
-        See `read_maps`; or names are of another number than the views.
-    """
+    """Read depth maps, or point maps where there are none; pixel centres are integers."""
     import numpy as np
 
     from airzoo_bench.reconstruction.depth_map_files import maps_of
@@ -199,15 +176,7 @@ def read_views(
 
 
 def as_maps(file: NpzFile, name: str, ndim: int) -> Any:
-    """Return maps (N, H, W) or (N, H, W, 3), without an axis of 1 before or behind.
-
-    Where they are compressed and large, one at a time is unpacked.
-
-    Raises
-    ------
-    PredictionError
-        They have another number of axes.
-    """
+    """Return maps (N, H, W) or (N, H, W, 3), without an axis of 1 before or behind."""
     import numpy as np
 
     from airzoo_bench.formats.npz_rows import RowStream

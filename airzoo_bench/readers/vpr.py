@@ -27,7 +27,7 @@ from airzoo_bench.readers.retrieval import (
     ranked_lists,
 )
 from airzoo_bench.readers.vpr_log import VprLog, read_log
-from airzoo_bench.readers.vpr_names import NameSource, name_source
+from airzoo_bench.readers.vpr_names import BY_COUNT, FIX, NameSource, name_source
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,6 +45,9 @@ _HEADS = ("Query path:", "Predictions paths:", "Positives paths:")
 _LIST_BYTES = 4 << 20
 _BYTES_OF_NAME = 300  # of memory, for a path and what stands for it
 _DOUBLE = 8
+_LISTS_COMPARED = 64
+_ROWS = 4096  # of the gallery at a time
+_ROUNDING = 1e-4  # of squared distances, which the method computes in float32
 _AGAIN = "run the method again with --save_descriptors"
 
 
@@ -79,7 +82,9 @@ class VprReader(Reader):
             predictions = ranked_lists(path, lists, None, budget)
             said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
         conventions = (*_ran(logs), *names.said, *said)
-        said_too = (*_unused(empty), *aside(left), *notes)
+        listed = all(_list_files(log.folder) for log in logs)
+        assumed = [one for one in names.said if one == BY_COUNT and not listed]
+        said_too = (*_unused(empty), *aside(left), *assumed, *notes)
         return ReadPredictions(predictions, conventions, said_too, names.beside(path))
 
 
@@ -179,24 +184,91 @@ def _descriptors(
     log: VprLog, images: SceneImages, names: NameSource, budget: Budget
 ) -> tuple[NamedRows, NamedRows]:
     """Map the gallery of one log folder, read its queries, and name both."""
-    from airzoo_bench.formats.npy import map_floats
+    from airzoo_bench.formats.npy import map_numbers
 
     folder, rows = log.folder, {}
     for file in (_DATABASE, _QUERIES):
         if not (folder / file).is_file():
             raise PredictionError(f"lacks {file}", where=folder, expected="both files", fix=_AGAIN)
-        rows[file] = map_floats(folder / file)
+        rows[file] = map_numbers(folder / file)
         check_descriptors(folder / file, "it", rows[file])
     gallery, asked = rows[_DATABASE], rows[_QUERIES]
     _check_counts(log, len(gallery), len(asked))
     budget.hold(folder, "its queries", asked.size * (asked.itemsize + _DOUBLE))
     budget.hold(folder, "the names of its images", (len(gallery) + len(asked)) * _BYTES_OF_NAME)
     here = images.of_run(log.folders)
-    tiles, photos = names.of(log, here, len(gallery), len(asked))
-    return (
+    tiles, photos, assumed = names.of(log, here, len(gallery), len(asked))
+    named = (
         query_rows(photos, _in_memory(asked), here, folder / _QUERIES),
         gallery_rows(tiles, gallery, here, folder / _DATABASE),
     )
+    if assumed:
+        _check_order(log, here, photos, *named, budget)
+    return named
+
+
+def _check_order(
+    log: VprLog,
+    images: SceneImages,
+    photos: Sequence[str],
+    queries: NamedRows,
+    gallery: NamedRows,
+    budget: Budget,
+) -> None:
+    """Refuse names by order that positions in names, or the lists in preds/, contradict."""
+    files = _list_files(log.folder)
+    if log.labels and not files:
+        raise _unnamed(log.folder, "its images were ordered by the positions in their names")
+    if not files or queries.rows.shape[1] != gallery.rows.shape[1]:  # `join` refuses the lengths
+        return
+    described = queries.ids.tolist()
+    rows, tiles = [], []
+    for file in files[:: len(files) // _LISTS_COMPARED + 1]:
+        query, ranked = _read_list(file, budget)
+        found, number = images.queries.find(query), int(file.stem)
+        if number >= len(photos) or found != images.queries.find(photos[number]):
+            raise _unnamed(file, f"is of {query[-80:]!r}, by order another photo")
+        if found is not None:
+            rows.append(described.index(found))
+            tiles.append(_tiles(ranked, images, file))
+    wrong = _not_nearest(queries.rows[rows], tiles, gallery)
+    if wrong is not None:
+        raise _unnamed(files[0].parent, f"{described[rows[wrong]]} has other nearest tiles")
+
+
+def _unnamed(where: Path, why: str) -> PredictionError:
+    return PredictionError(
+        f"rows of descriptors have no names, and the benchmark's order is not theirs: {why}",
+        where=where,
+        expected="folders in info.log that are the benchmark's or below the predictions, a list "
+        "of names, or preds/ without descriptors",
+        fix=f"{FIX}, or move both .npy files elsewhere to have the lists of preds/ scored",
+    )
+
+
+def _not_nearest(
+    queries: NDArray[np.floating], ranked: Sequence[Sequence[str]], gallery: NamedRows
+) -> int | None:
+    """Return the first query whose list is not in the order of L2 distances, if there is one."""
+    import numpy as np
+
+    from airzoo_bench.core.ids import rows_among
+    from airzoo_bench.retrieval.descriptor_rows import rows_of
+
+    asked = queries.astype(np.float64)
+    nearest, longest = np.full(len(asked), np.inf), 0.0
+    for _, rows in rows_of(gallery.rows).blocks(_ROWS):
+        squares = (rows.astype(np.float64) ** 2).sum(axis=1)
+        distances = squares - 2 * asked @ rows.T.astype(np.float64)
+        nearest = np.minimum(nearest, distances.min(axis=1))
+        longest = max(longest, float(squares.max()))
+    for query, tiles in enumerate(ranked):
+        found = rows_of(gallery.rows).take(rows_among(np.array(tiles), gallery.ids))
+        own = (found.astype(np.float64) ** 2).sum(axis=1) - 2 * found @ asked[query]
+        slack = _ROUNDING * (longest + asked[query] @ asked[query])
+        if (np.diff(own, prepend=nearest[query]) < -slack).any() or own[0] > nearest[query] + slack:
+            return query
+    return None
 
 
 def _in_memory(rows: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -30,6 +30,8 @@ class VprLog:
         Queries and database images.
     only_wrong : bool
         Whether lists of rightly answered queries were left out.
+    labels : bool
+        Whether names of images begin with positions, which decide their order.
     """
 
     folder: Path
@@ -38,6 +40,7 @@ class VprLog:
     queries: str | None = None
     counts: tuple[int, int] | None = None
     only_wrong: bool = False
+    labels: bool = False
 
     @property
     def folders(self) -> tuple[str, ...]:
@@ -58,6 +61,7 @@ def read_log(folder: Path) -> VprLog:
         _argument(arguments, "queries_folder"),
         (int(counts[1]), int(counts[2])) if counts else None,
         "save_only_wrong_preds=True" in arguments,
+        "use_labels=True" in arguments,
     )
 
 

@@ -17,16 +17,16 @@ from airzoo_bench.readers.vpr_log import VprLog
 if TYPE_CHECKING:
     from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["NameSource", "name_source"]
+__all__ = ["BY_COUNT", "FIX", "NameSource", "name_source"]
 
 _LISTED = (".jpg", ".jpeg", ".png")
 _LISTED_BEFORE = (".jpg",)  # until March 2025, and in this case only
 _TIMES_LISTED, _LEAST_LISTED = 8, 100_000  # what a log names may be any folder of this computer
-_FIX = "list the database images, then the queries, in the method's order, and add --names LIST"
+FIX = "list the database images, then the queries, in the method's order, and add --names LIST"
 _BY_FILE = "names are those of the _images_paths.txt beside the folders that info.log names"
 _BY_LIST = "names are the lines of --names: each run's database images, then its queries"
 _BY_LISTING = "names are the files in the folders that info.log names, in the order of their paths"
-_BY_COUNT = (
+BY_COUNT = (
     "names are taken by order: the folders of info.log are neither the benchmark's nor below the "
     "predictions, and as many images as were described are in the benchmark, sorted by path"
 )
@@ -64,34 +64,20 @@ class NameSource:
 
     def of(
         self, log: VprLog, images: SceneImages, tiles: int, photos: int
-    ) -> tuple[Sequence[str], Sequence[str]]:
-        """Return the names of a run's database images and of its queries.
-
-        Parameters
-        ----------
-        log : VprLog
-        images : SceneImages
-            Of the scenes that the run may be of.
-        tiles, photos : int
-            Rows that need a name.
-
-        Raises
-        ------
-        PredictionError
-            There are other numbers of names than rows, or none at all.
-        """
+    ) -> tuple[Sequence[str], Sequence[str], bool]:
+        """Return the names of a run's database images and queries, and whether they are assumed."""
         if self.given is not None:
-            return self._from_list(tiles, photos)
+            return *self._from_list(tiles, photos), False
         listed = [
             _from_folder(self._ours(folder), rows)
             for folder, rows in ((log.database, tiles), (log.queries, photos))
         ]
         if listed[0] is None or listed[1] is None:
-            self.used[_BY_COUNT] = None
-            return _by_count(log, images, tiles, photos)
+            self.used[BY_COUNT] = None
+            return *_by_count(log, images, tiles, photos), True
         self.used |= dict.fromkeys((listed[0].said, listed[1].said))
         self.lists |= dict.fromkeys(one.file for one in listed if one and one.file)
-        return listed[0].checked(tiles), listed[1].checked(photos)
+        return listed[0].checked(tiles), listed[1].checked(photos), False
 
     def _ours(self, folder: str | None) -> str | None:
         """Return a folder that may be listed, None for another; which it is is not told."""
@@ -102,13 +88,7 @@ class NameSource:
         return folder if any(place.is_relative_to(root) for root in roots) else None
 
     def check_used_up(self) -> None:
-        """Refuse a list of names that is longer than all rows.
-
-        Raises
-        ------
-        PredictionError
-            The message says by how many.
-        """
+        """Refuse a list of names that is longer than all rows."""
         if self.given:
             raise _other_count(self.path, f"{counted(len(self.given), 'name')} more than rows")
 
@@ -126,19 +106,13 @@ class NameSource:
 
 
 def name_source(names: Path | None, folders: tuple[Path, ...]) -> NameSource:
-    """Make what names rows, by a list where there is one, else by what is in some folders.
-
-    Raises
-    ------
-    PredictionError
-        The list cannot be read.
-    """
+    """Make what names rows, by a list where there is one, else by what is in some folders."""
     return NameSource(None if names is None else read_names(names), names, folders)
 
 
 def _other_count(path: Any, what: str) -> PredictionError:
     return PredictionError(
-        what, where=path, expected="a name for each row of the descriptors", fix=_FIX
+        what, where=path, expected="a name for each row of the descriptors", fix=FIX
     )
 
 
@@ -181,10 +155,7 @@ class _Below(Sequence[str]):
 
 
 def _from_folder(folder: str | None, rows: int) -> _Listed | None:
-    """Name the images of a folder as the method's dataset class does; None where it is not here.
-
-    The method before March 2025 took other files; its listing is taken where it alone fits.
-    """
+    """Name the images of a folder as the method's dataset class does; None where it is not here."""
     if not folder or not _is_folder(folder):
         return None
     listed = Path(folder + "_images_paths.txt")
@@ -220,10 +191,7 @@ def _files(folder: str, most: int) -> Iterator[str]:
 def _by_count(
     log: VprLog, images: SceneImages, tiles: int, photos: int
 ) -> tuple[list[str], list[str]]:
-    """Take the benchmark's own order where one scene, or all, has as many images as rows.
-
-    One scene is that which the run's folders name, if they name one.
-    """
+    """Take the benchmark's own order where one scene, or all, has as many images as rows."""
     choices: list[tuple[RetrievalTruth, ...]] = [
         (truth,) for truth in images.truths if images.home in ("", truth.scene)
     ]
@@ -247,7 +215,7 @@ def _by_count(
         where=log.folder,
         expected="folders in info.log that are the benchmark's or below the predictions, or a list "
         "of names",
-        fix=_FIX,
+        fix=FIX,
     )
 
 
@@ -261,7 +229,7 @@ def _check_order(log: VprLog, paths: Sequence[str]) -> None:
             where=log.folder,
             expected="folders in info.log that are the benchmark's or below the predictions, or a "
             "list of names",
-            fix=_FIX,
+            fix=FIX,
         )
 
 

@@ -52,11 +52,7 @@ def predict(
     resources: Resources,
     note: Callable[[str], None],
 ) -> None:
-    """Reconstruct every scene, and write a cloud and cameras of each.
-
-    The frame is COLMAP's own: scoring aligns it by the cameras. What a run that was stopped has
-    made is kept next to `out` and taken up by the next.
-    """
+    """Reconstruct every scene, and write a cloud and cameras of each."""
     check_output_folder(out, ("protocol.txt",))
     kept = out.with_name(f".{out.name}.unfinished")
     for scene in protocol.scenes:
@@ -101,28 +97,7 @@ def sparse_reconstruction(
     folder: Path,
     resources: Resources,
 ) -> Model:
-    """Reconstruct photos by structure from motion.
-
-    Parameters
-    ----------
-    photos : sequence of N Path
-    cameras : Cameras
-        Of the photos as stored; they stay as they are.
-    positions : (N, 3) array or None
-        Such as GPS, for finding neighbours; NaN where not known.
-    settings : SfmSettings
-    folder : Path
-        Keeps what steps have made; a second run takes it up.
-    resources : Resources
-        The result does not depend on it.
-
-    Raises
-    ------
-    UsageError
-        Fewer than 3 photos.
-    UserError
-        A photo is not readable, or the folder cannot be written to.
-    """
+    """Reconstruct photos by structure from motion."""
     if len(photos) < _LEAST_PHOTOS:
         raise UsageError(
             f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
@@ -160,16 +135,7 @@ def sparse_reconstruction(
 
 
 def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) -> Ints:
-    """List pairs of photos to match, (P, 2): the first below the second; sorted.
-
-    Parameters
-    ----------
-    count : int
-    positions : (count, 3) array or None
-        NaN where not known: such a photo is paired with all.
-    neighbours : int or None
-        See `SfmSettings`.
-    """
+    """List pairs of photos to match, (P, 2): the first below the second; sorted."""
     first, second = np.triu_indices(count, k=1)
     if positions is None or neighbours is None or neighbours >= count - 1:
         return np.stack((first, second), axis=1)

@@ -11,13 +11,15 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Ints
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
+from airzoo_bench.reconstruction.alignment.camera_sets import LEAST_CAMERAS, PosedCameras
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError
 from airzoo_bench.reconstruction.image_poses import ImagePoses
 from airzoo_bench.reconstruction.pose_metrics import pair_errors
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_plausibility import (
     refuse_camera_to_world,
     suspect_camera_to_world,
+    suspect_names,
 )
 
 __all__ = ["match_cameras"]
@@ -38,27 +40,7 @@ _OTHER_PHOTOS = (
 def match_cameras(
     images: ImagePoses | None, truth: ReconstructionTruth, place: str
 ) -> PosedCameras | None:
-    """Name the cameras of a prediction as the truth names them.
-
-    Parameters
-    ----------
-    images : ImagePoses or None
-        None where the prediction holds no cameras.
-    truth : ReconstructionTruth
-    place : str
-        The file, for messages.
-
-    Returns
-    -------
-    PosedCameras or None
-        NaN where there is no pose.
-
-    Raises
-    ------
-    PredictionError
-        An image name that the truth lacks, or that stands for two images; no names, where it is not
-        clear which view is which photo's; poses that are clearly inverted.
-    """
+    """Name the cameras of a prediction as the truth does; NaN where a pose is missing."""
     if images is None:
         return None
     names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
@@ -67,15 +49,13 @@ def match_cameras(
     refuse_camera_to_world(images.poses.take(found), true, place)
     rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
     centres = np.where(images.found[:, None], images.poses.centres, np.nan)
-    return PosedCameras(tuple(names), centres, rotation)
+    cameras = PosedCameras(tuple(names), centres, rotation)
+    suspect_names(cameras, truth.posed, place)
+    return cameras
 
 
 def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
-    """Take views without names for the photos in the order of their names, where cameras agree.
-
-    Compared is what no choice of the world changes; a wrong order would else be scored as a bad
-    method.
-    """
+    """Take views without names for the photos in the order of their names, where cameras agree."""
     photos = sorted(truth.photos["image"])
     if len(images.names) != len(photos):
         more = len(images.names) == len(photos) + len(truth.excluded) > len(photos)
@@ -86,8 +66,8 @@ def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> lis
             _OTHER_PHOTOS if more else _LIST,
         )
     rows = np.flatnonzero(images.found)
-    if len(rows) < 2:
-        raise _nameless("has no image_names, and too few poses to tell which view is which", place)
+    if len(rows) < LEAST_CAMERAS:
+        raise AlignmentError("has no image_names, and too few poses to tell which view is which")
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
     true = truth.poses.take(_true_rows([photos[row] for row in rows], truth))
     given = images.poses.take(rows)

@@ -32,12 +32,7 @@ _BETWEEN = "about the middle between it and the truth"
 
 
 def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
-    """Say what a cloud may be instead, by its bounds (2, 3) and those of the truth.
-
-    Only for clouds that are meant to lie where the truth lies: before an alignment with scale, any
-    scale and place is right. Robust bounds (percentiles) see through outliers; those that are not
-    finite tell nothing.
-    """
+    """Say what a cloud may be instead, by its bounds (2, 3) and those of the truth."""
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
         return ()
     if _is_degrees(cloud, truth):
@@ -54,23 +49,7 @@ def plausibility_warnings(cloud: Floats, truth: Floats) -> tuple[str, ...]:
 def lost_digits(
     points: Floats, stored: np.dtype[Any], scale: float, tolerance: float
 ) -> str | None:
-    """Say where coordinates lost digits before they came here.
-
-    Text of six digits keeps 5,000,000 m to 10 m, float32 to half a metre, even where the file now
-    holds float64: what has no more than seven digits, or fits float32, in all of the coordinates is
-    taken to have gone through either.
-
-    Parameters
-    ----------
-    points : (N, 3) array
-        As the file holds them; the first some will do.
-    stored : dtype
-        Type that the coordinates are stored in.
-    scale : float
-        Metres that a unit of the points is.
-    tolerance : float
-        The expected error, root mean square, that is worth a word, in metres.
-    """
+    """Say where coordinates lost digits before they came here."""
     finite = points[np.abs(points).max(axis=1, initial=0.0) < _LARGEST]
     if not len(finite):
         return None
@@ -110,27 +89,22 @@ def _digits(value: np.floating[Any]) -> int:
 def mirror_warning(
     cloud: Floats, truth: Floats, transform: Similarity, near: Iterable[float]
 ) -> str | None:
-    """Say where a cloud (N, 3) would fit the truth (M, 3) if its axes were negated or exchanged.
-
-    Tried are the axes of the prediction's own frame, from which `transform` brought it, about its
-    origin, where conventions differ (OpenGL's y and z, y or z that point up), and those of the
-    truth's about the middle of the cloud, and about any plane, such as that of the cameras: the
-    middle then lies between cloud and truth. A point fits where the truth is nearer than one of the
-    distances `near`; the first that tells is taken. A flat scene fits at large ones however it is
-    turned over.
-    """
+    """Say where a cloud (N, 3) would fit the truth (M, 3) if its axes were negated or exchanged."""
     from scipy.spatial import cKDTree
 
     if not (len(cloud) and len(truth)):
         return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
     tree = cKDTree(truth - truth[0])
+    closest, *_ = limits = sorted(near)
+    if _share_near(tree, some - truth[0], closest) > _POOR:  # as for nearly every cloud
+        return None
     apart = np.median(truth, axis=0) - np.median(some, axis=0)
     others = list(_with_other_axes(some, transform, apart))
     # A cloud that is merely elsewhere would fit about as well without being mirrored.
     moved = np.array([words.endswith(_BETWEEN) for _, words in others])
     tried = [some, some + apart, *(points for points, _ in others)]
-    for limit in sorted(near):
+    for limit in limits:
         own, shifted, *rest = (_share_near(tree, points - truth[0], limit) for points in tried)
         least = np.maximum(_GOOD, 2 * np.where(moved, max(own, shifted), own))
         shares = np.where(rest >= least, rest, 0.0)

@@ -220,11 +220,7 @@ def surface_depth(
     max_depth: float,
     confidence_above: float | None,
 ) -> Floats:
-    """Return the depth map (H, W) of one view, 0 where it has no surface that counts.
-
-    Depths are multiplied by `scale`, and `max_depth` is of the depths so multiplied. On
-    `confidence_above` see `DepthCloud`.
-    """
+    """Return the depth map (H, W) of one view, 0 where it has no surface that counts."""
     with np.errstate(invalid="ignore"):  # of NaN, which compares false
         depth = maps.depth[row].astype(np.float64) * scale
     surface = (depth > 0.0) & (depth <= max_depth)

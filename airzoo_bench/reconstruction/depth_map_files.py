@@ -90,28 +90,7 @@ def holds_maps(path: Path, limit_bytes: int) -> bool:
 
 
 def read_maps(path: Path, limit_bytes: int) -> ScenePrediction:
-    """Read depth maps or point maps.
-
-    Maps that `numpy.savez` wrote stay in the file until they are used, so that they may be larger
-    than memory.
-
-    Parameters
-    ----------
-    path : Path
-        An npz with ``depth`` (N, H, W) or (N, H, W, 1), ``intrinsics``, ``extrinsics`` and
-        ``image_names``; or with ``world_points`` or ``points`` (N, H, W, 3) and, as far as there
-        are any, these. ``conf``, ``colours`` and ``pixel_centres`` are optional. A file whose
-        ``pixel_centres`` are ``integer`` has its principal points shifted, so that the corner of
-        the first pixel is (0, 0).
-    limit_bytes : int
-        The most that the file's arrays may take in memory together.
-
-    Raises
-    ------
-    PredictionError
-        Another kind of file; a field is missing, misnamed or of another shape; intrinsics of
-        another resolution; extrinsics that are no poses; names that are missing or doubled.
-    """
+    """Read depth maps or point maps."""
     return maps_of(open_arrays(path, limit_bytes))
 
 
@@ -213,8 +192,8 @@ def _cameras(
 
 def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:
     values = _optional(arrays, _CONFIDENCE, shape)
-    if values is not None and (values.dtype.kind != "f" or values.dtype.itemsize > 8):
-        raise field_fault(arrays, f"the confidence is {values.dtype}", "floating point")
+    if values is not None and (values.dtype.kind not in "biuf" or values.dtype.itemsize > 8):
+        raise field_fault(arrays, f"the confidence is {values.dtype}", "numbers")
     return values
 
 

@@ -62,26 +62,14 @@ class ImagePoses:
 
 
 def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
-    """Read the cameras that go with a cloud: ``image_names`` and ``extrinsics``.
-
-    Raises
-    ------
-    PredictionError
-        As of `read_maps`.
-    """
+    """Read the cameras that go with a cloud: ``image_names`` and ``extrinsics``."""
     arrays = open_arrays(path, limit_bytes)
     check_fields(arrays, ("image_names", "extrinsics"), ("protocol", *CAMERA_FIELDS), _EXPECTED)
     return image_poses(arrays, len(texts(arrays, "image_names", 1)))
 
 
 def image_poses(arrays: Arrays, count: int) -> ImagePoses:
-    """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images.
-
-    Raises
-    ------
-    PredictionError
-        A field of another length; names that are empty or doubled; matrices that are no poses.
-    """
+    """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images."""
     arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
     named = "image_names" in arrays.names()
     names = np.array([f"view {row}" for row in range(count)])

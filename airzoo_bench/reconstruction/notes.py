@@ -20,6 +20,7 @@ from airzoo_bench.reconstruction.cloud_plausibility import (
 from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
 from airzoo_bench.reconstruction.image_poses import ImagePoses
+from airzoo_bench.reconstruction.prepared import PreparedCloud
 from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.reconstruction.settings import (
     Fusion,
@@ -30,6 +31,7 @@ from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.view_plausibility import (
     suspect_camera_to_world,
     suspect_image_size,
+    suspect_names,
 )
 
 __all__ = ["scene_notes"]
@@ -37,6 +39,7 @@ __all__ = ["scene_notes"]
 _PIECE = 1 << 14
 _FEW, _LEAST, _SHARE = 1000, 20, 0.5
 _HALF_TURN_DEG = 150.0
+_LEAST_OUTSIDE = 0.005  # less is 0 %
 _LOOKED_AT = 1 << 22
 
 
@@ -154,12 +157,21 @@ def _cloud_notes(scored: ScoredScene, scores: ReconstructionScores) -> list[str]
     transform = scored.alignment.transform
     mirrored = mirror_warning(cloud.sample, true.sample, transform, scores.f1_below_m)
     notes += odd or ([mirrored] if mirrored else [])
+    notes += _outside_note(cloud)
     if not cloud.source.count:
         if not cloud.outside and not cloud.not_finite and not distrusted:
             notes.append("the prediction holds no point, or no depth within the protocol's range")
-        cropped = f" ({counted(cloud.outside, 'point')} outside the crop)" if cloud.outside else ""
-        notes.append(f"no point is left to compare{cropped}: it scores 0 and infinite distances")
+        notes.append("no point is left to compare: it scores 0 and infinite distances")
     return notes
+
+
+def _outside_note(cloud: PreparedCloud) -> list[str]:
+    """Say which share of a prediction no score counts, and where that is more than half of it."""
+    share = cloud.outside / max(cloud.source.count + cloud.thinned + cloud.outside, 1)
+    if share < _LEAST_OUTSIDE:
+        return []
+    mostly = ": precision and F1 tell of the smaller part" if share > _SHARE else ""
+    return [f"{share:.0%} of the prediction lies outside the scored region, uncounted{mostly}"]
 
 
 def _odd_views(
@@ -222,8 +234,8 @@ def _odd_cameras(
     there = np.flatnonzero(np.isfinite(cameras.centres).all(axis=1))
     given = Poses(rotation=cameras.rotation[there], centres=cameras.centres[there])
     true = truth.poses.take(np.array([rows[cameras.names[row]] for row in there], dtype=int))
-    turned = suspect_camera_to_world(given, true)
-    return [turned] if turned else []
+    odd = (suspect_camera_to_world(given, true), suspect_names(cameras, truth.posed, truth.scene))
+    return [one for one in odd if one]
 
 
 def _alignment_notes(alignment: Alignment | None) -> list[str]:

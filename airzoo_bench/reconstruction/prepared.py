@@ -88,24 +88,7 @@ def cropped_region(
     block_points: int,
     engine: Engine = HERE,
 ) -> Region | None:
-    """Return what a protocol crops both clouds to, or None.
-
-    Parameters
-    ----------
-    truth : CloudSource
-        The true cloud, which `box` holds.
-    box : Box
-    settings : Preparation
-    block_points : int
-        Points that are read at a time.
-    engine : Engine
-        Shards are its tasks.
-
-    Raises
-    ------
-    BenchmarkError
-        The true cloud spans too much for columns.
-    """
+    """Return what a protocol crops both clouds to, or None; shards of the true cloud are tasks."""
     if settings.crop == "none":
         return None
     if settings.crop == "box":
@@ -122,15 +105,7 @@ def prepared(
     block_points: int,
     engine: Engine = HERE,
 ) -> PreparedCloud:
-    """Prepare a cloud, cropped to a region where one is given; its shards are tasks.
-
-    So many `block_points` are read at a time, and about as many voxels may be occupied.
-
-    Raises
-    ------
-    UsageError
-        More voxels are occupied.
-    """
+    """Prepare a cloud, cropped to a region where one is given; its shards are tasks."""
     grid = _grid(settings, block_points)
     counts = np.zeros(3, np.int64)
     some = [np.zeros((0, 3))]
@@ -181,11 +156,7 @@ def _grid(settings: Preparation, block_points: int) -> VoxelGrid | None:
 
 
 def grid_origin(size: float) -> Floats:
-    """Return a corner (3,) of the voxels of this side, the same for all clouds.
-
-    It is no round number: coordinates that were rounded to centimetres would else lie on the
-    borders of voxels, where rounding decides.
-    """
+    """Return a corner (3,) of the voxels of this side, the same for all clouds."""
     return np.full(3, size * _OFF_GRID)
 
 

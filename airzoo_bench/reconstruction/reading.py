@@ -78,15 +78,7 @@ class ReconstructionPredictions(ABC):
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> AbstractContextManager[ScenePrediction]:
-        """Open a scene's entry, for as long as it is used.
-
-        Its files may take `limit_bytes` in memory together; meshes are refused without `sampling`.
-
-        Raises
-        ------
-        PredictionError
-            See `open_cloud`, `read_maps` and `Bundle.file`, or the reader.
-        """
+        """Open a scene's entry, for as long as it is used."""
 
     def unknown(self, known: Collection[str]) -> tuple[str, ...]:
         """Scenes that the benchmark lacks: misspelt, perhaps."""
@@ -177,15 +169,7 @@ class ListedFiles(ReconstructionPredictions):
 
 
 def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles:
-    """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene.
-
-    An archive may take `unpacked_limit_bytes` on disk once unpacked.
-
-    Raises
-    ------
-    PredictionError
-        See `open_bundle`; or a scene has two entries, or there is none at all.
-    """
+    """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
         entries = {stem_of(path.name): _Entry((member,), None)}

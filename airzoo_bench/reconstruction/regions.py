@@ -54,13 +54,7 @@ def bounding_box(points: Floats) -> Box:
 
 
 def box_of(source: CloudSource, engine: Engine = HERE) -> Box:
-    """Smallest box that holds the finite points of the true cloud; its shards are tasks.
-
-    Raises
-    ------
-    BenchmarkError
-        There are none.
-    """
+    """Smallest box that holds the finite points of the true cloud; its shards are tasks."""
     corners = [found["corners"] for found in over_shards(_corners, source, _PIECE, engine)]
     low_and_high = np.concatenate(corners)
     if not len(low_and_high):
@@ -147,15 +141,7 @@ class Columns:
 def occupied_cells(
     pieces: Iterable[Floats], size: tuple[float, float, float], box: Box, margin: float = 0.0
 ) -> CellSet:
-    """Cells, of these sides, that hold one of the finite points (N, 3) of some pieces.
-
-    The box holds all points; beyond it, cells are numbered as far as `margin`, too.
-
-    Raises
-    ------
-    BenchmarkError
-        The box has too many cells to number.
-    """
+    """Cells, of these sides, that hold one of the finite points (N, 3) of some pieces."""
     found = _numbered(np.array(size), box, margin)
     keys = found.keys
     for points in pieces:
@@ -179,10 +165,7 @@ def _numbered(sides: Floats, box: Box, margin: float) -> CellSet:
 def occupying(
     cloud: CloudSource, size: tuple[float, float, float], points: int, engine: Engine
 ) -> Iterator[Floats]:
-    """Yield pieces (N, 3) that occupy the cells that a cloud does; its shards are tasks.
-
-    Of a cloud in shards these are some points of each cell, else all finite points.
-    """
+    """Yield pieces (N, 3) that occupy the cells that a cloud does; its shards are tasks."""
     if len(shards_of(cloud)) == 1:
         return finite_pieces(cloud, points)
     found = over_shards(_some_of_cells, cloud, (np.array(size), points), engine)
@@ -200,23 +183,7 @@ def _some_of_cells(shared: tuple[Floats, int], shard: Shard) -> dict[str, NDArra
 
 
 def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: float) -> Columns:
-    """Columns that hold one of the finite points of some pieces, or come within a margin of one.
-
-    Parameters
-    ----------
-    pieces : iterable of (N, 3) arrays
-    size : float
-        Side of a column.
-    box : Box
-        That holds all points.
-    margin : float
-        Upwards and downwards it is added to the box.
-
-    Raises
-    ------
-    BenchmarkError
-        See `occupied_cells`.
-    """
+    """Columns that hold one of the finite points of some pieces, or come within a margin of one."""
     occupied = occupied_cells(pieces, (size, size, np.inf), box, margin + size)
     grown = occupied.keys
     reach = int(np.floor(margin / size)) + 1

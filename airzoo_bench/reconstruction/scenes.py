@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Headed, shown
 from airzoo_bench.core.temporaries import PART
 from airzoo_bench.engines.engine import Engine
@@ -42,7 +41,12 @@ from airzoo_bench.reconstruction.prepared import (
 )
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.regions import Box, CellSet, box_of
-from airzoo_bench.reconstruction.scoring import ScoredScene, pose_scores, record_scene
+from airzoo_bench.reconstruction.scoring import (
+    ScoredScene,
+    pose_scores,
+    record_scene,
+    score_failed,
+)
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionProtocol
 from airzoo_bench.reconstruction.sharded import over_shards
@@ -67,17 +71,19 @@ def scored_scene(
     protocol: ReconstructionProtocol,
     resources: Resources,
 ) -> Iterator[ScoredScene]:
-    """Read a scene's prediction and score it; an error names the scene.
-
-    Its clouds may be read within the context only.
-    """
+    """Read a scene's prediction and score it; an error names the scene."""
     memory_bytes = resources.memory_bytes
     with _opened(predictions, truth.scene, protocol, memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, memory_bytes, _sampling(protocol))
-        cameras = match_cameras(prediction.images, truth, _place(predictions, truth.scene))
-        geometry = prediction.posed_geometry
-        scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
-        notes = scene_notes(prediction, cameras, truth, scored, protocol)
+        try:
+            cameras = match_cameras(prediction.images, truth, _place(predictions, truth.scene))
+            geometry = prediction.posed_geometry
+            scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
+            notes = scene_notes(prediction, cameras, truth, scored, protocol)
+        except AlignmentError as error:
+            # The method failed here; its file is not to blame.
+            scored = score_failed(truth.scene, protocol.scores)
+            notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         told = tuple(f"scene {truth.scene}: {note}" for note in notes)
         yield replace(scored, kind=prediction.kind, notes=told)
 
@@ -90,20 +96,7 @@ def score_geometry(
     protocol: ReconstructionProtocol,
     resources: Resources,
 ) -> ScoredScene:
-    """Do with a cloud or maps all that the protocol says, and compare them with the true cloud.
-
-    The cameras go by the names that the truth has; they are None where the prediction holds none.
-
-    Raises
-    ------
-    PredictionError
-        There are no cameras, and the protocol requires them; it cannot be aligned, read or fused,
-        or all of its points are NaN or infinite.
-    BenchmarkError
-        The true cloud has no point, none that the photos see, or none within the crop.
-    UserError
-        Temporary files of large clouds cannot be written.
-    """
+    """Do with a cloud or maps all that the protocol says, and compare them with the true cloud."""
     settings, true_cameras = protocol.preparation, truth.posed
     block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     _require_cameras(cameras, protocol.alignment)
@@ -123,7 +116,6 @@ def score_geometry(
     region = cropped_region(true_cloud, box, settings, block, engine)
     prepare = partial(prepared, settings=settings, region=region, block_points=block, engine=engine)
     predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
-    _refuse_nothing_finite(predicted)
     true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
     rows = _observed_rows(true, box, truth, settings, block, engine)
     distances = cloud_distances(
@@ -183,16 +175,6 @@ def _distrusted(geometry: Geometry, transform: Similarity, fusion: Fusion, point
     return found[0] - found[1]
 
 
-def _refuse_nothing_finite(cloud: PreparedCloud) -> None:
-    if cloud.not_finite and not (cloud.source.count or cloud.outside):
-        raise PredictionError(
-            f"all {counted(cloud.not_finite, 'point has', 'points have')} a coordinate that is "
-            "NaN, infinite or too large to compute with",
-            expected="finite coordinates",
-            fix="write the cloud again, without points that were not reconstructed",
-        )
-
-
 def _observed_rows(
     true: PreparedCloud,
     box: Box,
@@ -221,13 +203,7 @@ def read_through(
     protocol: ReconstructionProtocol,
     memory_bytes: int,
 ) -> list[str]:
-    """Read a scene's prediction without a truth; returns what there is to say about it.
-
-    Raises
-    ------
-    PredictionError
-        It cannot be read.
-    """
+    """Read a scene's prediction without a truth; returns what there is to say about it."""
     with _opened(predictions, scene, protocol, memory_bytes) as prediction:
         if isinstance(prediction.geometry, FileCloud):
             # A file that is cut off is found out where it is read.

@@ -34,11 +34,7 @@ def pose_auc_column(limit_deg: float) -> str:
 
 
 def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -> list[Score]:
-    """Return the scores that a protocol asks for, those of poses where predictions hold any.
-
-    The headline is the paper's: Chamfer distance, and F1 with its precision and recall. The columns
-    are those of `scoring.record_scene`.
-    """
+    """Return the scores that a protocol asks for, those of poses where predictions hold any."""
     main = settings.headline_below_m
     scores = [
         _distance("chamfer_m", "Chamfer", headline=True),

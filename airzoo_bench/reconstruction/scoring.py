@@ -35,12 +35,19 @@ from airzoo_bench.reconstruction.settings import ReconstructionScores
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ScoredScene", "pose_scores", "record_scene", "score_missing", "worst_poses"]
+__all__ = [
+    "ScoredScene",
+    "pose_scores",
+    "record_scene",
+    "score_failed",
+    "score_missing",
+    "worst_poses",
+]
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredScene:
-    """What came of a scene; all but `record` and `counts` is None where there is no prediction.
+    """What came of a scene; all but `record` and `counts` is None where no clouds are compared.
 
     Attributes
     ----------
@@ -83,16 +90,7 @@ def record_scene(
     poses: dict[str, float],
     settings: ReconstructionScores,
 ) -> ScoredScene:
-    """Score what was measured between the prepared clouds of a scene, prediction and truth.
-
-    Recall and completeness are over `recalled`, distances (T,) of true points; `distrusted` counts
-    predicted points whose confidence is not above the protocol's; `poses` are `pose_scores`.
-
-    Raises
-    ------
-    BenchmarkError
-        No true point is left.
-    """
+    """Score what was measured between the prepared clouds of a scene, prediction and truth."""
     predicted, true = clouds
     counts = {
         "points": len(distances.to_truth),
@@ -126,6 +124,12 @@ def score_missing(scene: str, settings: ReconstructionScores) -> ScoredScene:
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
     record = {"scene": scene, "answered": False, "points": 0, **worst}
     return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
+
+
+def score_failed(scene: str, settings: ReconstructionScores) -> ScoredScene:
+    """Score a scene whose prediction cannot be aligned: as a missing one, with failed poses."""
+    record = score_missing(scene, settings).record | {"answered": True} | worst_poses(settings)
+    return ScoredScene(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
 
 
 def _cloud_columns(
@@ -166,23 +170,7 @@ def pose_scores(
     truth: PosedCameras,
     settings: ReconstructionScores,
 ) -> dict[str, float]:
-    """Score camera poses against those of all true cameras.
-
-    Parameters
-    ----------
-    predicted : PosedCameras or None
-        By the names that the truth has, in any order.
-    transform : Similarity
-        Of the cloud into the frame of the truth; ATE and RPE take it where the protocol says so.
-    truth : PosedCameras
-        All of the scene's, in the order that RPE steps through.
-    settings : ReconstructionScores
-
-    Returns
-    -------
-    dict of str to float
-        By column; nothing where either side has no orientations.
-    """
+    """Score camera poses against those of all true cameras."""
     if predicted is None or predicted.rotation is None or truth.rotation is None:
         return {}
     if len(truth.names) < 2:
@@ -223,10 +211,7 @@ def _aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str
 
 
 def _umeyama(centres: Floats, true: Floats) -> Similarity:
-    """Bring all predicted cameras nearest to the true ones, as evo does.
-
-    Where centres lie on a line the turn about it is free, and changes neither error.
-    """
+    """Bring all predicted cameras nearest to the true ones, as evo does."""
     if not len(centres):
         return Similarity.identity()
     (fit,), _ = fit_many(centres[None], true[None], with_scale=True)

@@ -17,10 +17,7 @@ R = TypeVar("R")
 def over_shards(
     work: Callable[[S, Shard], R], cloud: CloudSource, shared: S, engine: Engine
 ) -> Iterator[R]:
-    """Yield what ``work(shared, shard)`` returns, in the order of a cloud's shards.
-
-    A cloud that is not in shards stays in this process.
-    """
+    """Yield what ``work(shared, shard)`` returns, in the order of a cloud's shards."""
     shards = shards_of(cloud)
     where = engine if len(shards) > 1 else HERE
     return where.map(work, shards, shared=shared, stage="shards", name=lambda shard: shard.name)

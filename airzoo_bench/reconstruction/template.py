@@ -16,15 +16,7 @@ _DEPTH_M = (20.0, 120.0)
 
 
 def depth_template(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[Any]]:
-    """Make small random depth maps at random poses, one for each photo of a scene.
-
-    Returns
-    -------
-    dict of str to array
-        ``image_names`` (N,), ``pixel_centres`` (), ``depth`` and ``conf`` (N, H, W) float32,
-        ``intrinsics`` (N, 3, 3) at the size of the maps, ``extrinsics`` (N, 3, 4) world-to-camera.
-        All photos are taken to have the proportions of the first.
-    """
+    """Make small random depth maps at random poses, one for each photo of a scene."""
     random = np.random.default_rng(seed)
     count = len(truth.photos)
     size = np.array([truth.cameras.width[0], truth.cameras.height[0]], dtype=np.float64)

@@ -73,11 +73,13 @@ class ReconstructionTrack(
             "figures",
             "Draw curves and maps of errors into --out.",
             "airzoo_bench.report.reconstruction:draw_figures",
+            files=r".+_(curve|precision|recall)\.png",
         ),
         EvalOption(
             "clouds",
             "Write clouds coloured by their errors into --out.",
             "airzoo_bench.report.reconstruction:write_clouds",
+            files=r".+_(precision|recall)\.ply",
         ),
     )
     files = {"alignment.json": _write_alignments}  # noqa: RUF012 - never changed
@@ -227,10 +229,7 @@ class ReconstructionTrack(
         protocol: ReconstructionProtocol,
         resources: Resources,
     ) -> list[str]:
-        """Score the scene, since only that finds all that scoring would refuse.
-
-        Where the truth is sealed its files are read through instead.
-        """
+        """Score the scene, since only that finds all that scoring would refuse."""
         from airzoo_bench.reconstruction.scenes import read_through
 
         if truth.is_sealed:

@@ -17,13 +17,7 @@ __all__ = ["open_true_cloud"]
 
 
 def open_true_cloud(path: Path, memory_bytes: int, sampling: MeshSampling) -> CloudSource:
-    """Open the true cloud.
-
-    Raises
-    ------
-    BenchmarkError
-        It cannot be read: now, or when its pieces are.
-    """
+    """Open the true cloud."""
     with _blamed(path):
         if path.is_dir():
             return _TrueCloud(path, open_shards(path, shards_in(path), memory_bytes))

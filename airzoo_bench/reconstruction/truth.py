@@ -95,15 +95,7 @@ class ReconstructionTruth:
 def build_truth(
     inputs: SceneInputs, cloud: Path, chosen: pd.Series[bool] | None = None
 ) -> ReconstructionTruth:
-    """Put the photos of a scene, all or the chosen rows, and the true cloud together.
-
-    The cloud is in the scene's CRS; `chosen` is (N,) bool.
-
-    Raises
-    ------
-    UsageError
-        The cloud is not there.
-    """
+    """Put the photos of a scene, all or the chosen rows, and the true cloud together."""
     import pandas as pd
 
     if not cloud.exists():
@@ -130,13 +122,7 @@ def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
-    """Read a scene's truth, as far as it is not sealed, and hold the cloud to its checksum.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing or damaged, or the cloud is not the one that was prepared.
-    """
+    """Read a scene's truth, as far as it is not sealed, and hold the cloud to its checksum."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     home = folder / "reconstruction"
     excluded = read_excluded(benchmark, scene, "reconstruction")

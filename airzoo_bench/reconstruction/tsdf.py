@@ -62,31 +62,7 @@ def fuse(
     *,
     confidence_above: float | None,
 ) -> Floats:
-    """Fuse depth maps and return the points where the surface crosses edges between voxels.
-
-    Where voxels lie does not depend on the cameras. Coordinates are single precision about the
-    cameras' least corner: over a kilometre they are good to 0.1 mm.
-
-    Parameters
-    ----------
-    maps : DepthMaps
-        Of pinhole cameras.
-    transform : Similarity
-        Into the frame of the truth; depths grow by its scale.
-    settings : TsdfSettings
-    confidence_above : float or None
-        Pixels need a higher one; None takes all, as do maps without confidence.
-
-    Returns
-    -------
-    (N, 3) array
-        Sorted by x, y, z; empty where no map has a surface.
-
-    Raises
-    ------
-    PredictionError
-        A camera has lens distortion, or the surface needs more voxels than there may be.
-    """
+    """Fuse depth maps and return the points where the surface crosses edges between voxels."""
     if maps.cameras.distortion.any():
         raise PredictionError(
             "depth maps of cameras with lens distortion cannot be fused by TSDF",

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
+from airzoo_bench.reconstruction.alignment.similarity import fit_many
 from airzoo_bench.reconstruction.motions import angle_deg, relative_poses
 
 __all__ = [
@@ -18,6 +20,7 @@ __all__ = [
     "refuse_other_resolution",
     "suspect_camera_to_world",
     "suspect_image_size",
+    "suspect_names",
 ]
 
 _SAME_RATIO = 0.1
@@ -35,29 +38,15 @@ _CLEARLY_BETTER = 0.5
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 # Refused where this many cameras say so, this far off; of fewer, or on a line, it is suspected.
 _LEAST_CAMERAS, _FAR_DEG, _LINE_SHARE = 5, 20.0, 0.05
+# Of the distance between photos that is usual, and of a misfit that another reading may explain.
+_CLEAR_SHIFT, _SUGGESTS, _EXPLAINS = 0.2, 0.5, 0.9
+_ENOUGH_CAMERAS = 10  # of fewer, bad ones may suggest it by chance
 
 
 def refuse_other_resolution(
     cameras: Cameras, names: list[str] | None, where: str
 ) -> tuple[str, ...]:
-    """Refuse intrinsics of images of another size than the maps, which the cameras have.
-
-    The principal point of a whole image lies near its centre. Where it lies at the same multiple
-    of the maps' centre in x and in y, and that is above 1.5 or below 1 / 1.5, the intrinsics are of
-    another resolution. Where it is so in all cameras, within 3 %, a ratio of 1.1 is enough. Names
-    of the images, file and field (`where`) are for messages.
-
-    Returns
-    -------
-    tuple of str
-        Warnings of principal points that are more than a quarter of the image off its centre
-        without such a multiple: of images that were cut, perhaps.
-
-    Raises
-    ------
-    PredictionError
-        Names the first cameras and the ratio.
-    """
+    """Refuse intrinsics of images of another size than the maps, which the cameras have."""
     size = np.stack((cameras.width, cameras.height), axis=-1)
     ratio = cameras.principal_point / (size / 2.0)
     normalised = (np.abs(cameras.principal_point) <= 1.0).all(axis=1) & (size > _SMALLEST).all(
@@ -88,10 +77,7 @@ def refuse_other_resolution(
 
 
 def suspect_image_size(size: tuple[int, int], true_width: int, true_height: int) -> str | None:
-    """Say where maps (width, height) have another shape than the photos that they belong to.
-
-    A warning where the ratio of the sides differs by more than 5 %.
-    """
+    """Say where maps (width, height) have another shape than the photos that they belong to."""
     change = (size[0] / size[1]) / (true_width / true_height)
     if abs(np.log(change)) <= _ASPECT_TOLERANCE:
         return None
@@ -104,18 +90,47 @@ def suspect_image_size(size: tuple[int, int], true_width: int, true_height: int)
 
 
 def suspect_camera_to_world(given: Poses, truth: Poses) -> str | None:
-    """Say where poses look camera-to-world, read as world-to-camera, or the reverse.
-
-    Compared is what no choice of the world changes: the rotation between two cameras, and the
-    direction in which a camera sees another one. The larger of the two angles to the truth is
-    taken; its median over pairs is large as given and small once the poses are inverted, with the
-    axes of OpenCV or of OpenGL. Of more than 64 cameras, an even sample of 64 is compared; fewer
-    than 3 tell nothing.
-    """
+    """Say where poses look camera-to-world, read as world-to-camera, or the reverse."""
     found = _inversion(given, truth)
     if found is None or found.as_given <= _CLEARLY_OFF_DEG:
         return None
     return str(found) if found.inverted < _CLEARLY_BETTER * found.as_given else None
+
+
+def suspect_names(given: PosedCameras, truth: PosedCameras, where: str) -> str | None:
+    """Say where photos named one off explain half of the misfit of centres, refuse nine tenths."""
+    names = sorted(truth.names)
+    true = truth.centres[np.argsort(truth.names)]
+    at = np.searchsorted(names, given.names)
+    spacing = float(np.median(np.linalg.norm(np.diff(true, axis=0), axis=1))) if len(at) else 0.0
+    best = 0.0, ""
+    for aligned in (False, True):
+        here, *others = (_misfit(given.centres, true, at + step, aligned) for step in (0, 1, -1))
+        if _CLEAR_SHIFT * spacing < here < np.inf:
+            which = "next" if others[0] < others[1] else "previous"
+            gone = 1.0 - min(others) / here
+            said = f"centres are {here:.3g} m from the photos they are named for, and {gone:.0%} "
+            best = max(best, (gone, f"{said}nearer to the {which} ones in the order of names"))
+    if best[0] > _EXPLAINS:
+        raise PredictionError(
+            f"names of photos look one off: {best[1]}",
+            where=where,
+            expected="each camera under the name of its own photo",
+            fix="look where the list of names begins: at the first photo, as the views do",
+        )
+    suggested = best[0] > _SUGGESTS and len(at) >= _ENOUGH_CAMERAS
+    return f"are the photos named one off? Their {best[1]}" if suggested else None
+
+
+def _misfit(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float:
+    """Return the median distance of centres (N, 3) to rows of the truth, infinite for too few."""
+    there = (rows >= 0) & (rows < len(true)) & np.isfinite(centres).all(axis=1)
+    source, target = centres[there], true[rows[there]]
+    if len(source) < _LEAST_CAMERAS:
+        return float("inf")
+    if aligned:
+        source = fit_many(source[None], target[None], with_scale=True)[0][0].apply(source)
+    return float(np.median(np.linalg.norm(source - target, axis=1)))
 
 
 def refuse_camera_to_world(given: Poses, truth: Poses, where: str) -> None:

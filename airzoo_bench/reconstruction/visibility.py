@@ -34,15 +34,7 @@ def observed_cells(
     block_points: int,
     engine: Engine = HERE,
 ) -> CellSet:
-    """Cells of the true cloud, which `box` holds, that enough of the photos saw.
-
-    So many `block_points` are read at a time; shards are tasks.
-
-    Raises
-    ------
-    BenchmarkError
-        They see none.
-    """
+    """Cells of the true cloud, which `box` holds, that enough of the photos saw."""
     cell = settings.observed_cell_m
     # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.
     sides = (cell, cell, cell)
@@ -65,12 +57,7 @@ def observed_cells(
 def seen_by(
     points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
 ) -> Bools:
-    """Whether a photo sees each of points (N, 3): centres of the cells that a surface occupies.
-
-    A point is hidden where another one in the same direction is nearer along the optical axis by
-    more than `hidden_beyond`. Directions are cells of a depth buffer, 1.5 to 2.1 times as wide as
-    a cell of the surface, of side `cell`, appears there. Camera and pose are one each.
-    """
+    """Whether a photo sees each of points (N, 3): centres of the cells that a surface occupies."""
     seen = np.zeros(len(points), np.bool_)
     local = apply_matrix(pose.rotation[0], points - pose.centres[0])
     rows = np.flatnonzero(local[:, 2] > _NEAREST)

@@ -56,13 +56,7 @@ class VoxelGrid:
         self._parts: list[_Voxels] = []
 
     def add(self, points: Floats) -> None:
-        """Add finite points (N, 3).
-
-        Raises
-        ------
-        UsageError
-            More voxels are occupied than may be.
-        """
+        """Add finite points (N, 3)."""
         for start in range(0, len(points), _CHUNK):
             self._add(points[start : start + _CHUNK])
             self._require_room()
@@ -72,13 +66,7 @@ class VoxelGrid:
         return vars(self._joined())
 
     def add_sums(self, sums: dict[str, NDArray[Any]]) -> None:
-        """Add what was added to another grid of this size and origin.
-
-        Raises
-        ------
-        UsageError
-            More voxels are occupied than may be.
-        """
+        """Add what was added to another grid of this size and origin."""
         if len(sums["cells"]):
             self._append(_Voxels(sums["cells"], sums["counts"], sums["offsets"]))
             self._require_room()

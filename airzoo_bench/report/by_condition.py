@@ -39,24 +39,7 @@ def draw_by_condition(
     limits: Floats | None = None,
     sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a score of methods in groups of queries.
-
-    Parameters
-    ----------
-    names : sequence of M str
-    values : (M, G) array
-        As in records: shares 0 to 1. Infinite ones are open markers on a band of their own, NaN
-        are left out.
-    labels : sequence of G str
-    counts : sequence of G int
-        Queries in each group, shown with its label.
-    score : ScoreColumn
-    title : str
-        Of the condition, with its unit.
-    limits : (M, G, 2) array, optional
-        Of intervals; NaN where there is none.
-    sheet : Sheet, optional
-    """
+    """Draw a score of methods in groups of queries."""
     sheet = sheet or Sheet()
     usual = 1.2 + len(labels) * max(0.5, 0.25 + 0.075 * len(names))
     width = sheet.wide(float(np.clip(usual, 6.4, _WIDEST_IN)))

@@ -45,20 +45,7 @@ def marker(number: int) -> dict[str, str]:
 
 
 def vertical_axis(score: ScoreColumn, values: Floats) -> dict[str, Any]:
-    """Return a vertical axis: from zero up, or logarithmic where errors span decades.
-
-    Parameters
-    ----------
-    score : ScoreColumn
-    values : (M, G) array
-        Of methods in groups, as in results; NaN where there is none.
-
-    Returns
-    -------
-    dict
-        ``log``; ``ticks``, pairs of a height and a text; ``heights`` (M, G) of the values.
-        Heights go from 0, at the bottom, to 1; infinite and missing values keep theirs.
-    """
+    """Return a vertical axis: from zero up, or logarithmic where errors span decades."""
     shown = shown_value(score, values)
     finite = shown[np.isfinite(shown)]
     log = spans_decades(score, finite)
@@ -94,10 +81,7 @@ def _linear_ticks(finite: Floats) -> Floats:
 
 
 def tints(score: ScoreColumn, values: Floats) -> Floats:
-    """Return the opacity of each cell's background, 0 to 0.42: higher for better values.
-
-    By the scale of colours of `overview.draw_heat_map`; 0 where a value is not finite.
-    """
+    """Return the opacity of each cell's background, 0 to 0.42: higher for better values."""
     shown = shown_value(score, values)
     finite = np.isfinite(shown)
     levels = np.zeros(shown.shape)

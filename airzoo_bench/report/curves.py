@@ -46,13 +46,7 @@ _COUNTED = 6
 
 
 def recall_curve(method: Scored, up_to: int) -> Floats:
-    """Recall at K = 1 ... `up_to`, the unweighted mean over scenes, from first hits.
-
-    Returns
-    -------
-    (`up_to`,) float64
-        0 to 1.
-    """
+    """Recall at K = 1 ... `up_to`, the unweighted mean over scenes, from first hits."""
     shares = []
     for _, rows in method.records.groupby("scene", sort=True):
         ranks = rows["first_hit_rank"].to_numpy(np.int64)
@@ -63,23 +57,14 @@ def recall_curve(method: Scored, up_to: int) -> Floats:
 
 
 def longest_list(method: Scored, up_to: int) -> int:
-    """Return the length of a method's longest list of tiles, 1 to `up_to`.
-
-    Beyond it nothing was measured. Records without the column ``ranked`` do not tell: `up_to`.
-    """
+    """Return the length of a method's longest list of tiles, 1 to `up_to`."""
     if "ranked" not in method.records:
         return up_to
     return int(np.clip(method.records["ranked"].max(), 1, up_to))
 
 
 def kept_ranks(method: Scored) -> int:
-    """Return how many ranks of each query the protocol keeps.
-
-    Raises
-    ------
-    UsageError
-        The results are of another track, or their settings do not say.
-    """
+    """Return how many ranks of each query the protocol keeps."""
     if "first_hit_rank" not in method.records:
         raise UsageError(
             f"results of the {method.result.track} track have no ranks",
@@ -98,23 +83,7 @@ def kept_ranks(method: Scored) -> int:
 def recall(
     methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
 ) -> Figure:
-    """Draw recall at K over K, for each method up to the length of its longest list.
-
-    Markers stand at the K that the axis names; between them only the line is measured.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Of the retrieval track: their records have the rank of the first hit, 0 without one.
-    up_to : int, optional
-        The largest K; by default as many as ranks were kept.
-    sheet : Sheet, optional
-
-    Raises
-    ------
-    UsageError
-        See `kept_ranks`; or `up_to` is beyond them.
-    """
+    """Draw recall at K over K, for each method up to the length of its longest list."""
     kept, sheet = kept_ranks(methods[0]), noted(methods, sheet)
     if up_to is not None and up_to > kept:
         raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
@@ -163,15 +132,7 @@ def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
 
 @default_style()
 def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
-    """Draw the share of queries with an error below a value; failures never count as below.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-    score : ScoreColumn
-        Of metres or degrees.
-    sheet : Sheet, optional
-    """
+    """Draw the share of queries with an error below a value; failures never count as below."""
     sheet = noted(methods, sheet)
     figure = new_canvas(sheet.wide(6.4), _height(sheet))
     axes = figure.add_subplot()

@@ -56,15 +56,7 @@ _DECADE = 10.0
 def choose_score(
     methods: Sequence[Scored], wanted: str | None, *, of_errors: bool = False
 ) -> ScoreColumn:
-    """Return the score that was named, else the first headline one, or the first error.
-
-    Raises
-    ------
-    ResultError
-        There is no such score.
-    UsageError
-        Errors are to be drawn, and the score is none, or there are none.
-    """
+    """Return the score that was named, else the first headline one, or the first error."""
     if wanted is not None:
         chosen = choose_scores(methods, [wanted])[0]
         if of_errors and chosen.unit == "share":
@@ -79,13 +71,7 @@ def choose_score(
 
 
 def of_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
-    """Return the methods restricted to one scene, named by id or title.
-
-    Raises
-    ------
-    ResultError
-        There is no such scene, or several have that title.
-    """
+    """Return the methods restricted to one scene, named by id or title."""
     titles = methods[0].result.truth.scene_titles
     scene = find_scene(titles, wanted)
     found = []
@@ -112,20 +98,7 @@ def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, st
 
 @default_style()
 def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
-    """Draw precision, recall and F1 at the protocol's distances, averaged over scenes.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Of the reconstruction track.
-    sheet : Sheet, optional
-        Panels stand below each other where it is narrow.
-
-    Raises
-    ------
-    UsageError
-        The results are of another track.
-    """
+    """Draw precision, recall and F1 at the protocol's distances, averaged over scenes."""
     keys = threshold_scores(methods[0].result.columns)
     if not keys["f1"]:
         raise UsageError(
@@ -225,20 +198,14 @@ def condition(
     bins: Sequence[float] | None = None,
     sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a score by a condition, with 95 % intervals where a group has enough queries.
-
-    Raises
-    ------
-    UsageError
-        See `airzoo_bench.tables.breakdown.group_records`; or the column differs between methods.
-    """
+    """Draw a score by a condition, with 95 % intervals where a group has enough queries."""
     check_same_column(methods, by)
     grouping = group_records(methods[0].records, by, bins)
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])
     medians = np.full(len(methods), score.average == "median")
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
     plan, unit = ResamplingConfig(), methods[0].result.unit
-    shares = np.full(len(methods), unit == "query" and is_share(score))
+    shares = np.full(len(methods), is_share(score))
     sample = Sample(unit, ("",), (values,), medians, shares)
     found = group_intervals(sample, grouping, plan)
     titles = methods[0].result.truth.scene_titles if by == "scene" else {}

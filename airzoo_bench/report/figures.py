@@ -89,10 +89,7 @@ def any_letters() -> Iterator[None]:
 
 
 def lacking_letters(figure: Figure) -> str:
-    """Return the letters in a picture's texts that the font lacks, each once.
-
-    Only Matplotlib's own font is asked: those of the machine would make other bytes elsewhere.
-    """
+    """Return the letters in a picture's texts that the font lacks, each once."""
     with default_style():
         from matplotlib.font_manager import FontProperties, findfont, get_font
         from matplotlib.text import Text
@@ -106,18 +103,7 @@ def lacking_letters(figure: Figure) -> str:
 def figure_bytes(
     figure: Figure, form: str, settings: dict[str, Any] | None = None, dpi: int | None = None
 ) -> bytes:
-    """Render a figure.
-
-    Parameters
-    ----------
-    figure : Figure
-    form : str
-        One of `FORMATS`.
-    settings : dict, optional
-        Of Matplotlib, where they differ from its defaults.
-    dpi : int, optional
-        Dots per inch of pixels, 200 by default.
-    """
+    """Render a figure."""
     stream = io.BytesIO()
     with default_style(_FILES | (settings or {})), any_letters():
         warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
@@ -127,13 +113,7 @@ def figure_bytes(
 
 
 def check_ending(path: Path) -> str:
-    """Return the format that a file's suffix names: one of `FORMATS`.
-
-    Raises
-    ------
-    UsageError
-        It ends otherwise.
-    """
+    """Return the format that a file's suffix names: one of `FORMATS`."""
     form = path.suffix.lower().removeprefix(".")
     if form not in FORMATS:
         raise UsageError(
@@ -145,11 +125,7 @@ def check_ending(path: Path) -> str:
 
 
 def _settle(figure: Figure) -> None:
-    """Round the positions of axes.
-
-    The solver behind the layout finds them anew in every process, not always to the last bit, and
-    SVG names its parts by all bits.
-    """
+    """Round the positions of axes."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for axes in figure.axes:
@@ -160,20 +136,7 @@ def _settle(figure: Figure) -> None:
 def save_figure(
     figure: Figure, path: Path, settings: dict[str, Any] | None = None, dpi: int | None = None
 ) -> None:
-    """Write a figure atomically; the suffix, ``.png``, ``.svg`` or ``.pdf``, gives the format.
-
-    Parameters
-    ----------
-    figure : Figure
-    path : Path
-    settings, dpi : dict, int, optional
-        See `figure_bytes`.
-
-    Raises
-    ------
-    UsageError
-        It ends otherwise.
-    """
+    """Write a figure atomically; the suffix, ``.png``, ``.svg`` or ``.pdf``, gives the format."""
     content = figure_bytes(figure, check_ending(path), settings, dpi)
     with atomic_write(path) as stream:
         stream.write(content)

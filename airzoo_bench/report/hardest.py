@@ -35,12 +35,7 @@ Pixels = NDArray[np.uint8]
 
 
 def hardest_rows(section: Section, count: int) -> NDArray[np.intp]:
-    """Rank queries by how badly the methods do on them, and return the rows of the first.
-
-    By the mean over methods of the first headline score; where that is equal, by the first error
-    in metres or degrees; then by id. Errors may be infinite and have no mean: what counts is how
-    many queries a method does better on, and the mean of that over methods.
-    """
+    """Rank queries by how badly the methods do on them, and return the rows of the first."""
     keys = [_badness(section, score) for score in _ordering(section)]
     return np.lexsort([-key for key in reversed(keys)])[:count]
 
@@ -75,17 +70,7 @@ def _badness(section: Section, score: ScoreColumn) -> Floats:
 def hardest(
     section: Section, places: Sequence[Place], count: int, notes: list[str]
 ) -> list[dict[str, Any]]:
-    """Return the rows of the hardest queries, with pictures where the folder has them.
-
-    Parameters
-    ----------
-    section : Section
-    places : sequence of Place
-    count : int
-        How many queries; their pictures take no more than 3 MB together.
-    notes : list of str
-        Takes what was left out.
-    """
+    """Return the rows of the hardest queries, with pictures where the folder has them."""
     by_scene = {place.scene: place for place in places}
     records = section.methods[0].records
     left, bare = _TOTAL_BYTES, 0

@@ -44,19 +44,7 @@ def jpeg(pixels: NDArray[np.uint8], quality: int = _QUALITY) -> bytes:
 def maps(
     section: Section, places: Sequence[Place], blobs: Blobs, notes: list[str]
 ) -> list[dict[str, Any]]:
-    """Pack the maps of a section's scenes.
-
-    The pictures take no more than 4 MB together.
-
-    Parameters
-    ----------
-    section : Section
-    places : sequence of Place
-    blobs : Blobs
-        Takes outlines and tiles.
-    notes : list of str
-        Takes why a map was left out: none is there, colours that are not 8 bit, a damaged file.
-    """
+    """Pack the maps of a section's scenes."""
     share = min(_MOST_BYTES, _TOTAL_BYTES // max(len(places), 1))
     unmapped = [place.scene for place in places if place.dom is None]
     if unmapped:
@@ -153,20 +141,7 @@ class Retrieved:
 
 
 def retrieved(section: Section, place: Place, rows: NDArray[np.intp]) -> Retrieved | None:
-    """Find the first tiles of queries in the truth of their scene.
-
-    Parameters
-    ----------
-    section : Section
-    place : Place
-    rows : (Q,) array
-        Of the records; queries of this scene.
-
-    Returns
-    -------
-    Retrieved or None
-        None where there are no tiles, or no records tell of any.
-    """
+    """Find the first tiles of queries in the truth of their scene."""
     found = [tile_columns(method.records.columns) for method in section.methods]
     depth = max(map(len, found))
     if place.tiles is None or place.positives is None or not depth:

@@ -29,20 +29,7 @@ _BREAK: Any = {
 
 
 def take_turns(values: Floats, near: float) -> NDArray[np.bool_]:
-    """Choose which markers are drawn where several would overlap.
-
-    Parameters
-    ----------
-    values : (M, X) array
-        Of M methods at X places; NaN for no mark.
-    near : float
-        Marks at a place that are no farther apart than this cover each other.
-
-    Returns
-    -------
-    (M, X) bool
-        At each place methods with the fewest marks so far come first, then in their order.
-    """
+    """Choose which markers are drawn where several would overlap."""
     chosen = np.zeros(values.shape, np.bool_)
     for place, column in enumerate(values.T):
         there = np.flatnonzero(np.isfinite(column))
@@ -69,22 +56,7 @@ def _follows(one: Floats, other: Floats) -> bool:
 
 
 def draw_markers(axes: Axes, x: Floats, values: Floats, *, near: float, size: float = 4.5) -> None:
-    """Draw the markers of methods at given positions of the x-axis.
-
-    Where markers would cover each other, methods take turns; a method that has no turn at all is a
-    ring around another's marker.
-
-    Parameters
-    ----------
-    axes : Axes
-    x : (X,) array
-    values : (M, X) array
-        NaN for no marker.
-    near : float
-        See `take_turns`.
-    size : float
-        Of a marker, in points.
-    """
+    """Draw the markers of methods at given positions of the x-axis."""
     chosen = take_turns(values, near)
     for number, (row, drawn) in enumerate(zip(values, chosen, strict=True)):
         edge = {"markeredgewidth": 0.4, "markeredgecolor": "white", "zorder": 4}
@@ -104,20 +76,7 @@ def _draw_marks(
 
 
 def add_band(figure: Figure, side: Literal["top", "right"] | None) -> tuple[Axes, Axes | None]:
-    """Add axes and, beyond a break, a band for infinite values.
-
-    Parameters
-    ----------
-    figure : Figure
-    side : {"top", "right"} or None
-        Where the band is; None for no band.
-
-    Returns
-    -------
-    (Axes, Axes or None)
-        The axes and the band: the first shares its other axis with the second, whose own reaches
-        from -1 to 1.
-    """
+    """Add axes and, beyond a break, a band for infinite values."""
     if side is None:
         return figure.add_subplot(), None
     engine: Any = figure.get_layout_engine()

@@ -41,19 +41,7 @@ _GAP = 1.02
 def draw_error_curves(
     records: pd.DataFrame, titles: dict[str, str], thresholds_m: Sequence[float]
 ) -> Figure:
-    """Draw, for each scene, the share of queries whose error is strictly below a value.
-
-    Failures never come below any value, so that a curve ends at the share that was posed.
-
-    Parameters
-    ----------
-    records : DataFrame
-        With the columns ``scene`` and ``error_m``.
-    titles : dict of str to str
-        Titles of the scenes by id, in the order of the legend.
-    thresholds_m : sequence of float
-        Marked by vertical lines.
-    """
+    """Draw, for each scene, the share of queries whose error is strictly below a value."""
     figure, axes = new_figure()
     finite = records.loc[np.isfinite(records["error_m"]), "error_m"]
     right = max(2 * max(thresholds_m), 1.0)
@@ -92,22 +80,7 @@ def draw_matches(
     inliers: NDArray[np.bool_],
     title: str,
 ) -> Figure:
-    """Draw matches between a query and its crop of the map, outliers below inliers.
-
-    Parameters
-    ----------
-    query, crop : (H, W, 3) uint8
-        Pictures; of any size.
-    query_xy, crop_xy : (M, 2) float64
-        In pixels of the pictures as given.
-    inliers : (M,) bool
-        Of the pose that was found; all false where there is none.
-    title : str
-
-    Notes
-    -----
-    Of more than 200 inliers or outliers an even selection is drawn, and the caption says so.
-    """
+    """Draw matches between a query and its crop of the map, outliers below inliers."""
     scale = query.shape[0] / crop.shape[0]
     wide = query.shape[1] * _GAP + crop.shape[1] * scale
     figure, axes = new_figure(9.0, 9.0 * query.shape[0] / wide + 0.4)
@@ -146,18 +119,7 @@ def draw_queries_on_map(
     estimate_xy: Floats,
     title: str,
 ) -> Figure:
-    """Draw where queries are, and vectors from truth to estimate.
-
-    Parameters
-    ----------
-    dom : (H, W, 3) uint8
-        The map.
-    extent : (left, right, bottom, top)
-        Of the map in metres.
-    truth_xy, estimate_xy : (Q, 2) float64
-        Camera centres; NaN estimates are failures, drawn as crosses.
-    title : str
-    """
+    """Draw where queries are, and vectors from truth to estimate."""
     figure, axes = new_figure(7.0, 6.5)
     left, _, bottom, _ = extent
     axes.imshow(dom, extent=tuple(np.subtract(extent, (left, left, bottom, bottom))))
@@ -183,21 +145,7 @@ _LONG_SIDE_PX = 1200
 def draw_figures(
     evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
 ) -> Iterator[str]:
-    """Draw error curves of all scenes; for each scene a map, and the matches of every query.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-    wanted : bool
-    out : Path or None
-        The folder of the run; pictures go into its ``figures``.
-    resources : Resources
-
-    Raises
-    ------
-    BenchmarkError
-        A photo is not there.
-    """
+    """Draw error curves of all scenes; for each scene a map, and the matches of every query."""
     if not wanted or out is None:
         return
     folder, protocol = out / "figures", evaluation.protocol

@@ -70,10 +70,7 @@ class Intervals:
 
 
 def intervals(section: Section) -> Intervals:
-    """Compute 95 % intervals as `compare` does, for the scores and resamples that take seconds.
-
-    With very many values there are fewer resamples, and then intervals of the first score only.
-    """
+    """Compute 95 % intervals as `compare` does, for the scores and resamples that take seconds."""
     scores, resamples = _affordable(section)
     if not scores:
         return Intervals({}, {}, "no intervals: there are too many queries and methods")

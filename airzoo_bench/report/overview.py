@@ -52,20 +52,7 @@ def draw_intervals(
     what: str,
     sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a value and its interval for each method, the best on top.
-
-    Parameters
-    ----------
-    names : sequence of M str
-    values : (M,) array
-        As in results: shares 0 to 1. Infinite values are open markers on a band at the right.
-    limits : (M, 2) array
-        Of the intervals; NaN where there is none. An arrow points to an infinite limit.
-    score : ScoreColumn
-    what : str
-        What the values are over, for the small print.
-    sheet : Sheet, optional
-    """
+    """Draw a value and its interval for each method, the best on top."""
     sheet = (sheet or Sheet()).noting(what)
     width = sheet.wide(6.4)
     figure = new_canvas(width, 0.85 + 0.3 * len(names))
@@ -141,23 +128,7 @@ def draw_heat_map(
     score: ScoreColumn,
     sheet: Sheet | None = None,
 ) -> Figure:
-    """Draw a score by method and scene as coloured cells: brighter is better.
-
-    Parameters
-    ----------
-    names : sequence of M str
-    scenes : sequence of S str
-        Their titles.
-    values : (M, S) array
-        As in results: shares 0 to 1; infinite ones are hatched.
-    score : ScoreColumn
-    sheet : Sheet, optional
-
-    Notes
-    -----
-    The colours span at least ten points, or a quarter of the largest error: values that are
-    nearly alike look alike.
-    """
+    """Draw a score by method and scene as coloured cells: brighter is better."""
     sheet = sheet or Sheet()
     shown = shown_value(score, values)
     width = sheet.wide(max(6.4, 2.9 + 0.58 * len(scenes)))

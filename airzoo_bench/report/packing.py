@@ -52,19 +52,7 @@ class Blobs:
         return {"blob": self.add(text.encode()), "type": "json"}
 
     def numbers(self, values: Floats, texts: Callable[[Floats], list[str]]) -> dict[str, Any]:
-        """Pack numbers as codes of their different values, NaN for none.
-
-        Parameters
-        ----------
-        values : (...) array
-        texts : callable
-            Says how different values are written.
-
-        Returns
-        -------
-        dict
-            The different values, ascending, a blob of their texts, and one of the codes in C order.
-        """
+        """Pack numbers as codes of their different values, NaN for none."""
         different, codes = np.unique(values, return_inverse=True)
         if len(different) > _FEW:
             for digits in range(_DIGITS, 0, -1):

@@ -57,30 +57,7 @@ def make_report(
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Report:
-    """Make the report of results.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Of result files; results that measure the same share a section.
-    data : Path
-        Where benchmark folders are found, for maps and pictures.
-    data_was_named : bool
-        Whether a missing benchmark folder is an error; otherwise maps and pictures are left out.
-    title : str
-    pictures : int
-        How many of the hardest queries each section shows.
-    jobs : int
-        Processes that read large records.
-    progress : Progress
-
-    Raises
-    ------
-    ResultError
-        See `airzoo_bench.report.sections.read_sections`.
-    BenchmarkError
-        The folder that was named is not that of any of the results.
-    """
+    """Make the report of results."""
     sections = read_sections(paths, jobs)
     blobs, notes, faults = Blobs(), list[str](), list[UserError]()
     places = [_places(section, data, notes, faults) for section in sections]

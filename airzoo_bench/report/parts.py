@@ -23,6 +23,7 @@ from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import compared_pairs, references, standings
+from airzoo_bench.results.floors import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import is_hit
 from airzoo_bench.tables.breakdown import condition_title
@@ -41,22 +42,7 @@ def make_part(
     blobs: Blobs,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Return what the page's script reads of a section.
-
-    Parameters
-    ----------
-    number : int
-        From 0: where it stands on the page.
-    section : Section
-    places : sequence of Place
-        Of its scenes; empty without a benchmark folder.
-    pictures : int
-        How many of the hardest queries are shown.
-    blobs : Blobs
-        Takes what is large.
-    notes : list of str
-        Takes what was left out.
-    """
+    """Return what the page's script reads of a section."""
     found = intervals(section)
     figures = part_figures(section, found, notes)
     return {
@@ -127,7 +113,7 @@ def _notes(section: Section) -> list[dict[str, Any]]:
     """Return the notes of all results, each once, with the methods that have it."""
     said: dict[str, list[str]] = {}
     for method in section.methods:
-        for note in method.result.notes:
+        for note in notes_of(method.result):
             said.setdefault(note, []).append(method.name)
     for name in section.conditions_apart:
         text = f"no scores by {condition_title(name)}: the results have other values of it"
@@ -139,6 +125,7 @@ def _method(name: str, result: Result) -> dict[str, Any]:
     used = result.predictions
     return {
         "name": name,
+        "mark": f" {FLOOR_MARK}" if floor_note(result) else "",
         "file": used.file,
         "kind": used.kind,
         "sha256": used.sha256,
@@ -162,15 +149,7 @@ _MOST_ERRORS = 2
 def part_figures(
     section: Section, found: Intervals, notes: list[str]
 ) -> Iterator[tuple[str, Figure]]:
-    """Yield titles and pictures, as the section's track has them.
-
-    Parameters
-    ----------
-    section : Section
-    found : Intervals
-    notes : list of str
-        Takes which picture was left out, and why.
-    """
+    """Yield titles and pictures, as the section's track has them."""
     methods, main = section.methods, section.headline[0]
     yield _averages(section, found, main)
     if len(section.first.scenes) > 1:

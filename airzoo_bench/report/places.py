@@ -20,8 +20,8 @@ from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section
 from airzoo_bench.retrieval.pairs import Positives
+from airzoo_bench.retrieval.questions import scene_truth
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, BOX_COLUMNS, RetrievalTruth
-from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,21 +70,7 @@ class Place:
 
 
 def find_places(section: Section, data: Path) -> list[Place]:
-    """Read where the queries of a section are.
-
-    Parameters
-    ----------
-    section : Section
-    data : Path
-        The benchmark folder, or the folder that holds it.
-
-    Raises
-    ------
-    BenchmarkError
-        The folder is missing or damaged, or its truth is not that of the results.
-    RasterError
-        A map cannot be read.
-    """
+    """Read where the queries of a section are."""
     readers: dict[str, Callable[[Section, Benchmark], list[Place]]] = {
         "retrieval": _retrieval_places,
         "matching": _matching_places,
@@ -108,7 +94,7 @@ def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str])
 
 
 def _retrieval_places(section: Section, benchmark: Benchmark) -> list[Place]:
-    truths = [read_retrieval(benchmark.scene_folder(s), s) for s in section.first.scenes]
+    truths = [scene_truth(benchmark, s) for s in section.first.scenes]
     _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
     return [
         _place_of_images(truth, benchmark)

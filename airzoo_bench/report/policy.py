@@ -9,14 +9,7 @@ __all__ = ["content_policy"]
 
 
 def content_policy(script: str, style: str) -> str:
-    """Return the policy of a page: only this script and style, by their hashes, and no loading.
-
-    Parameters
-    ----------
-    script : str
-        To the letter as the page holds it; empty where it has none.
-    style : str
-    """
+    """Return the policy of a page: only this script and style, by their hashes, and no loading."""
     scripts = _hash(script) if script else "'none'"
     return (
         f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {scripts}; "

@@ -34,17 +34,7 @@ _POINTS_A_CELL = 2
 
 @default_style()
 def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
-    """Draw precision, recall and F1 over the distance below which points count as right.
-
-    Parameters
-    ----------
-    path : Path
-        The ``.png`` to write.
-    curve : Curve
-    limit : float
-        The distance of the headline score, marked.
-    title : str
-    """
+    """Draw precision, recall and F1 over the distance below which points count as right."""
     figure, axes = new_figure(6.0, 4.0)
     for values, name, colour, style in (
         (curve.precision, "precision", COLOURS[0], "-"),
@@ -63,22 +53,7 @@ def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
 
 @default_style()
 def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, title: str) -> None:
-    """Draw the mean distance of points as seen from above, cut at a limit.
-
-    Cells are as small as the points allow; those with no point nearer than the limit have a colour
-    of their own.
-
-    Parameters
-    ----------
-    path : Path
-        The ``.png`` to write.
-    points : (N, 3) array
-        World coordinates in metres.
-    distances : (N,) array
-    limit : float
-        Of the colours.
-    title : str
-    """
+    """Draw the mean distance of points as seen from above, cut at a limit."""
     figure, axes = new_figure(6.4, 5.2)
     axes.set(xlabel="east [m]", ylabel="north [m]", title=title)
     if len(points):
@@ -99,17 +74,7 @@ def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, 
 
 
 def error_colours(distances: Floats, limit: float) -> NDArray[np.uint8]:
-    """Colour points by their distance: dark to bright up to the limit, vermilion from there on.
-
-    Parameters
-    ----------
-    distances : (N,) array
-    limit : float
-
-    Returns
-    -------
-    (N, 3) uint8 array
-    """
+    """Colour points by their distance: dark to bright up to the limit, vermilion from there on."""
     table = (
         (load_matplotlib().colormaps[_MAP](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
     )

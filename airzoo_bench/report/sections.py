@@ -126,28 +126,7 @@ def _is_shown(score: ScoreColumn) -> bool:
 
 
 def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
-    """Read results with their records, and group those that measure the same.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-    jobs : int
-        Processes that read large records.
-
-    Returns
-    -------
-    list of Section
-        Benchmarks in the order in which their first results stand; of each its tracks in the order
-        of `registry.TRACKS`; in each the best method first, by the first of the paper's scores.
-
-    Raises
-    ------
-    UsageError
-        A file is named twice.
-    ResultError
-        See `airzoo_bench.results.records.read_records`; or results of one protocol and truth are on
-        different queries.
-    """
+    """Read results with their records, and group those that measure the same."""
     paths = result_paths(paths)
     results = [read_result(path) for path in paths]
     files = [records_path(path) for path in paths]

@@ -92,20 +92,7 @@ class Sheet:
 
 
 def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
-    """Set the size of text, and write legend, small print and title around the picture.
-
-    The figure grows by what they need: the picture itself keeps its height, whatever stands
-    around it.
-
-    Parameters
-    ----------
-    figure : Figure
-    sheet : Sheet
-    names : sequence of str
-        Of methods, for the legend; empty for none.
-    lines : bool
-        Whether the legend shows a method's line, or its marker alone.
-    """
+    """Set the size of text, and write legend, small print and title around the picture."""
     size = sheet.font(figure.get_figwidth())
     _set_fonts(figure, size)
     if len(names) > MOST_IN_LEGEND:
@@ -157,13 +144,7 @@ def _write(figure: Figure, title: str, notes: Sequence[str], size: float, small:
 
 @default_style()
 def check_room(figure: Figure) -> None:
-    """Refuse a picture whose labels leave no room for its axes.
-
-    Raises
-    ------
-    UsageError
-        It is too narrow.
-    """
+    """Refuse a picture whose labels leave no room for its axes."""
     try:
         with any_letters():
             warnings.filterwarnings("error", NO_ROOM, UserWarning)
@@ -185,18 +166,7 @@ def wrapped(label: str, room_in: float, size: float) -> str:
 
 
 def slant(axes: Axes, longest: int, slot_pt: float, size: float) -> None:
-    """Slant the names below an axis, and let the figure grow by what they need.
-
-    Parameters
-    ----------
-    axes : Axes
-    longest : int
-        Letters of the longest name.
-    slot_pt : float
-        How far names stand apart; where that is little they stand on end.
-    size : float
-        Of the font.
-    """
+    """Slant the names below an axis, and let the figure grow by what they need."""
     turn = 45 if slot_pt > 1.8 * size else 90
     for text in axes.get_xticklabels():
         text.set(rotation=turn, ha="right", va="center", rotation_mode="anchor")

@@ -53,12 +53,7 @@ class _Tests:
 
 
 def standings(section: Section) -> dict[str, Any]:
-    """Return every score by method, over scenes, pooled and by scene: value, text and mark.
-
-    Each scope is a mapping of ``values``, ``texts`` as tables show them, ``marks``: `BEST`, `TIED`
-    where a paired test does not tell a method from the best, or nothing; and whether it was tested.
-    ``tints`` are of the values by scene, method and score; see `airzoo_bench.report.chart.tints`.
-    """
+    """Return every score by method, over scenes, pooled and by scene: value, text and mark."""
     found, tests = _averages(section), _tests(section)
     by_scene = np.array(found["perScene"], np.float64)
     by_score = [tints(score, by_scene[..., n]) for n, score in enumerate(section.scores)]
@@ -75,10 +70,7 @@ def standings(section: Section) -> dict[str, Any]:
 
 
 def test_plan(section: Section, comparisons: int) -> ResamplingConfig | None:
-    """Return a plan whose resamples suffice for so many comparisons of a score.
-
-    None where the tests would take too long.
-    """
+    """Return a plan whose resamples suffice for so many comparisons of a score."""
     count = len(section.methods)
     resamples = max(_RESAMPLES, _FINEST * count * (count - 1) // 2)
     values = comparisons * len(section.headline) * len(section.methods[0].records)
@@ -179,16 +171,7 @@ def references(section: Section) -> list[dict[str, Any]]:
 
 
 def compared_pairs(section: Section, blobs: Blobs) -> dict[str, Any] | None:
-    """Pack the paired tests of every two methods by the paper's scores; None with one method.
-
-    With very many methods and queries only the first ones, which are the best, are compared.
-
-    Returns
-    -------
-    dict or None
-        ``count``, so many of the first methods are compared; and the blob ``pairs``: of each
-        method a list of the later ones, of each of these a list of scores.
-    """
+    """Pack the paired tests of every two methods by the paper's scores; None with one method."""
     count = len(section.methods)
     while count > 1 and test_plan(section, count * count) is None:
         count -= 1

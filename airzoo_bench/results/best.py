@@ -30,22 +30,7 @@ _BEST = "best"
 
 
 def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
-    """Return the place of the best method by a score, the first of equals; see `value_of`.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Of one protocol.
-    score : ScoreColumn
-        Which says whether lower is better.
-    scene : str, optional
-        On this scene, instead of on average.
-
-    Returns
-    -------
-    int
-        Its index in `methods`.
-    """
+    """Return the place of the best method by a score, the first of equals; see `value_of`."""
     sign = 1 if score.higher_is_better else -1
     return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
 
@@ -57,31 +42,7 @@ def find_one(
     score: ScoreColumn,
     scene: str | None = None,
 ) -> int:
-    """Return the place of the reference, or of the method that all others are compared with.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Results of one protocol.
-    reference : str or None
-        See `find_reference`.
-    method : str or None
-        Instead of a reference: the name of the method whose differences are wanted.
-    score : ScoreColumn
-        By which "best" is found.
-    scene : str, optional
-        On which "best" is found, instead of on average.
-
-    Returns
-    -------
-    int
-        Its index in `methods`.
-
-    Raises
-    ------
-    UsageError
-        No method has that name, or both are named.
-    """
+    """Return the place of the reference, or of the method that all others are compared with."""
     if method is not None and reference is not None:
         raise UsageError(
             "--method and --reference exclude each other",
@@ -105,45 +66,13 @@ def find_one(
 
 
 def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:
-    """Return a method's value on a scene, or the unweighted mean over scenes.
-
-    Parameters
-    ----------
-    method : Scored
-        A result with its records.
-    score : ScoreColumn
-        One of its scores.
-    scene : str, optional
-        Id of a scene.
-
-    Returns
-    -------
-    float
-        As the result has it; shares are 0 to 1.
-    """
+    """Return a method's value on a scene, or the unweighted mean over scenes."""
     values = method.result.overall if scene is None else method.result.scenes[scene]
     return values[score.key]
 
 
 def family_of(names: Sequence[str], reference: str | None) -> int:
-    """Count the comparisons of one score for which p is to be corrected.
-
-    Who takes the best of M equal methods as the reference has looked at all M (M - 1) / 2 pairs:
-    corrected for the M - 1 others alone, 7 % of comparisons of 6 methods find a difference that
-    is none, and 13 % of those of 15.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the methods that are compared.
-    reference : str or None
-        What they are compared with: a name, "best", or None for the first.
-
-    Returns
-    -------
-    int
-        The size of the family for `holm`.
-    """
+    """Count the comparisons of one score for which p is to be corrected."""
     chosen_by_value = reference == _BEST and _BEST not in names
     others = len(names) - 1
     return len(names) * others // 2 if chosen_by_value else others
@@ -177,24 +106,7 @@ def against_best(
     resampling: ResamplingConfig,
     scene: str | None = None,
 ) -> dict[str, AgainstBest]:
-    """Test every method against the best by each score, as `compare` with the best of it does.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        On the same queries; see `check_comparable`.
-    scores : sequence of ScoreColumn
-        Of the results; see `choose_scores`.
-    plan : ResamplingConfig
-        How intervals and tests are made.
-    scene : str, optional
-        Id of the scene to compare on, instead of the average over all.
-
-    Returns
-    -------
-    dict of str to AgainstBest
-        By the scores' keys.
-    """
+    """Test every method against the best by each score, as `compare` with the best of it does."""
     count = len(methods)
     best = [best_place(methods, score, scene) for score in scores]
     places = [

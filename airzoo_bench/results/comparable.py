@@ -25,21 +25,7 @@ _LONGEST = 60
 
 
 def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
-    """Refuse results whose numbers do not measure the same.
-
-    Parameters
-    ----------
-    names : sequence of str
-        What the message calls them.
-    results : sequence of Result
-        As many, at least one.
-
-    Raises
-    ------
-    ResultError
-        Protocol or truth of one differ from those of the first; it says in what, and how many do.
-        Or a score is another thing in one than in another.
-    """
+    """Refuse results whose numbers do not measure the same."""
     _check(names, results, "protocol")
     _check(names, results, "truth")
     _check_meanings(names, results)
@@ -169,13 +155,7 @@ def _other_truth(first: Result, other: Result) -> str:
 
 
 def check_same_queries(methods: Sequence[Scored]) -> None:
-    """Refuse results whose numbers do not measure the same on the same queries.
-
-    Raises
-    ------
-    ResultError
-        Protocol, truth or queries of one differ from those of the first; it says in what.
-    """
+    """Refuse results whose numbers do not measure the same on the same queries."""
     check_comparable([m.name for m in methods], [m.result for m in methods])
     for other in methods[1:]:
         _check_queries(methods[0], other)
@@ -212,20 +192,7 @@ def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
 
 
 def check_same_column(methods: Sequence[Scored], by: str) -> None:
-    """Refuse to put all methods' queries into groups that one of them made.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        See `apart_in`.
-    by : str
-        A column; one that there is none of is left to others to refuse.
-
-    Raises
-    ------
-    UsageError
-        It differs between methods.
-    """
+    """Refuse to put all methods' queries into groups that one of them made."""
     other = apart_in(methods, by) if by in methods[0].records else None
     if other is not None:
         raise UsageError(

@@ -11,11 +11,11 @@ import numpy as np
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.best import family_of, find_one, value_of
 from airzoo_bench.results.comparable import check_same_queries, version_notes
+from airzoo_bench.results.floors import floor_note, notes_of
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import is_hit, make_sample
 from airzoo_bench.results.selection import find_scene
-from airzoo_bench.results.sensitivity import NoiseFloor
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
@@ -44,8 +44,6 @@ class Pair:
         Over all queries, whatever their scene; None where the score is no hit.
     wins, ties, losses : int
         Queries, or scenes, on which the method is better, as good, worse.
-    noise_floor : float or None
-        What the benchmark's assumed values move the difference by; None where that is not known.
     """
 
     score: ScoreColumn
@@ -61,7 +59,6 @@ class Pair:
     wins: int
     ties: int
     losses: int
-    noise_floor: float | None = None
 
     @property
     def is_better(self) -> bool:
@@ -71,15 +68,9 @@ class Pair:
         )
 
     @property
-    def is_in_noise(self) -> bool:
-        """Whether the assumed values of the truth move the difference by as much as it is."""
-        floor, difference = self.noise_floor, self.difference
-        return floor is not None and difference is not None and abs(difference) <= floor
-
-    @property
     def p_floor(self) -> float:
-        """The least p that any values could have, on as many units as differ here."""
-        return p_floor(self.wins + self.losses)
+        """The least p that any values could have, on as many units as differ here; 0 of a t."""
+        return 0.0 if self.test.kind == "student" else p_floor(self.wins + self.losses)
 
 
 @dataclass(frozen=True)
@@ -105,6 +96,8 @@ class Comparison:
         What a reader of the numbers must know, in sentences.
     of_one : bool
         Whether differences, verdicts and wins are those of the one, instead of the others'.
+    no_better : frozenset of str
+        The methods that are no better than chance or the prior; see `floor_note`.
     """
 
     reference: str
@@ -116,20 +109,10 @@ class Comparison:
     resampling: ResamplingConfig
     notes: tuple[str, ...]
     of_one: bool = False
+    no_better: frozenset[str] = frozenset()
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair next to the one.
-
-        Parameters
-        ----------
-        pair : Pair
-            One of `pairs`.
-
-        Returns
-        -------
-        str
-            The method's name.
-        """
+        """Return who stands in a pair next to the one."""
         return pair.reference if self.of_one else pair.method
 
 
@@ -141,39 +124,8 @@ def compare(
     method: str | None = None,
     scene: str | None = None,
     resampling: ResamplingConfig,
-    noise_floor: NoiseFloor | None = None,
 ) -> Comparison:
-    """Compare methods with one of them, or one of them with the others.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        At least two.
-    scores : sequence of ScoreColumn
-        From `choose_scores`.
-    reference : str, optional
-        See `find_reference`.
-    method : str, optional
-        Instead of a reference: what is found is this method's, against each other one.
-    scene : str, optional
-        Id or title of the scene to compare on, instead of all.
-    resampling : ResamplingConfig
-        How intervals and tests are made.
-    noise_floor : NoiseFloor, optional
-        Of the benchmark; fits the results.
-
-    Returns
-    -------
-    Comparison
-        A pair for each score and each method but the one.
-
-    Raises
-    ------
-    ResultError
-        They cannot be compared; see `check_comparable`. There is no such scene.
-    UsageError
-        There is no such reference or method, or both were named.
-    """
+    """Compare methods with one of them, or one of them with the others."""
     check_same_queries(methods)
     titles = methods[0].result.truth.scene_titles
     scene = None if scene is None else find_scene(titles, scene)
@@ -196,18 +148,19 @@ def compare(
         unit=sample.unit,
         units=units,
         scene=scene,
-        pairs=_adjusted(_with_floors(pairs, noise_floor, scene), len(others), family),
+        pairs=_adjusted(pairs, len(others), family),
         family=family,
         resampling=resampling,
         notes=_notes(methods),
         of_one=method is not None,
+        no_better=frozenset(m.name for m in methods if floor_note(m.result)),
     )
 
 
 def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
     """Repeat each method's notes, tell of different versions, and of what is no other method."""
     names, results = [m.name for m in methods], [m.result for m in methods]
-    notes = [f"{method.name}: {note}" for method in methods for note in method.result.notes]
+    notes = [f"{method.name}: {note}" for method in methods for note in notes_of(method.result)]
     by_file: dict[str, list[str]] = {}
     for name, result in zip(names, results, strict=True):
         by_file.setdefault(result.predictions.sha256, []).append(name)
@@ -245,12 +198,6 @@ def _pair(
         ties=len(one) - wins - losses,
         losses=losses,
     )
-
-
-def _with_floors(pairs: list[Pair], floor: NoiseFloor | None, scene: str | None) -> list[Pair]:
-    if floor is None:
-        return pairs
-    return [replace(pair, noise_floor=floor.of(pair.score.key, scene)) for pair in pairs]
 
 
 def _difference(value: float, other: float) -> float:

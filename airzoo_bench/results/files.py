@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from enum import StrEnum
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -13,7 +12,6 @@ from uuid import uuid4
 
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.core.temporaries import clear_abandoned
 from airzoo_bench.storage.faults import settled
 from airzoo_bench.storage.listing import matching
 from airzoo_bench.storage.mirror import Mirror, fetched
@@ -23,36 +21,16 @@ from airzoo_bench.storage.urls import Url, url_of
 if TYPE_CHECKING:
     from airzoo_bench.results.result import Result
 
-__all__ = ["RecordsKind", "method_names", "records_path", "result_paths", "results_here"]
+__all__ = ["method_names", "records_path", "result_paths", "results_here"]
 
 _FILE = "result.json"
-
-
-class RecordsKind(StrEnum):
-    """What kind of file records are written as."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-
-    @property
-    def file(self) -> str:
-        """Its name, next to ``result.json``."""
-        return f"records.{self.value}"
+_RECORDS = "records.csv"
 
 
 def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
-    """Return the files that are meant: of a folder, the ``result.json`` in it.
-
-    Raises
-    ------
-    ResultError
-        A folder holds none.
-    UsageError
-        A file is named twice.
-    """
+    """Return the files that are meant: of a folder, the ``result.json`` in it."""
     paths = tuple(path / _FILE if path.is_dir() else path for path in given)
     for folder, path in zip(given, paths, strict=True):
-        clear_abandoned(path.parent)
         if folder != path and not path.is_file():
             inside = sorted(folder.glob(f"*/{_FILE}"))
             raise ResultError(
@@ -68,18 +46,7 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def results_here(given: Sequence[str | Path]) -> list[Path]:
-    """Return results as paths of this machine; of those at URLs there is a mirror.
-
-    Parameters
-    ----------
-    given : sequence of str or Path
-        Files, or the folders that hold a ``result.json``; the names of a URL may have ``*``.
-
-    Raises
-    ------
-    UserError
-        A URL leads to no result, or cannot be read.
-    """
+    """Return results as paths of this machine; of those at URLs there is a mirror."""
     found: list[Path] = []
     for location in given:
         url = url_of(location)
@@ -107,15 +74,8 @@ def _result_here(url: Url) -> Path:
 
 
 def records_path(path: Path) -> Path:
-    """Return where the records of a result lie.
-
-    That is ``records.csv`` next to it, or ``records.parquet``; of ``a.json`` also
-    ``a.records.csv``, so that several results can share a folder. Where there are several, such as
-    one that was left when another run was copied over it, it is the one whose checksum the result
-    states, else the first.
-    """
-    names = [kind.file for kind in RecordsKind]
-    places = [path.with_name(name) for name in (*(f"{path.stem}.{own}" for own in names), *names)]
+    """Return where the records of a result lie."""
+    places = [path.with_name(name) for name in (f"{path.stem}.{_RECORDS}", _RECORDS)]
     there = [place for place in places if place.is_file()]
     if len(there) == 1:
         return there[0]
@@ -125,7 +85,7 @@ def records_path(path: Path) -> Path:
             there.append(place)
             if sha256_of(place) == stated:
                 return place
-    return next(iter(there), path.with_name(RecordsKind.CSV.file))
+    return next(iter(there), path.with_name(_RECORDS))
 
 
 def _stated_checksum(path: Path) -> str | None:

@@ -46,22 +46,7 @@ class Scored:
 
 
 def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -> list[Scored]:
-    """Read results with their records.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Of results, or of the folders that hold one.
-    columns : collection of str, optional
-        See `read_records`.
-
-    Raises
-    ------
-    UsageError
-        A file is named twice.
-    ResultError
-        See `read_result` and `read_records`.
-    """
+    """Read results with their records."""
     files = result_paths(paths)
     results = [read_result(path) for path in files]
     names = method_names(files, results, by_protocol=False)
@@ -150,13 +135,7 @@ def _wanted(
 
 
 def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
-    """Return records sorted by ``query``, where they give the averages that a result states.
-
-    Raises
-    ------
-    ResultError
-        They do not: one of the two was edited, or they are of different runs. `file` is named.
-    """
+    """Return records sorted by ``query``, where they give the averages that a result states."""
     columns = [column for column in result.columns if column.key in records]
     for column in columns:
         _check_values(records[column.key].to_numpy(np.float64), column, file)

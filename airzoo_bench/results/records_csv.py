@@ -15,10 +15,9 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ROWS", "column_kind", "csv_blocks", "texts_of", "write_csv"]
+__all__ = ["csv_blocks", "write_csv"]
 
-ROWS = 1 << 16
-"""Written at a time."""
+_ROWS = 1 << 16  # written at a time
 _QUOTED = '[,"\r\n]'
 # Arrow writes as Python does, in a fraction of its time: numbers between these that are not whole,
 _PLAIN = (1e-4, 1e9)
@@ -27,24 +26,7 @@ _SMALL = (1e-9, 1e-6)
 
 
 def write_csv(records: pd.DataFrame, path: Path) -> str:
-    """Write a table as CSV, each block while the next one is made.
-
-    Parameters
-    ----------
-    records : DataFrame
-        See `csv_blocks`.
-    path : Path
-
-    Returns
-    -------
-    str
-        SHA-256 of the file, in hexadecimal.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write a table as CSV, each block while the next one is made."""
     digest = hashlib.sha256()
     with path.open("wb") as stream, ThreadPoolExecutor(1) as writer:
 
@@ -63,26 +45,12 @@ def write_csv(records: pd.DataFrame, path: Path) -> str:
 
 
 def csv_blocks(records: pd.DataFrame) -> Iterator[bytes]:
-    r"""Yield a table as CSV in UTF-8, the titles first.
-
-    As ``records.to_csv(index=False, lineterminator="\n")``: floats with the fewest digits that give
-    them back, nothing where a value is missing, quotes where a text needs them.
-
-    Parameters
-    ----------
-    records : DataFrame
-        With at least two columns; the index is left out.
-
-    Yields
-    ------
-    bytes
-        Whole lines.
-    """
+    r"""Yield a table as CSV in UTF-8, the titles first."""
     import pyarrow as pa
 
     yield _lines([_quoted(pa.array([str(name)], pa.large_string())) for name in records.columns])
-    for start in range(0, len(records), ROWS):
-        block = records.iloc[start : start + ROWS]
+    for start in range(0, len(records), _ROWS):
+        block = records.iloc[start : start + _ROWS]
         yield _lines([_texts(block.iloc[:, place]) for place in range(block.shape[1])])
 
 
@@ -102,17 +70,17 @@ def _texts(column: pd.Series[Any]) -> Any:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    kind = column_kind(column)
+    kind = _column_kind(column)
     if kind == "bool":
         return pc.if_else(pa.array(column.to_numpy()), *map(_text, ("True", "False")))
     if kind == "int":
         return pa.array(column.to_numpy()).cast(pa.large_string())
     if kind == "float":
         return _floats(column.to_numpy())
-    return _quoted(texts_of(column))
+    return _quoted(_texts_of(column))
 
 
-def column_kind(column: pd.Series[Any]) -> Literal["bool", "int", "float", "text"]:
+def _column_kind(column: pd.Series[Any]) -> Literal["bool", "int", "float", "text"]:
     """Tell what the values of a column are written as."""
     kind = column.dtype.kind if isinstance(column.dtype, np.dtype) else "O"
     if column.dtype == np.float64:
@@ -120,11 +88,8 @@ def column_kind(column: pd.Series[Any]) -> Literal["bool", "int", "float", "text
     return "bool" if kind == "b" else "int" if kind in "iu" else "text"
 
 
-def texts_of(column: pd.Series[Any]) -> Any:
-    """Return a column that is no column of plain numbers as an Arrow array of large strings.
-
-    A missing value is an empty text.
-    """
+def _texts_of(column: pd.Series[Any]) -> Any:
+    """Return a column that is no column of plain numbers as an Arrow array of large strings."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

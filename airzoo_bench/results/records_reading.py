@@ -1,23 +1,19 @@
-"""The table of a file of records, whichever kind it is: scores as numbers, the rest as it was."""
+"""The table of a file of records: scores as numbers, the rest as it was."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.core.errors import PredictionError, ResultError
-from airzoo_bench.formats import parquet
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.results.files import RecordsKind
+from airzoo_bench.core.errors import ResultError
 
 __all__ = ["SCORE_AGAIN", "column_names", "no_number", "read_table"]
 
 SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 _BLOCK_BYTES = 8 << 20
-_MOST_BYTES = 4 << 30  # that columns of Parquet take in memory; a CSV takes what it is long
 
 # As pandas writes numbers. What only looks like one, such as a sequence "007" or "1e5", is a text,
 # and so are integers of which a float64 would lose digits.
@@ -27,16 +23,7 @@ _TRUTH = "^(True|False)$"
 
 
 def column_names(file: Path) -> list[str]:
-    """Return the columns of a file of records, in their order.
-
-    Raises
-    ------
-    ResultError
-        It is no table.
-    """
-    if _is_parquet(file):
-        with _as_result_error(file):
-            return parquet.column_names(file)
+    """Return the columns of a file of records, in their order."""
     try:
         with file.open(encoding="utf-8", newline="") as stream:
             return next(csv.reader(stream), [])
@@ -45,66 +32,15 @@ def column_names(file: Path) -> list[str]:
 
 
 def read_table(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
-    """Read columns of records.
-
-    Parameters
-    ----------
-    file : Path
-    content : bytes
-        Of the file.
-    names : sequence of str
-        Those to read; the file has each.
-    scores : sequence of str
-        Those of them, and others, that hold numbers.
-
-    Returns
-    -------
-    pyarrow.Table
-        Scores are float64, ``scene`` and ``query`` texts; see `records.read_records` for others.
-
-    Raises
-    ------
-    ResultError
-        It is no table, or a score is not a number.
-    """
+    """Read columns of records."""
     import pyarrow as pa
 
     plain = [name for name in names if name in scores]
-    read = _from_parquet if _is_parquet(file) else _from_csv
-    table = read(file, content, names, plain)
+    table = _from_csv(file, content, names, plain)
     as_text = (*plain, "scene", "query")
     return pa.table(
         {name: table[name] if name in as_text else _with_type(table[name]) for name in names}
     )
-
-
-def _is_parquet(file: Path) -> bool:
-    return file.suffix == f".{RecordsKind.PARQUET}"
-
-
-def _from_parquet(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
-    import pyarrow as pa
-
-    del content  # read again, in pieces
-    with _as_result_error(file):
-        table = parquet.read_flat_table(file, names, Budget(_MOST_BYTES))
-    kinds = {name: pa.string() for name in ("scene", "query")}
-    kinds |= dict.fromkeys(scores, pa.float64())
-    columns = {}
-    for name in names:
-        try:
-            columns[name] = table[name].cast(kinds.get(name, table[name].type))
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            raise no_number(name, file) from error
-    return pa.table(columns)
-
-
-@contextmanager
-def _as_result_error(file: Path) -> Iterator[None]:
-    try:
-        yield
-    except PredictionError as error:
-        raise ResultError(error.what, where=file, fix=SCORE_AGAIN) from error
 
 
 def _from_csv(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
@@ -163,9 +99,6 @@ def _with_type(texts: Any) -> Any:
     """Turn texts into what they were before they were written, where that is beyond doubt."""
     import pyarrow as pa
     from pyarrow import compute
-
-    if not pa.types.is_string(texts.type) and not pa.types.is_large_string(texts.type):
-        return texts
 
     def all_are(pattern: str) -> bool:
         matches = compute.match_substring_regex(texts, pattern)

@@ -227,13 +227,7 @@ def write_result(path: Path, result: Result) -> None:
 
 
 def read_result(path: Path) -> Result:
-    """Read a result and hold it to its checksum.
-
-    Raises
-    ------
-    ResultError
-        It is missing, not JSON, not a result, or was changed since it was written.
-    """
+    """Read a result and hold it to its checksum."""
     text = read_text(path, ResultError, "result file")
     try:
         result = Result.model_validate_json(text)

@@ -22,24 +22,7 @@ _HITS = {"retrieval": ("recall@", "distance<", "ma@"), "matching": ("within_",)}
 def make_sample(
     methods: Sequence[Scored], scores: Sequence[ScoreColumn], scene: str | None = None
 ) -> Sample:
-    """Gather variables, score by score and in each method by method.
-
-    Queries are the units, resampled within scenes. Where every scene has one record, scenes are.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        On the same queries.
-    scores : sequence of ScoreColumn
-        The columns of their records.
-    scene : str, optional
-        This scene's queries only.
-
-    Returns
-    -------
-    Sample
-        Variables (V, N) by scene, V = scores times methods.
-    """
+    """Gather variables, score by score and in each method by method."""
     whole = pooled_sample(methods, scores)
     [values] = whole.values
     of_unit = methods[0].records["scene"].to_numpy(str)
@@ -57,7 +40,7 @@ def pooled_sample(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> S
     values = np.array(columns).reshape(len(columns), -1)
     # One record a scene: their mean over scenes, whatever the average within a scene.
     medians = [unit == "query" and s.average == "median" for s in scores for _ in methods]
-    shares = [unit == "query" and is_share(s) for s in scores for _ in methods]
+    shares = [is_share(s) for s in scores for _ in methods]
     return Sample(unit, ("",), (values,), np.array(medians, np.bool_), np.array(shares, np.bool_))
 
 
@@ -67,58 +50,17 @@ def score_intervals(
     resampling: ResamplingConfig,
     scene: str | None = None,
 ) -> SampleIntervals:
-    """Take the interval of every score, of each scene and of the mean over scenes.
-
-    Parameters
-    ----------
-    method : Scored
-        A result with its records.
-    scores : sequence of ScoreColumn
-        Of which to take intervals.
-    plan : ResamplingConfig
-        How intervals are made.
-    scene : str, optional
-        Of this scene's queries only.
-
-    Returns
-    -------
-    SampleIntervals
-        In the order of `scores`; without scenes where scenes are what is resampled.
-    """
+    """Take the interval of every score, of each scene and of the mean over scenes."""
     sample = make_sample([method], scores, scene)
     found = sample_intervals(sample, resampling)
     return found if sample.unit == "query" else replace(found, groups={})
 
 
 def is_hit(track: str, score: ScoreColumn) -> bool:
-    """Whether a score is 0 or 1 for each query by its definition, whatever its values are.
-
-    Parameters
-    ----------
-    track : str
-        The track's name.
-    score : ScoreColumn
-        One of its scores.
-
-    Returns
-    -------
-    bool
-        True for Recall@K and recalls below a threshold.
-    """
+    """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
     return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
 
 
 def is_share(score: ScoreColumn) -> bool:
-    """Whether a score of queries is a mean of shares from 0 to 1.
-
-    Parameters
-    ----------
-    score : ScoreColumn
-        A score of any track.
-
-    Returns
-    -------
-    bool
-        False for errors and other means.
-    """
+    """Whether a score is a mean of shares from 0 to 1."""
     return score.unit == "share" and score.average == "mean"

@@ -72,23 +72,7 @@ def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> Summary:
-    """Average records.
-
-    Parameters
-    ----------
-    records : DataFrame
-        A row a query, pair or cloud, with the column ``scene`` and one for each score; every
-        value is a number, failures at their worst.
-    scores : list of Score
-        What to average.
-    scenes : list of str
-        The scenes, in the order of the protocol; each has records.
-
-    Raises
-    ------
-    ValueError
-        A scene has no record, or a score is NaN: both are bugs of a track, never results.
-    """
+    """Average records."""
     per_scene = {
         scene: _average(records, (records["scene"] == scene).to_numpy(np.bool_), scores)
         for scene in scenes

@@ -13,19 +13,7 @@ __all__ = ["check_score", "choose_scores", "find_scene", "named_scores", "score_
 
 
 def find_scene(titles: Mapping[str, str], wanted: str) -> str:
-    """Return the id of a scene that is named by id or title; an id goes before a title.
-
-    Parameters
-    ----------
-    titles : mapping of str to str
-        Of each scene, by id.
-    wanted : str
-
-    Raises
-    ------
-    ResultError
-        There is no such scene, or several have that title.
-    """
+    """Return the id of a scene that is named by id or title; an id goes before a title."""
     if wanted in titles:
         return wanted
     found = [scene for scene, title in titles.items() if title == wanted]
@@ -49,24 +37,7 @@ def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
 
 
 def check_score(name: str, scores: Sequence[ScoreColumn], option: str, fix: str = "") -> None:
-    """Refuse the name of a score that is none of these.
-
-    Parameters
-    ----------
-    name : str
-        Key or title.
-    scores : sequence of ScoreColumn
-        Those that there are.
-    option : str
-        The one that named it.
-    fix : str
-        How it can be had, if it can.
-
-    Raises
-    ------
-    UsageError
-        None has that name; it says which there are, and the nearest.
-    """
+    """Refuse the name of a score that is none of these."""
     known = named_scores(scores)
     if name not in known:
         # Titles hold commas, such as @1m,1°.
@@ -82,29 +53,7 @@ def check_score(name: str, scores: Sequence[ScoreColumn], option: str, fix: str 
 def choose_scores(
     methods: Sequence[Scored], wanted: Sequence[str], *, every: bool = False
 ) -> list[ScoreColumn]:
-    """Find scores by key or title; where none is wanted, the headline ones that all have.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Results of one protocol.
-    wanted : sequence of str
-        Keys or titles, in the order of the answer.
-    every : bool
-        Where none is wanted, take every score that all have.
-
-    Returns
-    -------
-    list of ScoreColumn
-        Of the first result, each once.
-
-    Raises
-    ------
-    ResultError
-        The results have no score in common.
-    UsageError
-        They have no such score in common.
-    """
+    """Find scores by key or title; where none is wanted, the headline ones that all have."""
     shared = [
         column
         for column in methods[0].result.columns
@@ -128,22 +77,7 @@ def choose_scores(
 
 
 def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) -> set[str]:
-    """Return the keys of the scores that `choose_scores` can choose, before records are read.
-
-    Parameters
-    ----------
-    result : Result
-        Any of the results of a protocol.
-    wanted : sequence of str
-        Keys or titles; none means the headline scores.
-    every : bool
-        Instead of the headline scores, all of them.
-
-    Returns
-    -------
-    set of str
-        The columns of records that are needed.
-    """
+    """Return the keys of the scores that `choose_scores` can choose, before records are read."""
     return {
         column.key
         for column in result.columns

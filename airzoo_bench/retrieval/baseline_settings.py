@@ -17,24 +17,15 @@ class VladSettings:
 
     Attributes
     ----------
-    words : int
-        Number of visual words; descriptors have 128 times as many dimensions, and one more.
     max_features : int
         The strongest SIFT features of an image that are kept.
-    training_features : int
-        How many features the words are learnt from at the most.
-    seed : int
-        Of the sampling and of k-means.
     doubled : bool
         See `sift.extract`.
     long_side_px : int
         Photos are made this small.
     """
 
-    words: Annotated[int, Option("words", "Visual words.", 2, 4096)] = 64
     max_features: int = 2048
-    training_features: int = 200_000
-    seed: Annotated[int, Option("seed", "Of sampling and k-means.", 0)] = 0
     doubled: Annotated[bool, DOUBLED] = True
     long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1024
 
@@ -43,7 +34,7 @@ VLAD = Baseline(
     method="SIFT and VLAD",
     summary="Describe photos and tiles by SIFT and VLAD, and write a prediction file.",
     settings=VladSettings(),
-    demo=VladSettings(training_features=50_000, doubled=False),
+    demo=VladSettings(doubled=False),
     out="sift-vlad.npz",
     out_help="The .npz to write.",
     example="brighton-retrieval --out sift.npz",

@@ -26,29 +26,7 @@ __all__ = ["chance_level", "chance_scores"]
 def chance_scores(
     positives: Ints, n_tiles: int, settings: RetrievalScores | ImageScores
 ) -> dict[str, Floats]:
-    """Return the expected score of each query under a random order of its gallery.
-
-    Parameters
-    ----------
-    positives : (Q,) int
-        R, the number of positives of each query.
-    n_tiles : int
-        G, the size of the gallery.
-    settings : RetrievalScores or ImageScores
-        The protocol's.
-
-    Returns
-    -------
-    dict of str to (Q,) float64
-        By the score's column; distances, which depend on where tiles lie, are not among them.
-
-    References
-    ----------
-    Recall@K is one minus the hypergeometric probability of no positive among K draws. That two
-    given ranks are both positive has the probability R (R - 1) / (G (G - 1)), whence the sums of
-    precisions; see Bestgen, Exact expected average precision of the random baseline for system
-    evaluation, Prague Bulletin of Mathematical Linguistics 103, 2015.
-    """
+    """Return the expected score of each query under a random order of its gallery."""
     kinds, back = np.unique(positives, return_inverse=True)
     if isinstance(settings, ImageScores):
         scores = _of_images(kinds, n_tiles, settings)

@@ -9,13 +9,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.engines.tasks import count_read
+from airzoo_bench.formats.arrays import as_floating
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["RowParts", "RowSource", "Rows", "Run", "as_float32", "rows_of"]
@@ -34,16 +34,12 @@ class Rows(ABC):
     shape : tuple of int
         Rows and dimensions.
     dtype : dtype
-    random_access : bool
-        Whether a run costs the same wherever it lies; else what is before it in its row group or
-        chunk is unpacked too, so that runs are better read in order, by one reader.
     by_reference : bool
         Whether it says where the rows lie, and holds none of them.
     """
 
     shape: tuple[int, int]
     dtype: np.dtype[Any]
-    random_access: ClassVar[bool] = False
 
     @property
     def ndim(self) -> int:
@@ -69,25 +65,14 @@ class Rows(ABC):
 
     @abstractmethod
     def runs(self, bounds: Iterable[Run]) -> Iterator[NDArray[Any]]:
-        """Read runs of at least one row that follow each other, without overlap.
-
-        What is given is valid until the run after the next one is asked for.
-
-        Raises
-        ------
-        PredictionError
-            A file is damaged or cut off.
-        """
+        """Read runs of at least one row that follow each other, without overlap."""
 
     def read(self, start: int, stop: int) -> NDArray[Any]:
         """Read one run."""
         return next(self.runs([(start, stop)])) if start < stop else np.empty((0, *self.shape[1:]))
 
     def blocks(self, step: int) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Give (first row, rows) in order; the next block is read meanwhile.
-
-        A block is valid until the next one is asked for.
-        """
+        """Give (first row, rows) in order; the next block is read meanwhile."""
         starts = range(0, len(self), step)
         runs = self.runs((start, min(start + step, len(self))) for start in starts)
         with ThreadPoolExecutor(1) as reader:
@@ -134,8 +119,6 @@ class RowSource(Rows):
     array: NDArray[Any] | None = None
     path: Path | None = None
     offset: int = 0
-
-    random_access: ClassVar[bool] = True
 
     @classmethod
     def of(cls, array: NDArray[Any]) -> RowSource:
@@ -188,7 +171,6 @@ class RowSource(Rows):
                 if not got:
                     raise PredictionError("the file ends before its descriptors", where=self.path)
                 view = view[got:]
-        count_read(rows.nbytes)
         return rows
 
 
@@ -207,7 +189,7 @@ class RowParts(Rows):
     @classmethod
     def of(cls, arrays: Iterable[NDArray[Any]]) -> RowParts:
         """Put arrays together, which may be mapped."""
-        return cls(tuple(RowSource.of(array) for array in arrays))
+        return cls(tuple(map(rows_of, arrays)))
 
     @property
     def shape(self) -> tuple[int, int]:  # type: ignore[override]
@@ -265,9 +247,39 @@ def _clipped(bounds: list[Run], first: int, count: int) -> list[Run]:
     return [(start, stop) for start, stop in cut if start < stop]
 
 
+@dataclass(frozen=True, eq=False)
+class WholeRows(Rows):
+    """Rows of whole numbers or truth values, read as floating point."""
+
+    source: RowSource
+    shape: tuple[int, int]
+    dtype: np.dtype[Any]
+
+    @classmethod
+    def of(cls, source: RowSource) -> WholeRows:
+        """Wrap rows."""
+        return cls(source, source.shape, as_floating(np.empty(0, source.dtype)).dtype)
+
+    @property
+    def by_reference(self) -> bool:
+        """See `Rows`."""
+        return self.source.by_reference
+
+    def part(self, start: int, stop: int) -> WholeRows:
+        """See `Rows.part`."""
+        return WholeRows.of(self.source.part(start, stop))
+
+    def runs(self, bounds: Iterable[Run]) -> Iterator[NDArray[Any]]:
+        """See `Rows.runs`."""
+        return map(as_floating, self.source.runs(bounds))
+
+
 def rows_of(descriptors: NDArray[Any] | Rows) -> Rows:
     """Return rows of an array, or those that are given."""
-    return descriptors if isinstance(descriptors, Rows) else RowSource.of(descriptors)
+    if isinstance(descriptors, Rows):
+        return descriptors
+    source = RowSource.of(descriptors)
+    return source if source.dtype.kind == "f" else WholeRows.of(source)
 
 
 def as_float32(rows: NDArray[Any]) -> NDArray[np.float32]:

@@ -178,11 +178,7 @@ def _searched(gallery: Gallery, request: Request) -> tuple[Search, Floats]:
 def _evaluated(
     gallery: Gallery, request: Request, search: Search, bounds: Floats
 ) -> tuple[Candidates, float]:
-    """Form clusters of candidates that the search cannot tell apart, and evaluate these.
-
-    Also gives the greatest error seen, as a share of its bound. The best candidate of each query
-    is always evaluated, so that there is something to see.
-    """
+    """Form clusters of candidates that the search cannot tell apart, and evaluate these."""
     order = np.lexsort((-search.value, search.query))
     query, tile = search.query[order], search.tile[order]
     value, bound = search.value[order].astype(np.float64), bounds[query]
@@ -212,10 +208,7 @@ def _all_tied(query: Ints, cluster: Ints, score: Floats, n_tiles: int) -> Ints:
 def _exhausted(
     gallery: Gallery, request: Request, search: Search, bounds: Floats, positives: Positives
 ) -> list[Candidates]:
-    """Evaluate in float64 every tile that the search could not exclude, some queries at a time.
-
-    Gives the first k tiles of each query and, of what ties with them, all positives.
-    """
+    """Evaluate in float64 every tile that the search could not exclude, some queries at a time."""
     step = max(1, request.memory_bytes // 8 // (_BYTES_OF_AN_ENTRY * request.block(gallery.rows)))
     queries = np.flatnonzero(search.crowded)
     waiting = [queries[start : start + step] for start in range(0, len(queries), step)][::-1]

@@ -70,25 +70,7 @@ def cast_footprints(
     inset: float,
     max_range_m: float,
 ) -> Footprints:
-    """Cast the anchor rays of N photos.
-
-    Parameters
-    ----------
-    cameras, poses : Cameras, Poses
-        Of the N photos; poses in `crs`.
-    crs : str
-        Projected CRS of the poses, in metres.
-    ground : float or HeightField
-        The height of the plane z = z0, or the surface model.
-    inset : float
-        Distance of the anchors from the image's border, as a share of width and height.
-    max_range_m : float
-        A ray that meets the ground farther away has no ground point.
-
-    References
-    ----------
-    AirZoo paper, "Ground truth construction".
-    """
+    """Cast the anchor rays of N photos."""
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, inset)))
     if isinstance(ground, HeightField):
         hits = intersect_heightfield(poses.centres, rays, ground, max_range_m)
@@ -125,20 +107,7 @@ def polygon_areas(polygons: Floats) -> Floats:
 
 
 def untangled(polygons: Floats) -> Floats:
-    """Replace quadrilaterals that cross themselves with their convex hull.
-
-    The two sides that cross are the diagonals of the hull, so that swapping two corners gives it.
-    Quadrilaterals that do not cross themselves, convex or not, stay as they are.
-
-    Parameters
-    ----------
-    polygons : (n, 4, 2) array
-        Corners in order.
-
-    Returns
-    -------
-    (n, 4, 2) array
-    """
+    """Replace quadrilaterals that cross themselves with their convex hull."""
     a, b, c, d = np.moveaxis(polygons, 1, 0)
     order = np.broadcast_to(np.arange(4), (len(polygons), 4)).copy()
     order[_cross(a, b, c, d)] = 0, 2, 1, 3
@@ -147,23 +116,7 @@ def untangled(polygons: Floats) -> Floats:
 
 
 def intersection_areas(polygons: Floats, boxes: Floats) -> Floats:
-    """Area common to each simple polygon and its box.
-
-    The area under each side of the polygon, cut to the box in x and clamped to it in y, summed
-    round the polygon (Green's theorem): exact also for polygons that are not convex, without
-    constructing the common polygon.
-
-    Parameters
-    ----------
-    polygons : (n, V, 2) array
-        Corners in order, either way round, without self-crossing.
-    boxes : (n, 4) array
-        x_min, y_min, x_max, y_max.
-
-    Returns
-    -------
-    (n,) array
-    """
+    """Area common to each simple polygon and its box."""
     local = polygons - boxes[:, None, :2]  # near 0, so that no digits are lost to the offset
     width, height = (boxes[:, 2:] - boxes[:, :2]).T[:, :, None]
     xa, ya = np.moveaxis(local, 2, 0)

@@ -37,24 +37,7 @@ _SIDE_PX = 4096  # of the part of a mask that is read at a time
 
 
 def tile_starts(length: int, size: int, overlap: float) -> Ints:
-    """Return where tiles begin along one axis of the map.
-
-    Parameters
-    ----------
-    length : int
-        Pixels of the map along the axis.
-    size : int
-        Pixels of a tile.
-    overlap : float
-        Share of a tile that the next one covers again, in [0, 1).
-
-    Returns
-    -------
-    (n,) int64
-        Ascending, ``floor(size (1 - overlap) + 0.5)`` pixels apart (at least 1); the last tile is
-        anchored to the map's edge. A map shorter than a tile gets one tile, which is then as
-        short as the map.
-    """
+    """Return where tiles begin along one axis of the map."""
     stride = max(1, math.floor(size * (1 - overlap) + 0.5))
     last = max(0, length - size)
     starts = np.arange(0, last + 1, stride)
@@ -62,30 +45,7 @@ def tile_starts(length: int, size: int, overlap: float) -> Ints:
 
 
 def cut_gallery(info: RasterInfo, gallery: Gallery, scene: str) -> pd.DataFrame:
-    """Cut a map into tiles, as windows.
-
-    Parameters
-    ----------
-    info : RasterInfo
-        The map: projected, geographic or web-mercator.
-    gallery : Gallery
-        Tile sizes, overlap and the resolution that the map must have.
-    scene : str
-        The scene's id, which begins every tile's id.
-
-    Returns
-    -------
-    DataFrame
-        Sorted by ``id`` (``scene/size_row_column``), with the window in pixels (``x``, ``y``,
-        ``width``, ``height``), the box in degrees, its longitudes unwrapped about the map's
-        middle, and ``valid_share``, the share of pixels that hold the map. All tiles are here,
-        empty ones too.
-
-    Raises
-    ------
-    RasterError
-        The map's resolution is not the protocol's, or it reaches a pole or beyond the earth.
-    """
+    """Cut a map into tiles, as windows."""
     import pandas as pd
 
     check_gsd(info, gallery)
@@ -107,24 +67,14 @@ def middle_lon(info: RasterInfo) -> float:
 
 
 def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
-    """Return by how much boxes are larger than their tiles, as a share of the tiles' area.
-
-    0 where the map is north up in degrees. A map that is turned by an angle a against the
-    meridians has boxes that are larger by sin 2a: 0.02 at half a degree, 1 at 45 degrees.
-    """
+    """Return by how much boxes are larger than their tiles, as a share of the tiles' area."""
     ring = _ring(info, windows_of(tiles))[:, [0, 2, 7, 5]]
     boxes = tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
     return float(box_areas(boxes).sum() / polygon_areas(ring).sum() - 1)
 
 
 def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
-    """Compare the map's ground sampling distance with the protocol's, on both axes.
-
-    Raises
-    ------
-    RasterError
-        It is off by more than the protocol's tolerance.
-    """
+    """Compare the map's ground sampling distance with the protocol's, on both axes."""
     if gallery.gsd_m == "any":
         return
     found = gsd_m(info)
@@ -169,10 +119,7 @@ def _sides(ring: Floats) -> Floats:
 
 
 def _ring(info: RasterInfo, windows: Ints) -> Floats:
-    """Return lon, lat (G, 8, 2) of the corners of tiles and of the middles of their sides.
-
-    A straight side in a projection bends in degrees, hence the middles.
-    """
+    """Return lon, lat (G, 8, 2) of the corners of tiles and of the middles of their sides."""
     right = np.array([0, 0.5, 1, 0, 1, 0, 0.5, 1])
     down = np.array([0, 0, 0, 0.5, 0.5, 1, 1, 1])
     x0, y0, x1, y1 = windows.T[:, :, None].astype(np.float64)
@@ -204,28 +151,7 @@ def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
 
 
 def valid_shares(path: Path, windows: Ints) -> Floats:
-    """Share of valid pixels of windows of a raster, exactly.
-
-    A pixel is valid by the file's own word: its alpha band (above 0), else its mask, else its
-    nodata value (valid where any band differs from it). A file that has none of them is valid
-    throughout, whatever its colours. Every pixel of the mask is read once, in parts.
-
-    Parameters
-    ----------
-    path : Path
-    windows : (G, 4) int
-        Left, top, right, bottom in pixels, each with an area and inside the raster.
-
-    Returns
-    -------
-    (G,) float64
-        0 to 1.
-
-    Raises
-    ------
-    RasterError
-        The raster cannot be read.
-    """
+    """Share of valid pixels of windows of a raster, exactly."""
     left, top, right, bottom = windows.T
     with opened(path) as dataset:
         if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
@@ -282,10 +208,7 @@ def _stored_blocks(dataset: Any) -> Bools:
 
 
 def _count_into(cells: Ints, mask: Bools, below: Ints, right_of: Ints) -> None:
-    """Add the valid pixels of a part to the cells that it meets.
-
-    `below` and `right_of` say by how much the part's corner lies beyond each cut.
-    """
+    """Add the valid pixels of a part to the cells that it meets."""
     y, starts = _cuts(below, mask.shape[0])
     counts = np.add.reduceat(mask, starts, axis=0, dtype=np.int64)
     x, starts = _cuts(right_of, mask.shape[1])

@@ -27,65 +27,19 @@ __all__ = [
 
 
 def rank_of_share(n_tiles: int, share: float) -> int:
-    """Return the rank that recall at a share of the gallery reads.
-
-    University-1652's code and all that follow it look at place ``round(n_tiles * share)`` counted
-    from 0, so that Recall@1% of 951 images is Recall@11. Halves are rounded to even.
-
-    Examples
-    --------
-    >>> [rank_of_share(n, 0.01) for n in (40, 50, 150, 200, 951, 51355)]
-    [1, 1, 3, 3, 11, 515]
-    """
+    """Return the rank that recall at a share of the gallery reads."""
     return round(n_tiles * share) + 1
 
 
 def average_precision_by_trapezoids(hit_ranks: Ints, positives: Positives) -> Floats:
-    r"""AP as the area under the precision-recall curve, by trapezoids.
-
-    With :math:`r_i` the rank of the i-th hit of R positives:
-
-    .. math:: \frac{1}{R} \sum_i \frac{1}{2} \left( \frac{i}{r_i} + \frac{i - 1}{r_i - 1} \right)
-
-    where the second term is 1 at :math:`r_i = 1`. One positive at rank 2 has 1/4, not 1/2.
-
-    Parameters
-    ----------
-    hit_ranks : (P,) int
-    positives : Positives
-
-    Returns
-    -------
-    (Q,) float64
-        0 to 1.
-
-    References
-    ----------
-    ``compute_mAP`` in ``evaluate_gpu.py`` of layumi/University1652-Baseline, after the Oxford
-    Buildings protocol (Philbin et al., CVPR 2007).
-    """
+    r"""AP as the area under the precision-recall curve, by trapezoids."""
     ordinal, at = _ordinals(positives), _precision_at_hits(hit_ranks, positives)
     before = np.divide(ordinal - 1, hit_ranks - 1, out=np.ones(len(ordinal)), where=hit_ranks > 1)
     return _mean_by_query(np.where(hit_ranks > 0, (before + at) / 2, 0.0), positives)
 
 
 def average_precision(hit_ranks: Ints, positives: Positives) -> Floats:
-    """AP over the whole list: the mean over positives of the precision at their ranks.
-
-    Parameters
-    ----------
-    hit_ranks : (P,) int
-    positives : Positives
-
-    Returns
-    -------
-    (Q,) float64
-        0 to 1.
-
-    References
-    ----------
-    scikit-learn's ``average_precision_score``, which Game4Loc uses; trec_eval, measure ``map``.
-    """
+    """AP over the whole list: the mean over positives of the precision at their ranks."""
     return _mean_by_query(_precision_at_hits(hit_ranks, positives), positives)
 
 
@@ -98,15 +52,7 @@ def _precision_at_hits(hit_ranks: Ints, positives: Positives) -> Floats:
 def image_columns(
     truth: RetrievalTruth, ranking: Ranking, settings: ImageScores
 ) -> dict[str, Floats]:
-    """Return the columns of the records that a gallery of images has besides Recall@K.
-
-    Parameters
-    ----------
-    truth : RetrievalTruth
-    ranking : Ranking
-        With `hit_ranks`.
-    settings : ImageScores
-    """
+    """Return the columns of the records that a gallery of images has besides Recall@K."""
     if ranking.hit_ranks is None:
         raise ValueError("the ranking was not made for scores that read whole lists")
     ranks, positives = ranking.hit_ranks, truth.positives

@@ -235,11 +235,7 @@ def ndcg_at(hits: Bools, n_positives: Ints, k: int) -> Floats:
 
 
 def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
-    """Sum term(ordinal, rank) over each query's hits; its n-th hit has the ordinal n.
-
-    Hits are few among ranks, so only they are visited. `bincount` adds in the order of the ranks,
-    hence the sum does not depend on the size of a block.
-    """
+    """Sum term(ordinal, rank) over each query's hits; its n-th hit has the ordinal n."""
     depth = hits.shape[1]
     sums = np.zeros(len(hits))
     rows = max(1, _CELLS // max(depth, 1))

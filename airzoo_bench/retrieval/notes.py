@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.retrieval.predictions import RetrievalPredictions
 from airzoo_bench.retrieval.scene_predictions import ScenePredictions, strange_tiles
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
 __all__ = ["retrieval_notes"]
 
@@ -37,9 +37,16 @@ def retrieval_notes(
     )
     return [
         *(f"{counted(n, one, many)} {what}" for n, one, many, what in kinds if n),
+        *_unanswered([scene.truth for scene in scenes]),
         *_strange_tiles(predictions, [scene.truth for scene in scenes]),
         *_short_lists(scenes, protocol.scores),
     ]
+
+
+def _unanswered(truths: Sequence[RetrievalTruth]) -> list[str]:
+    tables = [truth.excluded for truth in truths]
+    named = [one for some in tables for one in some["id"][some["reason"] == UNANSWERED]]
+    return [f"queries that no tile answers, left out: {first_of(named)}"] if named else []
 
 
 def _strange_tiles(
@@ -64,13 +71,17 @@ def _short_lists(
             "others are not found, which they are where the whole gallery is ranked"
         ]
     depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
-    names = _and(["mAP", "MRR", *(f"nDCG@{k}" for k in depths)])
-    read = _and([score.title for score in retrieval_scores(scores) if score.headline])
+    titles = [score.title for score in retrieval_scores(scores) if score.headline]
+    reach = zip(titles, (*scores.recall_at, scores.ap_at), strict=True)
+    cut = [title for title, k in reach if any(scene.shorter(k) for scene in scenes)]
+    names = _and(["mAP", "MRR", *(f"nDCG@{k}" for k in depths), *cut])
+    whole = [title for title in titles if title not in cut]
+    others = f"; {_and(whole)} {agreeing(len(whole), 'does', 'do')} not look that far"
     return [
         f"{counted(n, 'list ends', 'lists end')} before rank {scores.ranks_kept} without all "
-        f"positives: to {names} the others are not found; {read} do not look that far"
+        f"positives: to {names} the others are not found{others * bool(whole)}"
     ]
 
 
 def _and(names: Sequence[str]) -> str:
-    return ", ".join(names[:-1]) + f" and {names[-1]}"
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

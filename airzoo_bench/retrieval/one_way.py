@@ -15,21 +15,7 @@ __all__ = ["direction", "one_way"]
 
 
 def one_way(rows: Rows, first: Floats, metric: Metric, step: int) -> bool:
-    """Whether all rows are the same as one, or under cosine multiples of it as far as stored.
-
-    Rounding in storage turns multiples a little, so that any ranking of them is one of rounding
-    errors.
-
-    Parameters
-    ----------
-    rows : Rows
-        Where a row is not usable, the answer is False.
-    first : (1, D) array
-        The :func:`direction` of the one.
-    metric : Metric
-    step : int
-        Rows at a time.
-    """
+    """Whether all rows are the same as one, or under cosine multiples of it as far as stored."""
     for _, some in rows.blocks(step):
         found = unusable(norms_of(some, as_float32(some)), np.isfinite, metric)
         if len(found["wild"]) or len(found["zero"]):

@@ -52,14 +52,7 @@ class Positives:
         n_tiles: int,
         where: object = None,
     ) -> Positives:
-        """Make positives of arrays read from a file.
-
-        Raises
-        ------
-        BenchmarkError
-            Where offsets do not rise from 0 to the number of tiles, a tile is not in the
-            gallery, tiles do not ascend within a query, or an overlap is not in [0, 1].
-        """
+        """Make positives of arrays read from a file."""
         damage = _damage(offsets, tiles, overlap, n_queries, n_tiles)
         if damage is not None:
             raise BenchmarkError(
@@ -117,13 +110,7 @@ def write_pairs(path: Path, pairs: Positives) -> None:
 
 
 def read_pairs(path: Path, n_queries: int, n_tiles: int) -> Positives:
-    """Read what `write_pairs` wrote.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing or damaged, or does not fit the numbers of queries and tiles.
-    """
+    """Read what `write_pairs` wrote."""
     if not path.is_file():
         raise BenchmarkError(
             "the benchmark folder has no truth here",
@@ -169,32 +156,7 @@ def hit_matrix(
     tiles: NDArray[np.int32],
     n_tiles: int,
 ) -> Bools:
-    """Mark the ranks that hold a positive tile.
-
-    Time grows with Q K + P and memory with the answer; neither depends on how many positives a
-    query has. The tiles of one query are taken to be distinct: a tile ranked twice hits twice.
-
-    Parameters
-    ----------
-    ranked : (Q, K) int32
-        Tile indices of each query, best first; -1 where there is no tile, which is never a hit.
-    offsets : (Q + 1,) int64
-        The positives of query q are ``tiles[offsets[q]:offsets[q + 1]]``.
-    tiles : (P,) int32
-        Tile indices of the positives.
-    n_tiles : int
-        Size of the gallery: indices run from 0 to ``n_tiles - 1``.
-
-    Returns
-    -------
-    (Q, K) bool
-        True where the ranked tile is a positive of its query.
-
-    Raises
-    ------
-    ValueError
-        The shapes do not fit together, or an index lies outside the gallery.
-    """
+    """Mark the ranks that hold a positive tile."""
     _check_hits(ranked, offsets, tiles, n_tiles)
     n_queries, depth = ranked.shape
     width = n_tiles + 1  # column 0 of the bitmap stands for -1 and stays False

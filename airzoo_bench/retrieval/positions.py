@@ -21,15 +21,7 @@ _CELLS = 1 << 20
 
 
 def metres_apart(measure: Literal["sphere", "ellipsoid", "plane"]) -> Between:
-    """Return how metres are measured.
-
-    Parameters
-    ----------
-    measure : {"sphere", "ellipsoid", "plane"}
-        Great circles of a sphere of the equator's radius, as DenseUAV's ``latlog2meter``;
-        geodesics of WGS84, as Game4Loc on UAV-VisLoc; straight lines between positions in
-        metres, as Game4Loc on GTA-UAV.
-    """
+    """Return how metres are measured."""
     by_name: dict[str, Between] = {
         "sphere": _great_circle,
         "ellipsoid": geodesic_distance_m,
@@ -39,20 +31,7 @@ def metres_apart(measure: Literal["sphere", "ellipsoid", "plane"]) -> Between:
 
 
 def degrees_apart(queries: Floats, images: Floats) -> Floats:
-    """Distance in degrees as DenseUAV has it: of longitude and latitude alike, in float32.
-
-    Its code rounds coordinates to float32 first, which moves them by up to 0.4 m at 120 degrees
-    of longitude; so does this, since published scores hold it.
-
-    Parameters
-    ----------
-    queries, images : (..., 2) array
-        Longitude, latitude; they broadcast.
-
-    References
-    ----------
-    ``euclideanDistance`` in ``evaluateDistance.py`` of Dmmm1997/DenseUAV.
-    """
+    """Distance in degrees as DenseUAV has it: of longitude and latitude alike, in float32."""
     single = queries.astype(np.float32), images.astype(np.float32)
     return _straight(single[0].astype(np.float64), single[1].astype(np.float64))
 
@@ -60,16 +39,7 @@ def degrees_apart(queries: Floats, images: Floats) -> Floats:
 def distances_of(
     between: Between, positions: tuple[Floats, Floats], ranked: NDArray[np.int32]
 ) -> Floats:
-    """Return the distance (Q, K) from queries to ranked images; infinite where there is none.
-
-    Parameters
-    ----------
-    between : callable
-    positions : (Q, 2) and (G, 2) array
-        Of queries and images.
-    ranked : (Q, K) int
-        Rows of the images; -1 for none.
-    """
+    """Return the distance (Q, K) from queries to ranked images; infinite where there is none."""
     queries, images = positions
     found = between(queries[:, None], images[ranked])
     return np.where(ranked >= 0, found, np.inf)

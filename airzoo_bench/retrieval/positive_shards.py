@@ -56,17 +56,7 @@ class _Shard:
 def by_shards(
     work: Callable[[Floats, _Shard], Arrays], asked: Floats, boxes: Floats, engine: Engine
 ) -> Positives:
-    """Find the pairs of each shard of the gallery, and put them together.
-
-    Parameters
-    ----------
-    work : callable
-        `tiles_of_points` or `overlapping`.
-    asked : (Q, A, 2) array
-        Points, or corners of footprints.
-    boxes : (G, 4) array
-    engine : Engine
-    """
+    """Find the pairs of each shard of the gallery, and put them together."""
     cuts = engine.cut(len(boxes), _TILES)
     shards = [_Shard(cut.start, boxes[cut]) for cut in cuts]
     found = engine.map(work, shards, shared=asked, stage="tiles searched", name=_name)

@@ -29,31 +29,7 @@ __all__ = [
 def positives_from_points(
     points: NDArray[np.floating], boxes: NDArray[np.floating], engine: Engine = HERE
 ) -> Positives:
-    """Find the tiles that hold at least one of a query's ground points, borders included.
-
-    Parameters
-    ----------
-    points : (Q, A, 2) array
-        lon, lat of the anchor pixels' ground points, degrees, or x, y in the map's own frame. A
-        point with NaN (a ray without ground) lies in no tile.
-    boxes : (G, 4) array
-        lon_min, lat_min, lon_max, lat_max of each tile, in the same frame. Longitudes of both are
-        unwrapped about one meridian; see `frames.unwrapped`.
-    engine : Engine
-        Where shards of the gallery are searched.
-
-    Returns
-    -------
-    Positives
-        Without overlap.
-
-    Raises
-    ------
-    BenchmarkError
-        Where a box is not finite or its minimum exceeds its maximum.
-    ValueError
-        Where the arrays have other shapes.
-    """
+    """Find the tiles that hold at least one of a query's ground points, borders included."""
     checked = _check_boxes(boxes)
     anchors = np.asarray(points, dtype=np.float64)
     if anchors.ndim != 3 or anchors.shape[2] != 2:
@@ -66,36 +42,7 @@ def positives_from_points(
 def overlaps(
     polygons: NDArray[np.floating], boxes: NDArray[np.floating], engine: Engine = HERE
 ) -> Positives:
-    """Overlap ratio (intersection over union) of every footprint and tile that overlap.
-
-    The ratio is taken in lon/lat. It is the ratio on the ground, since a ratio of areas does not
-    change when an axis is scaled, and within a tile degrees differ from metres by such a scale.
-
-    Parameters
-    ----------
-    polygons : (Q, 4, 2) array
-        lon, lat of the footprint's corners in order, either way round, degrees. A polygon with a
-        NaN corner is no footprint and overlaps nothing. A quadrilateral that crosses itself is
-        replaced with its convex hull: a convex frame seen on a plane is convex, so that only the
-        order of the corners can have been wrong.
-    boxes : (G, 4) array
-        lon_min, lat_min, lon_max, lat_max of each tile, as in :func:`positives_from_points`.
-    engine : Engine
-        Where shards of the gallery are searched.
-
-    Returns
-    -------
-    Positives
-        The pairs whose common area exceeds 0, with overlap in (0, 1]. Touching is not
-        overlapping: less than 1e-12 of the tile, the rounding of its area, counts as 0.
-
-    Raises
-    ------
-    BenchmarkError
-        Where a box is not finite or its minimum exceeds its maximum.
-    ValueError
-        Where the arrays have other shapes.
-    """
+    """Overlap ratio (intersection over union) of every footprint and tile that overlap."""
     boxes = _check_boxes(boxes)
     polygons = _check_polygons(polygons)
     return by_shards(overlapping, polygons, boxes, engine)
@@ -107,21 +54,7 @@ def positives_from_iou(
     threshold: float,
     engine: Engine = HERE,
 ) -> Positives:
-    """Keep the tiles whose overlap with the footprint exceeds a threshold (strictly).
-
-    Parameters
-    ----------
-    polygons, boxes : arrays
-        As of :func:`overlaps`.
-    threshold : float
-        Overlap ratio, 0 to 1; Game4Loc takes 0.39 for positives and 0.14 for semi-positives.
-    engine : Engine
-
-    Returns
-    -------
-    Positives
-        With overlap.
-    """
+    """Keep the tiles whose overlap with the footprint exceeds a threshold (strictly)."""
     found = overlaps(polygons, boxes, engine)
     ratio = overlap_of(polygons, boxes, found) if found.overlap is None else found.overlap
     kept = ratio > threshold
@@ -132,20 +65,7 @@ def positives_from_iou(
 def overlap_of(
     polygons: NDArray[np.floating], boxes: NDArray[np.floating], positives: Positives
 ) -> Floats:
-    """Overlap ratio of given pairs of footprint and tile.
-
-    Parameters
-    ----------
-    polygons, boxes : arrays
-        As of :func:`overlaps`.
-    positives : Positives
-        The pairs.
-
-    Returns
-    -------
-    (P,) array
-        In the order of `positives.tiles`; 0 where there is no footprint or no overlap.
-    """
+    """Overlap ratio of given pairs of footprint and tile."""
     boxes, polygons = _check_boxes(boxes), _check_polygons(polygons)
     if len(polygons) != positives.n_queries:
         raise ValueError(f"{len(polygons)} polygons for {positives.n_queries} queries")

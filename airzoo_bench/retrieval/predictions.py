@@ -76,22 +76,12 @@ RetrievalPredictions = QueryPredictions[RankedIds | Descriptors]
 """A prediction file of the retrieval track, as read."""
 
 
-def validation_errors(
-    predictions: RetrievalPredictions, ranks_needed: int
-) -> Iterator[PredictionError]:
-    """Yield the errors of predictions that can be found without truth.
-
-    Parameters
-    ----------
-    predictions : RetrievalPredictions
-    ranks_needed : int
-        How many ranks the protocol's scores read.
-    """
+def validation_errors(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
+    """Yield the errors of predictions that can be found without truth."""
     content = predictions.content
     where = f"{predictions.path}, field "
     checks = [partial(check_ids, predictions.query_ids, f"{where}'query_ids'")]
     if isinstance(content, RankedIds):
-        checks.append(partial(_check_depth, predictions, content, ranks_needed))
         checks += [
             partial(check, predictions, content)
             for check in (_check_gaps, _check_repeats, _check_scores, _check_order)
@@ -105,18 +95,7 @@ def validation_errors(
 def deep_validation_errors(
     predictions: RetrievalPredictions, metric: Metric, scenes: Sequence[str]
 ) -> Iterator[PredictionError]:
-    """Yield further errors, which scoring would find by itself.
-
-    Reads descriptors through, which for a mapped gallery takes as long as its file is large.
-
-    Parameters
-    ----------
-    predictions : RetrievalPredictions
-    metric : Metric
-        The protocol's, for descriptors.
-    scenes : sequence of str
-        The protocol's; queries of others are ignored.
-    """
+    """Yield further errors, which scoring would find by itself."""
     content = predictions.content
     if isinstance(content, RankedIds):
         yield from errors_of([partial(_check_scenes, predictions, content, scenes)])
@@ -124,18 +103,13 @@ def deep_validation_errors(
     queries = ("query_descriptors", content.queries, predictions.query_ids)
     gallery = ("gallery_descriptors", content.gallery, content.gallery_ids)
     parts = (queries, gallery)
-    yield from errors_of([partial(_check_rankable, predictions, metric, *part) for part in parts])
-
-
-def _check_depth(predictions: RetrievalPredictions, ranked: RankedIds, needed: int) -> None:
-    if ranked.ids.shape[1] < needed:
-        raise PredictionError(
-            f"ranks only {ranked.ids.shape[1]} tiles a query",
-            where=f"{predictions.path}, field 'ranked_ids'",
-            expected=f"at least {needed}, the deepest rank that the protocol scores; where the "
-            "gallery is smaller, fill with empty ids",
-            fix="write more of the ranked list",
-        )
+    metrics: tuple[Metric, Metric] = ("l2", metric)  # a query of zeros ties with every tile
+    yield from errors_of(
+        [
+            partial(_check_rankable, predictions, one, *part)
+            for one, part in zip(metrics, parts, strict=True)
+        ]
+    )
 
 
 def _check_gaps(predictions: RetrievalPredictions, ranked: RankedIds) -> None:

@@ -78,22 +78,7 @@ def build_truth(
     rules: GroundTruth | StatedTruth,
     engine: Engine = HERE,
 ) -> PreparedScene:
-    """Cut the gallery, cast the footprints, and find which tile answers which photo.
-
-    Parameters
-    ----------
-    inputs : SceneInputs
-    gallery, rules : Gallery, GroundTruth
-        The protocol's.
-    engine : Engine
-        Where shards of the gallery are searched for positives.
-
-    Raises
-    ------
-    RasterError
-        The map's resolution is not the protocol's, it reaches a pole or is wholly empty, or the
-        surface model has no valid height.
-    """
+    """Cut the gallery, cast the footprints, and find which tile answers which photo."""
     if isinstance(gallery, ImageGallery) or isinstance(rules, StatedTruth):
         raise TypeError("images are not cut from a map: `stated_truth.build_truth` is theirs")
     info = inputs.gallery_map
@@ -126,15 +111,7 @@ def build_truth(
 
 
 def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GroundTruth) -> Positives:
-    """Find which tiles of a gallery that was cut before answer each photo.
-
-    Parameters
-    ----------
-    inputs : SceneInputs
-    tiles : DataFrame
-        The gallery, see `RetrievalTruth`.
-    rules : GroundTruth
-    """
+    """Find which tiles of a gallery that was cut before answer each photo."""
     info, points = inputs.gallery_map, _footprints(inputs, rules).lonlat
     if box_growth(info, tiles) <= rules.box_growth:
         return _positives(points, boxes_of(tiles), rules)
@@ -208,17 +185,7 @@ def reasons_of(
     on_dropped: NDArray[np.str_],
     rules: GroundTruth,
 ) -> list[str]:
-    """Return for each of N photos why no tile answers it, if none does.
-
-    Parameters
-    ----------
-    footprints : Footprints
-    shared : Positives
-        Overlap of footprints and tiles.
-    on_dropped : (N,) str
-        Which tiles that are not in the gallery would answer, see `Gallery.dropped`; empty for none.
-    rules : GroundTruth
-    """
+    """Return for each of N photos why no tile answers it, if none does."""
     best = np.zeros(shared.n_queries)
     np.maximum.at(best, shared.queries, shared.overlap if shared.overlap is not None else 0.0)
     rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_dropped.tolist(), strict=True)
@@ -242,13 +209,7 @@ def _reason(missed: int, best: float, on_dropped: str, rules: GroundTruth) -> st
 
 
 def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
-    """Return why photos have no tile, a clause a reason, and what may help, commonest first.
-
-    Parameters
-    ----------
-    excluded : DataFrame
-        See `RetrievalTruth`.
-    """
+    """Return why photos have no tile, a clause a reason, and what may help, commonest first."""
     parts = excluded["reason"].str.partition(_BEST)
     found = excluded.assign(kind=parts[0], best=parts[2].where(parts[2] != "", "nan").astype(float))
     clauses, fixes = [], []

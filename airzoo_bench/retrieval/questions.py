@@ -23,17 +23,13 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
     """Read a scene's truth by `read_truth`, or by `read_questions` where it is sealed."""
     if benchmark.is_sealed:
         return read_questions(benchmark, scene)
-    return read_truth(benchmark.scene_folder(scene), scene)
+    rules = benchmark.file.tracks["retrieval"]["ground_truth"]
+    answerable = rules["without_positive"] == "exclude"
+    return read_truth(benchmark.scene_folder(scene), scene, answerable=answerable)
 
 
 def read_questions(benchmark: Benchmark, scene: str) -> RetrievalTruth:
-    """Read what a scene asks where the truth is sealed: queries and tiles, without any answer.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing or lacks a column.
-    """
+    """Read what a scene asks where the truth is sealed: queries and tiles, without any answer."""
     folder = benchmark.scene_folder(scene)
     excluded = read_excluded(benchmark, scene, "retrieval")
     queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")

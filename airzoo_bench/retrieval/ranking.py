@@ -2,7 +2,8 @@
 
 Tiles with equal scores are ordered non-positive first, then by their index in the gallery table
 (which is sorted by id), so that a scorer gains nothing by giving equal scores. A query whose whole
-gallery ties has no ranking: none of its tiles has a rank, unless all are positive.
+gallery ties, as it does with a descriptor of zeros, has no ranking: none of its tiles has a rank,
+unless all are positive.
 """
 
 from __future__ import annotations
@@ -41,42 +42,7 @@ def rank_by_ids(
     depth: int,
     names: Names | None = None,
 ) -> Ranking:
-    """Take a ranking as given, and reorder runs of equal scores against the submitter.
-
-    A run that reaches the end of a list shorter than the gallery ties with the tiles that were
-    left out: those that are not positive come before the positives of the run, those that are
-    positive are not found.
-
-    Parameters
-    ----------
-    ranked : (Q, K) int array
-        Tile indices, best first, -1 from where there are no more.
-    scores : (Q, K) array or None
-        Similarities or distances: along each row they never rise, or in all rows never fall.
-        Those of -1 do not count. Without scores the order stands.
-    positives : Positives
-        Of the Q queries.
-    n_tiles : int
-        Size of the gallery.
-    k : int
-        How many ranks to give; lists are cut there after ties are broken.
-    depth : int
-        How many ranks the scores look at.
-    names : sequence of Q, optional
-        Names of the queries for messages; their numbers where not given.
-
-    Returns
-    -------
-    Ranking
-        Of width k, -1 where there are no more.
-
-    Raises
-    ------
-    PredictionError
-        Where a row repeats a tile, goes on after -1, or its scores are NaN or not in order.
-    ValueError
-        Where the arrays do not fit each other.
-    """
+    """Take a ranking as given, and reorder runs of equal scores against the submitter."""
     if ranked.ndim != 2 or len(ranked) != positives.n_queries:
         raise ValueError(f"ranked is {ranked.shape} for {positives.n_queries} queries")
     tiles = ranked.astype(np.int64)
@@ -103,50 +69,13 @@ def rank_by_descriptors(
     tile_names: Names | None = None,
     engine: Engine = HERE,
 ) -> Ranking:
-    """Rank the gallery by descriptors, exactly as float64 has it.
-
-    Similarities are summed in float64 in an order that depends on D alone, so that equal
-    descriptors tie exactly and the result is the same bytes whatever `memory_bytes`, `jobs` and
-    `engine`. Most of them are never computed: a bound on the error of a float32 search (Higham
-    and Mary 2019) excludes them.
-
-    Parameters
-    ----------
-    queries : (Q, D) array
-        float16, float32 or float64.
-    gallery : (G, D) array or Rows
-        The same; of an ``np.memmap`` the file is read by blocks, past the map.
-    k : int
-        How many tiles to rank; a tie that crosses rank k is resolved over all of its tiles.
-    metric : {'l2', 'cosine', 'inner_product'}
-    positives : Positives
-        Of the Q queries.
-    depth : int
-        How many ranks the scores look at.
-    memory_bytes : int
-        Bound of the working memory of each task, besides the arrays given and the result.
-    jobs : int, optional
-        Threads of the float64 evaluation; by default one a core. (Matrix products take the
-        threads of NumPy's BLAS.)
-    names, tile_names : sequence of Q, of G, optional
-        Names of queries and tiles for messages; their numbers where not given.
-    engine : Engine
-        Where shards of the gallery are searched.
-
-    Returns
-    -------
-    Ranking
-        Of width k, -1 beyond G.
-
-    Raises
-    ------
-    PredictionError
-        Where descriptors are not floating point or of different lengths; not finite, of a norm
-        beyond 1e18, or zero under cosine (named by row).
-    ValueError
-        Where the arrays do not fit each other, or k, depth, the metric or `jobs` is no such.
-    """
+    """Rank the gallery by descriptors, exactly as float64 has it."""
     _check_request(queries, gallery, k, metric, positives, depth, jobs)
+    with np.errstate(invalid="ignore"):  # what is not finite is refused below
+        blank = np.flatnonzero(~queries.any(axis=1))
+    if len(blank):  # ranked as any other descriptor, and then taken to tie with every tile
+        queries = queries.copy()
+        queries[blank] = 1
     prepared = Queries.of(queries, metric, names)
     sought = min(max(k, depth), max(len(gallery), 1))
     parts = _query_parts(prepared, sought, memory_bytes)
@@ -162,10 +91,14 @@ def rank_by_descriptors(
         asked = replace(request, queries=prepared.part(part))
         found = nearest(shards, asked, some)
         rankings.append(_ordered(found, some, len(gallery), k, depth))
-    return Ranking(
+    ranking = Ranking(
         np.concatenate([one.tiles for one in rankings]),
         np.concatenate([one.tie_dependent for one in rankings]),
     )
+    if not len(blank):
+        return ranking
+    ranking.tiles[blank[positives.counts[blank] == len(gallery)]] = -1  # to be in the tiles' order
+    return without_constant(ranking, blank, positives, len(gallery))
 
 
 def _query_parts(queries: Queries, k: int, memory_bytes: int) -> list[slice]:

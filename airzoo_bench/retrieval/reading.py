@@ -12,12 +12,10 @@ from airzoo_bench.evaluation.prediction_files import Fields, read_fields
 from airzoo_bench.formats.arrays import (
     Arrays,
     check_length,
-    fields_file,
     numbers,
     open_arrays,
     texts,
 )
-from airzoo_bench.retrieval.gallery_shards import ShardedArrays
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 
 __all__ = ["read_retrieval"]
@@ -27,28 +25,19 @@ _EXPECTED = "query_ids with ranked_ids, or with gallery_descriptors, gallery_ids
 
 
 def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
-    """Read a prediction file of the retrieval track.
-
-    Parameters
-    ----------
-    path : Path
-        ``.npz``, ``.parquet``, or a folder with the gallery in shards.
-    limit_bytes : int
-        The most memory that the file's arrays may take together.
-
-    Raises
-    ------
-    PredictionError
-        Another kind of file, a field is missing, or has a wrong type or shape.
-    """
-    if fields_file(path) != path:
-        return read_fields(ShardedArrays(path, limit_bytes), _FORMS, _EXPECTED)
+    """Read a prediction file of the retrieval track."""
     return read_fields(open_arrays(path, limit_bytes, _COLUMNS), _FORMS, _EXPECTED)
 
 
 def _read_ranked(arrays: Arrays, query_ids: NDArray[np.str_]) -> RankedIds | Descriptors:
     ids = texts(arrays, "ranked_ids", 2)
     check_length(arrays, "ranked_ids", ids, len(query_ids))
+    if not ids.shape[1]:
+        raise PredictionError(
+            "ranks no tile",
+            where=f"{arrays.path}, field 'ranked_ids'",
+            expected="tiles of each query, best first",
+        )
     if "scores" not in arrays.names():
         return RankedIds(ids, None)
     scores = numbers(arrays, "scores", (None, None))

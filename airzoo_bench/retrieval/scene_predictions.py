@@ -20,8 +20,6 @@ from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["ScenePredictions", "match_scene", "strange_tiles"]
 
-_CELLS = 1 << 20  # ranks at a time
-
 
 @dataclass(frozen=True)
 class ScenePredictions:
@@ -47,10 +45,7 @@ class ScenePredictions:
         return lengths
 
     def shorter(self, depth: int) -> int:
-        """Count the lists that end before a rank, and not all of whose positives they hold.
-
-        Where scores read whole lists, the rank is the gallery's size.
-        """
+        """Count the lists that end before a rank, and not all of whose positives they hold."""
         positives = self.truth.positives
         if self.ranking.hit_ranks is not None:
             lacking = np.zeros(positives.n_queries, np.bool_)
@@ -85,24 +80,7 @@ def match_scene(
     settings: RetrievalScores | ImageScores,
     resources: Resources,
 ) -> ScenePredictions:
-    """Rank the gallery of one scene for each of its queries, as predicted.
-
-    Parameters
-    ----------
-    predictions : RetrievalPredictions
-    truth : RetrievalTruth
-        With Q queries.
-    rows : (Q,) int
-        The row of the predictions for each query, -1 where there is none.
-    settings : RetrievalScores or ImageScores
-    resources : Resources
-
-    Raises
-    ------
-    PredictionError
-        A tile is not in the scene's gallery, the gallery is not complete, scores are not in
-        order, or descriptors are not finite.
-    """
+    """Rank the gallery of one scene for each of its queries, as predicted."""
     content, there = predictions.content, np.flatnonzero(rows >= 0)
     names = predictions.query_ids[rows[there]]
     asked = Asked(rows[there], names, truth.positives.take(there))

@@ -54,16 +54,7 @@ def rank_scene(
     settings: RetrievalScores | ImageScores,
     resources: Resources,
 ) -> Ranking:
-    """Rank the gallery for the queries that are asked.
-
-    Where scores read whole lists, these are ranked for some queries at a time, and cut to the
-    ranks that are kept once it is known at which ranks they hold positives.
-
-    Raises
-    ------
-    PredictionError
-        See `scene_predictions.match_scene`.
-    """
+    """Rank the gallery for the queries that are asked."""
     n_tiles, cut = len(truth.tiles), None
     kept, depth = min(settings.ranks_kept, n_tiles), settings.depth
     if isinstance(settings, ImageScores):
@@ -158,10 +149,7 @@ def _rank_some(
 
 
 def _ranks_that_matter(ids: NDArray[np.str_], scores: Floats | None, kept: int) -> int:
-    """Return how many ranks decide the first `kept`: as many, and the ties that go on beyond.
-
-    One rank more tells a tie that ends there from one that ends with the list.
-    """
+    """Return how many ranks decide the first `kept`: as many, and the ties that go on beyond."""
     if scores is None:
         return kept
     on = (scores[:, kept:] == scores[:, kept - 1 : -1]) & (ids[:, kept:] != "")

@@ -45,13 +45,7 @@ def recall_at_share_name(share: float) -> str:
 
 
 def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
-    """Return the scores that a protocol asks for, the paper's first.
-
-    Returns
-    -------
-    list of Score
-        The columns are those of `airzoo_bench.retrieval.scoring.score_scene`.
-    """
+    """Return the scores that a protocol asks for, the paper's first."""
     return _image_scores(settings) if isinstance(settings, ImageScores) else _tile_scores(settings)
 
 
@@ -95,21 +89,7 @@ def hit_columns(
     ap_at: Mapping[int, Sequence[ApVariant]],
     ndcg_at: Sequence[int],
 ) -> dict[str, Floats]:
-    """Return the columns of the records that follow from which ranks are hits.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-    n_positives : (Q,) int
-        See `metrics`.
-    recall_at, ndcg_at : sequence of int
-    ap_at : mapping of int to sequence of ApVariant
-        Which readings of AP are taken at which rank.
-
-    Returns
-    -------
-    dict of str to (Q,) array
-    """
+    """Return the columns of the records that follow from which ranks are hits."""
     columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
     for k, variants in ap_at.items():
         for variant in variants:

@@ -32,26 +32,7 @@ def score_scene(
     *,
     jobs: int = 1,
 ) -> pd.DataFrame:
-    """Score every query of a scene.
-
-    Parameters
-    ----------
-    truth : RetrievalTruth
-        With Q queries and G tiles.
-    ranking : Ranking
-        Ranked tile indices (Q, K); a query without an answer has no tile in its row.
-    answered : (Q,) bool
-        Whether the predictions have the query.
-    settings : RetrievalScores or ImageScores
-        The protocol's.
-    jobs : int
-        Threads; the scores do not depend on it.
-
-    Returns
-    -------
-    DataFrame
-        A row a query: identity, what was ranked, all scores, and the query's conditions.
-    """
+    """Score every query of a scene."""
     import pandas as pd
 
     hits = hit_matrix(

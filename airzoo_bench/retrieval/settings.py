@@ -201,13 +201,7 @@ class RetrievalProtocol(Protocol):
     ]
 
     def map_rules(self) -> tuple[Gallery, GroundTruth]:
-        """Return how the map is cut into tiles, and which of them answer.
-
-        Raises
-        ------
-        ProtocolError
-            The gallery is a set of images.
-        """
+        """Return how the map is cut into tiles, and which of them answer."""
         gallery, truth = self.gallery, self.ground_truth
         if isinstance(gallery, ImageGallery) or isinstance(truth, StatedTruth):
             raise ProtocolError(

@@ -112,15 +112,7 @@ def points_like(shared: tuple[Floats, Metric, int], shard: Shard) -> Arrays:
 
 
 def search_shard(request: Request, shard: Shard) -> Arrays:
-    """Search a shard in float32.
-
-    Returns
-    -------
-    dict of str to array
-        ``query``, ``tile``, ``value`` of candidates; ``kth``, ``crowded``, ``top`` by query (see
-        `Search`); ``norms``, the least and the greatest; and what `similarity.unusable` found:
-        where that is anything, there is nothing else.
-    """
+    """Search a shard in float32."""
     block = request.block(shard.rows)
     searches = [Search.of(part, request.k) for part in request.parts(block)]
     queries, norms = request.queries, np.array([np.inf, 0.0])
@@ -166,18 +158,14 @@ def score_pairs(request: Request, pairs: Pairs) -> Arrays:
     groups = [group for group in np.split(order, firsts[1:]) if len(group)]
     bounds = [(int(row[group[0]]), int(row[group[-1]]) + 1) for group in groups]
 
-    def evaluate(group: Ints, run: Run, given: NDArray[Any] | None = None) -> None:
-        given = rows.read(*run) if given is None else given
+    def evaluate(group: Ints, run: Run) -> None:
+        given = rows.read(*run)
         for first in range(0, len(group), piece):
             some = group[first : first + piece]
             score[some], slack[some] = _scores(request, query[some], given[row[some] - run[0]])
 
-    if rows.random_access:
-        with ThreadPoolExecutor(request.jobs) as pool:
-            list(pool.map(evaluate, groups, bounds))
-    else:
-        for group, run, given in zip(groups, bounds, rows.runs(bounds), strict=True):
-            evaluate(group, run, given)
+    with ThreadPoolExecutor(request.jobs) as pool:
+        list(pool.map(evaluate, groups, bounds))
     return {"score": score, "slack": slack}
 
 
@@ -217,11 +205,7 @@ class Crowd:
         return max(1, self.request.memory_bytes // 8 // _BYTES_OF_A_TILE)
 
     def reduced(self, found: Arrays) -> Arrays:
-        """Keep of equal scores of a query the first k tiles, and all positives.
-
-        By the tie rule what is not positive comes first, so that no other can be among the
-        first k; the scores that tell which of them tie stay all.
-        """
+        """Keep of equal scores of a query the first k tiles, and all positives."""
         query, tile = found["query"], found["tile"]
         positive = self.positives.holds(query, tile, self.n_tiles)
         order = np.lexsort((tile, positive, found["slack"], found["score"], query))
@@ -236,14 +220,7 @@ class Crowd:
 
 
 def score_crowd(crowd: Crowd, shard: Shard) -> Arrays:
-    """Evaluate in float64 every tile of a shard that the search could not exclude.
-
-    Returns
-    -------
-    dict of str to array
-        ``query``, ``tile``, ``score``, ``slack``, reduced as `Crowd.reduced` does, and by query
-        how many there were, ``count``. No query at all where they are too many to keep.
-    """
+    """Evaluate in float64 every tile of a shard that the search could not exclude."""
     request, n = crowd.request, len(crowd.floors)
     kept, count = [_no_pairs()], np.zeros(n, np.int64)
     least = rounded_down(crowd.floors)

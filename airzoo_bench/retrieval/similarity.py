@@ -48,10 +48,7 @@ _MAX_NORM = 1e18  # beyond, products overflow in float32
 
 
 def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
-    """Similarity of pairs, (n, D) and (n, D), summed in an order that depends on D alone.
-
-    Equal descriptors therefore tie exactly, whatever else is evaluated with them.
-    """
+    """Similarity of pairs, (n, D) and (n, D), summed in an order that depends on D alone."""
     if metric == "l2":
         apart = queries - gallery
         return -_dot(apart, apart) / 2
@@ -61,17 +58,7 @@ def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
 
 
 def roundoff(queries: Floats, gallery: Floats, similarities: Floats, metric: Metric) -> Floats:
-    """Bound the error of `similarity`, by pair.
-
-    Pairs that are mathematically alike (tiles that are multiples of one vector under cosine)
-    come out this near to each other, and count as ties. Of a sum of n products with roundings
-    taken as independent; see :meth:`Queries.bounds`.
-
-    Parameters
-    ----------
-    queries, gallery, similarities : (n, D), (n, D), (n,) arrays
-        As of :func:`similarity`.
-    """
+    """Bound the error of `similarity`, by pair."""
     gamma = _gamma(queries.shape[1], _UNIT_64)
     if metric == "l2":
         return gamma * np.abs(similarities)
@@ -134,13 +121,7 @@ class Queries:
 
     @classmethod
     def of(cls, rows: NDArray[Any], metric: Metric, names: Names | None = None) -> Queries:
-        """Check and prepare query descriptors.
-
-        Raises
-        ------
-        PredictionError
-            Where they cannot be ranked: see :func:`check_norms`.
-        """
+        """Check and prepare query descriptors."""
         norms = np.empty(len(rows))
         for start in range(0, len(rows), _FEW):
             norms[start : start + _FEW] = _euclidean(rows[start : start + _FEW])
@@ -185,18 +166,7 @@ class Queries:
         return exact + self.norms[query] ** 2 / 2 if self.metric == "l2" else exact
 
     def bounds(self, least: float, most: float) -> Floats:
-        """Bound the error of every query's search values.
-
-        Rounding errors taken as independent, |fl(x.y) - x.y| <= gamma |x| |y| fails with a
-        probability below 2 n exp(-50), 1e-17 at n = 25,000 and so 1e-9 over 1e8 pairs, where
-        gamma = exp(lambda sqrt(n) u + n u^2 / (1 - u)) - 1 (Higham and Mary 2019, theorem 3.1,
-        lambda = 10); a few units more for what is rounded before and after, and for underflow.
-
-        Parameters
-        ----------
-        least, most : float
-            Smallest and greatest norm in the gallery.
-        """
+        """Bound the error of every query's search values."""
         n = self.single.shape[1]
         gamma = _gamma(n, _UNIT)
         if self.metric == "cosine":
@@ -217,14 +187,7 @@ def norms_of(rows: NDArray[Any], single: NDArray[np.float32]) -> Floats:
 
 
 def unusable(norms: Floats, finite: Callable[[Ints], Bools], metric: Metric) -> dict[str, Ints]:
-    """Find the rows that cannot be ranked; parameters as of :func:`check_norms`.
-
-    Returns
-    -------
-    dict of str to int64 array
-        Row numbers: ``wild`` (NaN, infinite, or of a norm beyond 1e18), those of them that are
-        ``broken`` (not finite), and under cosine ``zero``.
-    """
+    """Find the rows that cannot be ranked; parameters as of :func:`check_norms`."""
     wild = np.flatnonzero(~(norms <= _MAX_NORM))
     zero = np.flatnonzero(norms == 0) if metric == "cosine" else wild[:0]
     broken = wild[~finite(wild)] if len(wild) else wild
@@ -264,22 +227,5 @@ def check_norms(
     metric: Metric,
     names: Names | None = None,
 ) -> None:
-    """Refuse descriptors that cannot be ranked.
-
-    Parameters
-    ----------
-    norms : (n,) array
-        Of :func:`norms_of`.
-    finite : callable
-        Tells of row numbers whether each row is finite.
-    which : str
-        The array's name in the file.
-    metric : {'l2', 'cosine', 'inner_product'}
-    names : sequence, optional
-
-    Raises
-    ------
-    PredictionError
-        Where descriptors are NaN or infinite, have a norm beyond 1e18, or are zero under cosine.
-    """
+    """Refuse descriptors that cannot be ranked."""
     refuse_unusable(unusable(norms, finite, metric), len(norms), which, names)

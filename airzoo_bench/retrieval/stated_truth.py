@@ -70,13 +70,7 @@ class StatedPairs:
 
 
 def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> StatedPairs:
-    """Pair each query with all images of its class.
-
-    Parameters
-    ----------
-    queries, gallery : sequence of str
-        The class of each image.
-    """
+    """Pair each query with all images of its class."""
     classes, codes = np.unique(np.array([*queries, *gallery], dtype=str), return_inverse=True)
     asked, given = codes[: len(queries)], codes[len(queries) :]
     order = np.argsort(given, kind="stable")
@@ -92,22 +86,7 @@ def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> StatedPai
 def build_truth(
     scene: str, queries: ImageSet, gallery: ImageSet, pairs: StatedPairs, rules: StatedTruth
 ) -> PreparedScene:
-    """Lay out queries, gallery and pairs as the truth of a scene.
-
-    Parameters
-    ----------
-    scene : str
-    queries, gallery : ImageSet
-        Both with positions, or neither.
-    pairs : StatedPairs
-    rules : StatedTruth
-        The protocol's.
-
-    Raises
-    ------
-    BenchmarkError
-        Two images of a set have one id, or no query is left.
-    """
+    """Lay out queries, gallery and pairs as the truth of a scene."""
     asked, asked_order = _table(scene, queries, "queries")
     tiles, tile_order = _table(scene, gallery, "images of the gallery")
     stated = _sparse(pairs, asked_order, tile_order)

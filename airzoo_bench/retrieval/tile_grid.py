@@ -63,11 +63,7 @@ class Ruler:
         return cls(coefficients, low, high, int(reach.max()), np.searchsorted(high, starts))
 
     def first(self, values: Floats) -> Ints:
-        """Give the first of the `width` columns that may hold each value.
-
-        A table look-up and a step; `searchsorted` settles the few parts of the scale in which
-        several columns end. A value off the scale, or NaN, gets any column.
-        """
+        """Give the first of the `width` columns that may hold each value."""
         scale = (_LOOKUP - 1) / max(self.high[-1] - self.low[0], np.finfo(np.float64).tiny)
         part = np.fmin(np.fmax((values - self.low[0]) * scale, 0), _LOOKUP - 1).astype(np.int64)
         # One part earlier, so that rounding of `part` cannot skip a column.
@@ -148,19 +144,7 @@ class TileRun:
 
 
 def find_runs(boxes: Floats) -> list[TileRun] | None:
-    """Split a gallery into runs of tiles that lie row by row.
-
-    Parameters
-    ----------
-    boxes : (G, 4) array
-        lon_min, lat_min, lon_max, lat_max of each tile, degrees; finite.
-
-    Returns
-    -------
-    list of TileRun or None
-        None where the gallery is no such thing, or where so many tiles would have to be tested
-        for each point that a search tree is faster.
-    """
+    """Split a gallery into runs of tiles that lie row by row."""
     starts = np.concatenate([[0], np.flatnonzero(boxes[1:, 0] <= boxes[:-1, 0]) + 1])
     step = np.sign(np.diff(boxes[starts, 3]))
     southwards = bool(step.sum() <= 0)
@@ -212,11 +196,7 @@ def _tilted_run(grid: Floats, boxes: Floats, start: int, southwards: bool) -> Ti
 
 
 def _fitted_rulers(grid: Floats, origin: Floats, half_size: Floats) -> tuple[Ruler, Ruler]:
-    """Fit quadratics that give a tile its column and its row, and bound them by every tile.
-
-    Within a tile a value differs from that at its centre by at most the greatest gradient over
-    the run, which is [-1, 1]^2 in the unit of the fit, times half the size of the tile.
-    """
+    """Fit quadratics that give a tile its column and its row, and bound them by every tile."""
     fit = _fit(grid, origin)
     slope_x = np.abs(fit[1]) + np.abs(fit[3]) + 2 * np.abs(fit[4])
     slope_y = np.abs(fit[2]) + np.abs(fit[3]) + 2 * np.abs(fit[5])

@@ -49,7 +49,7 @@ class RetrievalTrack(
 
     name = "retrieval"
     summary = "Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."
-    kinds = ".npz, .parquet, or a folder with predictions.npz and gallery/"
+    kinds = ".npz or .parquet"
     suffixes = (".npz", ".parquet")
     argument = "An .npz or .parquet prediction file."
     example = "preds.npz --out results/mymethod"
@@ -83,11 +83,11 @@ class RetrievalTrack(
         """See `predictions.validation_errors` and `predictions.deep_validation_errors`."""
         from airzoo_bench.retrieval.predictions import deep_validation_errors, validation_errors
 
-        scores = protocol.scores
-        yield from validation_errors(predictions, scores.depth)
+        yield from validation_errors(predictions)
         if thorough:
             scenes = [scene.id for scene in protocol.scenes]
-            yield from deep_validation_errors(predictions, scores.descriptor_metric, scenes)
+            metric = protocol.scores.descriptor_metric
+            yield from deep_validation_errors(predictions, metric, scenes)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
         """See `questions.scene_truth`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +28,7 @@ __all__ = [
     "NO_GROUND_POINT",
     "NO_TILE",
     "POSITION_COLUMNS",
+    "UNANSWERED",
     "RetrievalTruth",
     "boxes_of",
     "read_tile_table",
@@ -42,8 +43,10 @@ LONLAT_DECIMALS = 9
 BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
 ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
 FOOTPRINT_COLUMNS = ("footprint_lon", "footprint_lat")
+_EARTH_RADIUS_M = 6_371_000.0
 NO_GROUND_POINT = "no ray meets the ground"
 NO_TILE = "the footprint meets no tile"
+UNANSWERED = "positives.npz gives it no tile"
 _WINDOW_COLUMNS = ("x", "y", "width", "height")
 _TILE_COLUMNS = ("id", "size_px", "size_m", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
 
@@ -155,18 +158,7 @@ def boxes_of(tiles: pd.DataFrame) -> Floats:
 
 
 def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> None:
-    """Write a scene's truth below its folder, next to ``queries.csv``.
-
-    Parameters
-    ----------
-    folder : Path
-        The scene's folder; made where it is missing.
-    truth : RetrievalTruth
-        What to write.
-    overlaps : Positives
-        The overlap ratio of every query-tile pair that overlaps, for those who train with it; of
-        a gallery of images, all pairs that the benchmark states.
-    """
+    """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "retrieval"
     home.mkdir(parents=True, exist_ok=True)
     for name in ("footprints", "excluded"):
@@ -177,15 +169,8 @@ def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> Non
     write_pairs(home / "overlaps.npz", overlaps)
 
 
-def read_truth(folder: Path, scene: str) -> RetrievalTruth:
-    """Read a scene's truth.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is missing, lacks a column, boxes are none, no query is left, or the positives do
-        not fit the tables.
-    """
+def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> RetrievalTruth:
+    """Read a scene's truth; where `answerable`, queries without a positive are excluded."""
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries = read_queries(folder, excluded)
@@ -198,41 +183,47 @@ def read_truth(folder: Path, scene: str) -> RetrievalTruth:
             where=home / "footprints.csv",
             fix="prepare the benchmark again",
         )
-    if queries.empty:
+    if "image" not in tiles.columns and not queries.empty:
+        _check_near(footprints, boxes_of(tiles), home / "footprints.csv")
+    positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
+    truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
+    truth = _without_unanswered(truth) if answerable else truth
+    if truth.queries.empty:
         raise BenchmarkError(
-            f"scene {scene} has no query: {counted(len(excluded), 'photo')} excluded",
+            f"scene {scene} has no query: {counted(len(truth.excluded), 'photo')} excluded",
             where=home / "excluded.csv",
             expected="at least one photo that a tile answers",
             fix="prepare the benchmark again with other photos, or leave the scene out of the "
             "protocol",
         )
-    if "image" not in tiles.columns:
-        _check_near(footprints, boxes_of(tiles), home / "footprints.csv")
-    positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
-    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
+    return truth
+
+
+def _without_unanswered(truth: RetrievalTruth) -> RetrievalTruth:
+    """Exclude queries without a positive, as `prepare` does; a folder made by hand has some."""
+    import pandas as pd
+
+    right = truth.positives.counts > 0
+    if right.all():
+        return truth
+    lacking = truth.queries.loc[~right, ["id", "image"]].assign(reason=UNANSWERED)
+    return replace(
+        truth,
+        queries=truth.queries[right].reset_index(drop=True),
+        footprints=truth.footprints[right].reset_index(drop=True),
+        positives=truth.positives.take(np.flatnonzero(right)),
+        excluded=pd.concat([truth.excluded, lacking]).sort_values("id", ignore_index=True),
+    )
 
 
 def read_tiles(home: Path) -> pd.DataFrame:
-    """Read the table of a scene's tiles from the folder of its retrieval track.
-
-    Raises
-    ------
-    BenchmarkError
-        It is missing, lacks a column, or boxes or sizes are none.
-    """
+    """Read the table of a scene's tiles from the folder of its retrieval track."""
     tiles = read_tile_table(home / "tiles.parquet")
     _check_sorted(tiles, home / "tiles.parquet")
     if "image" in tiles.columns:
         return tiles
     _check_boxes(boxes_of(tiles), home / "tiles.parquet")
-    small = np.flatnonzero(~(tiles["size_m"].to_numpy(np.float64) > 0.0))
-    if small.size:
-        raise BenchmarkError(
-            f"row {small[0] + 1}, column size_m: {tiles['size_m'].iloc[small[0]]}",
-            where=home / "tiles.parquet",
-            expected="sides of tiles above 0, in metres",
-            fix="prepare the benchmark again",
-        )
+    _check_sizes(tiles, home / "tiles.parquet")
     return tiles
 
 
@@ -242,6 +233,23 @@ def read_tile_table(path: Path) -> pd.DataFrame:
     if "image" in found.columns:
         return read_table(path, IMAGE_COLUMNS, complete=_position_columns(found))
     return read_table(path, _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+
+
+def _check_sizes(tiles: pd.DataFrame, path: Path) -> None:
+    """Refuse sides that are not those of the boxes, which a turned map makes up to 1.41 larger."""
+    west, south, east, north = np.radians(boxes_of(tiles)).T
+    height, width = north - south, (east - west) * np.cos((north + south) / 2)
+    sides = _EARTH_RADIUS_M * (height + width) / 2
+    sizes = tiles["size_m"].to_numpy(np.float64)
+    wrong = np.flatnonzero(~((sizes > sides / 1.5) & (sizes < sides * 1.1)))
+    if wrong.size:
+        row = wrong[0]
+        raise BenchmarkError(
+            f"row {row + 1}, {tiles['id'].iloc[row]}, column size_m: {sizes[row]:g}",
+            where=path,
+            expected=f"the tile's side in metres; its box is about {sides[row]:.1f} m wide",
+            fix="prepare the benchmark again",
+        )
 
 
 def _check_sorted(tiles: pd.DataFrame, path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.pairs import Places, Wanted, hubs, rows_of
+from airzoo_bench.statistics.pairs import Places, Wanted, rows_of
 from airzoo_bench.statistics.samples import Sample
 from airzoo_bench.statistics.unit_products import UnitProducts
 
@@ -88,7 +88,7 @@ class SignedSums:
         draws : (V, B) array
             From `pair_draws`.
         wanted : (V, V) bool
-            From `wanted_pairs`.
+            True above the diagonal alone.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class SignedSums:
         for part, end in zip(parts, ends.tolist(), strict=True):
             units = part.shape[1]
             np.divide(part, units, out=values[:, end - units : end])
-        products = UnitProducts.of(values, hubs(wanted))
+        products = UnitProducts.of(values, np.flatnonzero(wanted.any(axis=1)))
         return cls(values, Codes(parts), values.sum(axis=1), products, draws)
 
     def tests(self, wanted: Wanted) -> Tested:

@@ -1,9 +1,10 @@
 """Paired tests of every two of many variables, from one set of draws that all pairs share.
 
-They are the tests of `significance.paired_tests`. Of means: a change of places turns the sign of a
-unit's difference, and the sum of differences under given signs is the difference of two sums, one
-of each variable; so the sums of N variables hold the draws of all N (N - 1) / 2 pairs. Of medians:
-the resamples of a difference are the differences of two medians' resamples.
+They are the tests of `significance.paired_tests`: over scenes Student's t, which needs no draws. Of
+means a change of places turns the sign of a unit's difference, and the sum of differences under
+given signs is the difference of two sums, one of each variable; so the sums of N variables hold the
+draws of all N (N - 1) / 2 pairs. Of medians the resamples of a difference are the differences of
+two medians' resamples.
 
 Corrected for many pairs, p must be resolved far below one draw. Where fewer than 25 draws are as
 extreme as what was observed, p of a mean is the normal tail with the exact variance of the signed
@@ -24,7 +25,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.bootstrap_limits import percentile_p_values
 from airzoo_bench.statistics.intervals import FEWEST
 from airzoo_bench.statistics.pair_means import SignedSums, Tested, codes_of, normal_tail
-from airzoo_bench.statistics.pairs import Places, Wanted, rows_of, wanted_pairs
+from airzoo_bench.statistics.pairs import Places, Wanted, rows_of
 from airzoo_bench.statistics.resampling import (
     blocks,
     exact_products,
@@ -34,6 +35,7 @@ from airzoo_bench.statistics.resampling import (
     weighted_averages,
 )
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
+from airzoo_bench.statistics.scene_means import student
 from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
 
 __all__ = [
@@ -78,9 +80,11 @@ def pair_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
     Returns
     -------
     (V, B) array
-        Of means, sums under random signs; of medians, their resamples. A variable's row is the
-        same to the last bit whatever the others are.
+        Of means, sums under random signs; of medians, their resamples; none over scenes. A
+        variable's row is the same to the last bit whatever the others are.
     """
+    if sample.unit == "scene":
+        return np.empty((len(sample.medians), 0))
     if sample.medians.any():
         return mean_draws(sample, resampling)
     draws = np.zeros((len(sample.medians), resampling.resamples))
@@ -99,7 +103,6 @@ def pair_p_values(
     sample: Sample,
     resampling: ResamplingConfig,
     draws: Floats | None = None,
-    chosen: Places | None = None,
 ) -> Floats:
     """Test every two variables of a sample.
 
@@ -111,21 +114,20 @@ def pair_p_values(
         Number of draws, seed.
     draws : (V, B) array, optional
         From `pair_draws` of the same sample, where they were made before.
-    chosen : (C,) array of int, optional
-        Test the pairs that have one of these variables; all where left out.
 
     Returns
     -------
     (V, V) array
-        Two-sided p, symmetric; 1 on the diagonal, NaN for pairs that were not tested. That of a
+        Two-sided p, symmetric; 1 on the diagonal. That of a
         pair is the same to the last bit whatever the other variables are.
     """
     count = len(sample.medians)
     found = np.where(np.eye(count, dtype=bool), 1.0, np.nan)
-    wanted = wanted_pairs(count, chosen)
+    wanted = np.triu(np.ones((count, count), np.bool_), 1)
     if wanted.any():
         draws = pair_draws(sample, resampling) if draws is None else draws
-        tests = _of_medians if sample.medians.any() else _of_means
+        over_scenes = sample.unit == "scene"
+        tests = _of_medians if sample.medians.any() else _over_scenes if over_scenes else _of_means
         for one, others, p_values in tests(sample, resampling, draws, wanted):
             found[one, others] = found[others, one] = p_values
     return found
@@ -137,14 +139,29 @@ def _of_means(
     failing = np.any([np.isinf(part.max(axis=1, initial=0.0)) for part in sample.values], axis=0)
     either = failing | failing[:, None]
     for one, others in rows_of(wanted & either):
-        for first, size in blocks(2 * resampling.resamples, len(others)):
-            part = others[first : first + size]
-            pairs = [(min(one, other), max(one, other)) for other in part.tolist()]
-            tests = paired_permutation(sample, resampling, pairs)
-            yield one, part, np.array([test.p_value for test in tests])
+        yield from _permuted(sample, resampling, one, others)
     finite = wanted & ~either
     if finite.any():
         yield from SignedSums.of(sample, draws, finite).tests(finite)
+
+
+def _over_scenes(
+    sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: Wanted
+) -> Tested:
+    [values] = sample.values
+    for one, others in rows_of(wanted):
+        gaps = paired_difference(values[others], values[one])
+        _, p_values = student(gaps, np.zeros(len(others), np.bool_), resampling.confidence)
+        yield one, others, p_values
+        yield from _permuted(sample, resampling, one, others[np.isnan(p_values)])
+
+
+def _permuted(sample: Sample, resampling: ResamplingConfig, one: int, others: Places) -> Tested:
+    for first, size in blocks(2 * resampling.resamples, len(others)):
+        part = others[first : first + size]
+        pairs = [(min(one, other), max(one, other)) for other in part.tolist()]
+        tests = paired_permutation(sample, resampling, pairs)
+        yield one, part, np.array([test.p_value for test in tests])
 
 
 def _of_medians(
@@ -208,10 +225,7 @@ def _median_p_values(sample: Sample, draws: Floats, one: int, others: Places) ->
 
 
 def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
-    """Return p where all resamples lie on one side of 0.
-
-    By wins and losses where resamples are infinite, which have no spread.
-    """
+    """Return p where all resamples lie on one side of 0."""
     usual = np.asarray(np.isfinite(draws).all(axis=1))
     known = draws[usual]
     spread = known.std(axis=1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals, bootstrap, few_units
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
+from airzoo_bench.statistics.scene_means import intervals_over_scenes
 from airzoo_bench.statistics.share_differences import difference_limits
 from airzoo_bench.statistics.shares import average_limits
 
@@ -22,7 +23,7 @@ _Pairs = Sequence[tuple[int, int]]
 def sample_intervals(
     sample: Sample, resampling: ResamplingConfig, differences: _Pairs = (), *, groups: bool = True
 ) -> SampleIntervals:
-    """Take intervals: of shares by Wilson and MOVER, of all else by bootstrap.
+    """Take intervals: over scenes by Student's t, of shares by MOVER, of all else by bootstrap.
 
     Parameters
     ----------
@@ -46,6 +47,8 @@ def sample_intervals(
     ValueError
         The sample has no group.
     """
+    if sample.unit == "scene":
+        return intervals_over_scenes(sample, resampling.confidence, differences)
     shares = sample.shares
     if shares is None or not shares.any():
         return bootstrap(sample, resampling, differences, groups=groups)

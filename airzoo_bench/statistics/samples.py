@@ -47,7 +47,7 @@ class Sample:
     Attributes
     ----------
     unit : str
-        What a unit is, for messages: "query" or "scene".
+        What a unit is: "query" or "scene".
     groups : tuple of str
         Within what units are resampled: scenes, or all scenes as one group. All different, since
         the draws of a group are known by its name.

@@ -47,7 +47,7 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     """
     count = len(scenes)
     means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
-    graded = np.any([(values % 1 != 0).any(axis=1) for values in scenes], axis=0)
+    graded = np.any([(values != np.rint(values)).any(axis=1) for values in scenes], axis=0)
     squares = sum(_squares(values, graded, confidence) for values in scenes)
     return put_together(means, np.asarray(squares), count)
 
@@ -56,8 +56,11 @@ def _squares(values: Floats, graded: NDArray[np.bool_], confidence: float) -> Fl
     """Return the squared reaches of a scene's differences, down and up, (2, R)."""
     count = values.shape[1]
     student = student_squares(values.var(axis=1, ddof=1), count, confidence)
-    vary = np.ptp(values, axis=1) > _ALIKE
-    return np.where(graded & vary, student, _squares_of_hits(values, confidence))
+    squares = np.stack([student, student])
+    as_hits = ~graded | (np.ptp(values, axis=1) <= _ALIKE)
+    if as_hits.any():
+        squares[:, as_hits] = _squares_of_hits(values[as_hits], confidence)
+    return squares
 
 
 def student_squares(variances: Floats, count: int, confidence: float) -> Floats:
@@ -126,20 +129,7 @@ class Reaches:
     @classmethod
     @lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
     def of_hits(cls, count: int, confidence: float) -> Reaches:
-        """Take those of 0, 1, ..., `count` hits of so many queries.
-
-        Parameters
-        ----------
-        count : int
-            How many queries there are.
-        confidence : float
-            Between 0 and 1.
-
-        Returns
-        -------
-        Reaches
-            Of `count` + 1 rates, as `Rates.of` has them.
-        """
+        """Take those of 0, 1, ..., `count` hits of so many queries."""
         means = np.arange(count + 1) / count
         varied = count * means * (1 - means)
         ends = PRIOR * (means**2 + (1 - means) ** 2)

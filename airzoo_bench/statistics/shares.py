@@ -37,6 +37,7 @@ __all__ = [
     "average_limits",
     "jeffreys_limits",
     "jeffreys_reaches",
+    "limits_of_rates",
     "wilson_limits",
 ]
 
@@ -158,7 +159,24 @@ def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     (R, 2) array
         Wilson's limits of one scene, MOVER's of Jeffreys' limits of several.
     """
-    rates = [Rates.of(values) for values in scenes]
+    return limits_of_rates([Rates.of(values) for values in scenes], confidence)
+
+
+def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
+    """Take the intervals of rates, averaged over scenes without weights.
+
+    Parameters
+    ----------
+    rates : sequence of Rates
+        R rates of each scene.
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    (R, 2) array
+        See `average_limits`.
+    """
     if len(rates) == 1:
         return wilson_limits(rates[0], confidence)
     reaches = [jeffreys_reaches(rate, confidence) for rate in rates]

@@ -44,15 +44,16 @@ class PairedTest:
     exact : bool
         Whether every pattern was tried; else `patterns` random ones were.
     patterns : int
-        Or resamples; 0 where there was nothing to try, and p is 1.
-    kind : {"permutation", "bootstrap"}
-        Bootstrap for medians, whose interval and p are of the same resamples.
+        Or resamples, or scenes; 0 where there was nothing to try, and p is 1.
+    kind : {"permutation", "bootstrap", "student"}
+        Bootstrap for medians, whose interval and p are of the same resamples; Student's t over
+        scenes, as their interval.
     """
 
     p_value: float
     exact: bool
     patterns: int
-    kind: Literal["permutation", "bootstrap"] = "permutation"
+    kind: Literal["permutation", "bootstrap", "student"] = "permutation"
 
 
 def paired_permutation(
@@ -254,7 +255,8 @@ def paired_tests(
     """Take the interval of paired differences, and test whether they are 0.
 
     Means by permutation, medians by the interval itself: p of a median is that of the bootstrap's
-    percentile interval, but never below what any test could find on as many units as differ.
+    percentile interval, but never below what any test could find on as many units as differ. Where
+    scenes are the units p is that of the interval's t, and by permutation without an interval.
 
     Parameters
     ----------
@@ -272,11 +274,16 @@ def paired_tests(
     """
     found = sample_intervals(sample, resampling, places, groups=False)
     by_median = [bool(sample.medians[one]) for one, _ in places]
-    means = [place for place, median in zip(places, by_median, strict=True) if not median]
+    known = list(zip(places, by_median, found.p_values, strict=True))
+    means = [place for place, median, p_value in known if p_value is None and not median]
     permuted = iter(paired_permutation(sample, resampling, means))
     tests = [
-        _test_of_medians(sample, place, p_value, resampling) if median else next(permuted)
-        for place, median, p_value in zip(places, by_median, found.p_values, strict=True)
+        _test_of_medians(sample, place, p_value, resampling)
+        if median
+        else next(permuted)
+        if p_value is None
+        else PairedTest(p_value, True, sample.values[0].shape[1], "student")
+        for place, median, p_value in known
     ]
     return found.overall[len(sample.medians) :], tests
 

@@ -83,7 +83,7 @@ def cache_faults() -> Iterator[None]:
         raise UserError(
             "the disk is full" if full else f"cannot be written: {error.strerror or error}",
             where=cache_folder(),
-            fix="make room, or remove mirrors by `airzoo-bench cache --remove-older-than DAYS`, "
+            fix="make room, or remove mirrors in it that no run is using, "
             f"or set {CACHE_VARIABLE} to a folder on another disk",
         ) from error
 

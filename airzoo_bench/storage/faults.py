@@ -64,13 +64,7 @@ def changed(url: Url) -> ChangedError:
 
 
 def settled(read: Callable[[], T]) -> T:
-    """Ask for versions and read what they are of, anew where it changed meanwhile.
-
-    Raises
-    ------
-    ChangedError
-        It changed three times.
-    """
+    """Ask for versions and read what they are of, anew where it changed meanwhile."""
     for _ in range(_CHANGES - 1):
         with suppress(ChangedError):
             return read()
@@ -78,34 +72,14 @@ def settled(read: Callable[[], T]) -> T:
 
 
 def check_version(url: Url, version: str, stated: Mapping[str, object]) -> None:
-    """Refuse an answer of another version than was asked for, as far as it states its own.
-
-    Parameters
-    ----------
-    url : Url
-    version : str
-        See `airzoo_bench.storage.remote.Entry`; any will do where it is empty.
-    stated : mapping
-        The headers of the answer.
-
-    Raises
-    ------
-    ChangedError
-        It is of another one.
-    """
+    """Refuse an answer of another version than was asked for, as far as it states its own."""
     for name in ("ETag", "Last-Modified"):
         if f"{name}=" in version and name in stated and f"{name}={stated[name]} " not in version:
             raise changed(url)
 
 
 def tried(url: Url, call: Callable[[], T]) -> T:
-    """Call a client, again where its storage is busy or out of reach for a moment.
-
-    Raises
-    ------
-    StorageError
-        What is wrong, by what the storage says.
-    """
+    """Call a client, again where its storage is busy or out of reach for a moment."""
     for pause in (*PAUSES_S, None):
         try:
             return call()

@@ -15,28 +15,7 @@ __all__ = ["here", "location_of"]
 
 
 def here(location: str | Path) -> Path:
-    """Return a path on this machine with what lies at a location.
-
-    A task that may run on another machine holds the location (see `location_of`), and calls this
-    where it runs: each machine makes its own mirror, once.
-
-    Parameters
-    ----------
-    location : str or Path
-        A path, which is returned as it is; or the URL of a file, or of a folder, all of which is
-        fetched. With a slash at its end it is that of a folder, also where a file has its name. Of
-        a raster it is a pointer, by which `geometry.rasters` opens it where it lies.
-
-    Returns
-    -------
-    Path
-        In the cache where the location is a URL.
-
-    Raises
-    ------
-    UserError
-        The URL is of no supported scheme, nothing lies there, or it cannot be fetched.
-    """
+    """Return a path on this machine with what lies at a location."""
     url = url_of(location)
     if url is None:
         return Path(location)
@@ -56,19 +35,7 @@ def _mirrored(url: Url) -> Path:
 
 
 def location_of(path: Path) -> str:
-    """Return where another machine finds what lies at a path: the URL if it is mirrored.
-
-    Parameters
-    ----------
-    path : Path
-        Such as `here` returned.
-
-    Returns
-    -------
-    str
-        For `here` on that machine. A path of this one is returned as it is: on a cluster, a disk
-        that all share.
-    """
+    """Return where another machine finds what lies at a path: the URL if it is mirrored."""
     found = mirror_of(path)
     if found is None:
         return str(path)

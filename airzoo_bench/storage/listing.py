@@ -27,13 +27,7 @@ _AT_ONCE = 8
 
 
 def files(url: Url) -> dict[str, Entry]:
-    """List all files below a folder by their relative names, in their order.
-
-    Raises
-    ------
-    StorageError
-        It cannot be listed, or is too large to be.
-    """
+    """List all files below a folder by their relative names, in their order."""
     found = _below(url, deep=True)
     listed = sorted(name for name, entry in found.items() if not entry.is_folder)
     if url.read_only:  # the page of a folder says no more than names
@@ -45,19 +39,7 @@ def files(url: Url) -> dict[str, Entry]:
 
 
 def names(url: Url, *, folders: bool = False) -> list[str]:
-    """List what lies in a folder, one level deep; nothing where a web server lists nothing.
-
-    Parameters
-    ----------
-    url : Url
-    folders : bool
-        Folders only.
-
-    Raises
-    ------
-    StorageError
-        It cannot be listed.
-    """
+    """List what lies in a folder, one level deep; nothing where a web server lists nothing."""
     try:
         found = _below(url, deep=False)
     except StorageError as error:
@@ -72,13 +54,7 @@ def names(url: Url, *, folders: bool = False) -> list[str]:
 
 
 def matching(url: Url) -> list[Url]:
-    """Return the places that a URL with ``*`` in its names means; of any other, itself.
-
-    Raises
-    ------
-    StorageError
-        There are none, or they cannot be listed.
-    """
+    """Return the places that a URL with ``*`` in its names means; of any other, itself."""
     if "*" not in url.path:
         return [url]
     first, *rest = url.path.split("/")

@@ -44,13 +44,7 @@ _origins: dict[Path, Url] = {}
 
 
 def folder_mirror(url: Url) -> Mirror:
-    """Return the mirror of a folder with all files of it, as they were at one time.
-
-    Raises
-    ------
-    UserError
-        Nothing lies there, it cannot be fetched, or it changes all the time.
-    """
+    """Return the mirror of a folder with all files of it, as they were at one time."""
     return settled(lambda: _folder_mirror(url))
 
 
@@ -71,21 +65,7 @@ def versions_of(entries: Mapping[str, Entry]) -> str:
 
 
 def listed_mirror(url: Url) -> Mirror:
-    """Return the mirror of a folder whose files are fetched when they are asked for.
-
-    All of them are as they are listed now: where one is replaced before it is asked for, that is a
-    fault, and the next list leads to another mirror.
-
-    Parameters
-    ----------
-    url : Url
-        Of a storage whose lists state versions: no web server's do.
-
-    Raises
-    ------
-    UserError
-        It cannot be listed.
-    """
+    """Return the mirror of a folder whose files are fetched when they are asked for."""
     found: dict[str, Entry] = {}
     with absent_is_absent():
         found = files(url)
@@ -114,14 +94,7 @@ class Mirror:
 
     @classmethod
     def of(cls, url: Url, versions: str) -> Mirror:
-        """Open a folder's mirror, and make it where there is none.
-
-        Parameters
-        ----------
-        url : Url
-        versions : str
-            Of what was asked for: with others, it is another mirror.
-        """
+        """Open a folder's mirror, and make it where there is none."""
         key = hashlib.sha256(f"{url.address}\n{versions}".encode()).hexdigest()[:24]
         home = cache_folder() / key
         if not (home / _ORIGIN).is_file():
@@ -136,27 +109,7 @@ class Mirror:
         return cls(url, tree)
 
     def fetch(self, name: str, entry: Entry | None = None, sha256: str | None = None) -> Path:
-        """Return the path of a file, and fetch it where it is not there.
-
-        Parameters
-        ----------
-        name : str
-            Relative to the folder.
-        entry : Entry, optional
-            What the storage said of it: no other version is fetched. Given wherever the mirror's
-            key holds its version; left out, any version that stays the same will do.
-        sha256 : str, optional
-            What it must have.
-
-        Raises
-        ------
-        ChangedError
-            It is no longer that of `entry`, or changes all the time.
-        StorageError
-            It cannot be fetched, or is not what it must be.
-        UserError
-            The disk is full.
-        """
+        """Return the path of a file, and fetch it where it is not there."""
         url, target = self.url.child(name), self.tree / name
         with cache_faults():
             if target.is_file():
@@ -230,16 +183,7 @@ def mirror_of(path: Path) -> tuple[Mirror, str] | None:
 
 
 def fetched(path: Path, *, anew: bool = False) -> Path:
-    """Return a path, and fetch the file first if it belongs to a mirror and is not there yet.
-
-    A file that its storage does not have stays missing, and is the caller's to name. With `anew`,
-    what the mirror has is dropped: a file asked for by name may have been replaced at its URL.
-
-    Raises
-    ------
-    UserError
-        It cannot be fetched.
-    """
+    """Return a path, and fetch the file first if it belongs to a mirror and is not there yet."""
     found = None if path.exists() and not anew else mirror_of(path)
     if found is not None:
         path.unlink(missing_ok=True)

@@ -104,13 +104,7 @@ def _of_scheme(scheme: str) -> Iterator[tuple[str, str]]:
 
 
 def pointed(path: Path) -> Path:
-    """Return the path of a raster; in a mirror, with a pointer to where it lies.
-
-    Raises
-    ------
-    UserError
-        It cannot be asked for; where there is none, the path stays empty.
-    """
+    """Return the path of a raster; in a mirror, with a pointer to where it lies."""
     found = None if path.exists() else mirror_of(path)
     if found is not None:
         with absent_is_absent():
@@ -119,21 +113,7 @@ def pointed(path: Path) -> Path:
 
 
 def point(mirror: Mirror, name: str, entry: Entry | None = None) -> Path:
-    """Return the path of a raster in a mirror, an empty file, and keep where the raster lies.
-
-    Parameters
-    ----------
-    mirror : Mirror
-    name : str
-        Relative to the mirror's folder.
-    entry : Entry, optional
-        What the storage said of it, if it was asked.
-
-    Raises
-    ------
-    UserError
-        There is no such raster, or it cannot be asked.
-    """
+    """Return the path of a raster in a mirror, an empty file, and keep where the raster lies."""
     url, target = mirror.url.child(name), mirror.tree / name
     entry = entry or stat(url)
     _write(_pointer_file(mirror, name), Pointer(url.address, entry.version, entry.size))
@@ -163,13 +143,7 @@ def _write(file: Path, pointer: Pointer) -> None:
 
 
 def pointed_sha256(path: Path, pointer: Pointer) -> str:
-    """Return the SHA-256 of a raster that lies elsewhere, and keep it with the pointer.
-
-    Raises
-    ------
-    StorageError
-        It cannot be read, or changes all the time.
-    """
+    """Return the SHA-256 of a raster that lies elsewhere, and keep it with the pointer."""
     return settled(lambda: _sha256(path, pointer))
 
 

@@ -62,13 +62,7 @@ class Entry:
 
 
 def client_of(url: Url) -> Any:
-    """Return fsspec's file system of a URL.
-
-    Raises
-    ------
-    UsageError
-        Its packages are not installed.
-    """
+    """Return fsspec's file system of a URL."""
     scheme = "https" if url.read_only else url.scheme
     for name in _PACKAGES[scheme]:
         try:
@@ -103,13 +97,7 @@ def _settings(scheme: str) -> dict[str, Any]:
 
 
 def stat(url: Url) -> Entry:
-    """Ask what lies at a URL.
-
-    Raises
-    ------
-    StorageError
-        Nothing, or it cannot be asked; see `faults.tried`.
-    """
+    """Ask what lies at a URL."""
     client = client_of(url)
     try:
         return entry_of(tried(url, lambda: client.info(url.address, **_fresh(client, url))))
@@ -130,13 +118,7 @@ def _fresh(client: Any, url: Url) -> dict[str, bool]:
 
 
 def find(url: Url) -> Entry | None:
-    """Ask what lies at a URL; None where there is nothing.
-
-    Raises
-    ------
-    StorageError
-        It cannot be asked.
-    """
+    """Ask what lies at a URL; None where there is nothing."""
     try:
         return stat(url)
     except StorageError as error:
@@ -160,28 +142,7 @@ def entry_of(info: Mapping[str, Any]) -> Entry:
 
 
 def read_range(location: str | Path, offset: int, length: int, version: str = "") -> bytes:
-    """Read bytes of a file where it lies: at a URL, or on this machine.
-
-    Parameters
-    ----------
-    location : str or Path
-    offset, length : int
-        Bytes, all of them within the file.
-    version : str
-        Of what lies at the URL, see `Entry`; any will do where it is empty.
-
-    Returns
-    -------
-    bytes
-        As many as were asked for.
-
-    Raises
-    ------
-    ChangedError
-        They are of another version.
-    StorageError
-        They cannot be read, or the file ends before.
-    """
+    """Read bytes of a file where it lies: at a URL, or on this machine."""
     url = url_of(location)
     if url is None:
         with Path(location).open("rb") as stream:
@@ -232,17 +193,7 @@ def _s3_range(client: Any, url: Url, offset: int, length: int, version: str) -> 
 
 
 def fetch_onto(url: Url, entry: Entry, part: Path) -> None:
-    """Fetch a file behind the bytes that `part` has already, all of one version.
-
-    Raises
-    ------
-    ChangedError
-        It has another version than `entry`, of which nothing is written.
-    StorageError
-        It cannot be fetched; what came stays in `part`.
-    OSError
-        Of this machine: the disk is full.
-    """
+    """Fetch a file behind the bytes that `part` has already, all of one version."""
     if url.read_only:
         _fetch_web(url, entry, part)
         return
@@ -277,16 +228,7 @@ def _fetch_web(url: Url, entry: Entry, part: Path) -> None:
 
 
 def sha256_stated(url: Url) -> str | None:
-    """Return the SHA-256 that a storage itself has computed of a file, or None.
-
-    S3 keeps one of what was uploaded with such a checksum in one part; Hugging Face of all
-    large files.
-
-    Raises
-    ------
-    StorageError
-        It cannot be asked.
-    """
+    """Return the SHA-256 that a storage itself has computed of a file, or None."""
     if url.scheme != "s3":
         return stat(url).sha256
     client = client_of(url)

@@ -23,15 +23,7 @@ _PROBE = ".airzoo-part"
 
 
 def check_writable(url: Url) -> None:
-    """Refuse, before any work, a place where nothing can be written.
-
-    Raises
-    ------
-    UsageError
-        Its scheme is for reading only.
-    StorageError
-        An empty file, written and removed again, was refused.
-    """
+    """Refuse, before any work, a place where nothing can be written."""
     if url.read_only:
         raise UsageError(
             "can only be read from",
@@ -47,30 +39,7 @@ def check_writable(url: Url) -> None:
 
 @contextmanager
 def uploaded(url: Url, last: str, replaced: Collection[str]) -> Iterator[Path]:
-    """Fill a folder of this machine, and upload it in place of what was uploaded there before.
-
-    The file `last` says that all is there. It is removed first and comes last, so that whoever
-    reads finds the old files, or no such file, or the new ones. Nothing is uploaded where the block
-    fails; where uploading fails, the folder is kept.
-
-    Parameters
-    ----------
-    url : Url
-    last : str
-        Such as ``result.json``.
-    replaced : collection of str
-        Files and folders that go, as far as they are there; anything else stays.
-
-    Yields
-    ------
-    Path
-        An empty folder of the URL's name; messages call it by the URL.
-
-    Raises
-    ------
-    StorageError
-        It cannot be written.
-    """
+    """Fill a folder of this machine, and upload it in place of what was uploaded there before."""
     folder = Mirror.of(url, str(uuid4())).tree
     try:
         yield folder

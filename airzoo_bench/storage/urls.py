@@ -61,13 +61,7 @@ class Url:
         return self.scheme in _WEB
 
     def child(self, relative: str) -> Url:
-        """Return the place of a file below.
-
-        Raises
-        ------
-        UsageError
-            It would not lie below.
-        """
+        """Return the place of a file below."""
         parts = relative.split("/")
         if any(part in ("", ".", "..") for part in parts) or "\\" in relative or "\0" in relative:
             raise UsageError(
@@ -90,13 +84,7 @@ def is_url(location: object) -> bool:
 
 
 def url_of(location: str | Path) -> Url | None:
-    """Return the URL that a location is, or None where it is a path.
-
-    Raises
-    ------
-    UsageError
-        Its scheme is not supported, or it names no bucket or host.
-    """
+    """Return the URL that a location is, or None where it is a path."""
     text = str(location)
     found = _BEGIN.match(text)
     if found is None:

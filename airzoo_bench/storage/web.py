@@ -53,15 +53,7 @@ def _check_answer(url: Url, answer: Any, start: int) -> None:
 
 
 def web_range(client: Any, url: Url, offset: int, length: int, version: str) -> bytes:
-    """Read bytes of a file; fewer where it ends before.
-
-    Raises
-    ------
-    ChangedError
-        They are of another version.
-    StorageError
-        The server sends files whole only.
-    """
+    """Read bytes of a file; fewer where it ends before."""
     from fsspec.asyn import sync
 
     async def read() -> bytes:
@@ -85,15 +77,7 @@ def web_range(client: Any, url: Url, offset: int, length: int, version: str) -> 
 
 
 def fetch_behind(client: Any, url: Url, part: Path, most: int, version: str) -> None:
-    """Fetch a file behind the bytes that `part` has, or anew where the server knows no ranges.
-
-    Of a file of more than `most` bytes, hardly more is fetched.
-
-    Raises
-    ------
-    ChangedError
-        It is of another version.
-    """
+    """Fetch a file behind the bytes that `part` has, or anew where the server knows no ranges."""
     from fsspec.asyn import sync
 
     done = part.stat().st_size if part.exists() else 0

@@ -40,19 +40,7 @@ def with_decimals(table: Table, decimals: int) -> Table:
 
 
 def sort_rows(table: Table, title: str, average: str) -> Table:
-    """Put the best rows of a score on top, or all in the order of their names; floors stay last.
-
-    Where a score stands in several groups of columns, that of the average counts, or else the
-    first. Rows without a number follow those with one, infinite values between them.
-
-    Parameters
-    ----------
-    table : Table
-    title : str
-        Of a score, or `BY_NAME`.
-    average : str
-        The title of the group of averages.
-    """
+    """Put the best rows of a score on top, or all in the order of their names; floors stay last."""
     if title == BY_NAME:
         rows = sorted(table.rows, key=lambda row: (row.floor, str(row.cells[0].value).casefold()))
         return replace(table, rows=tuple(rows))
@@ -70,38 +58,14 @@ def sort_rows(table: Table, title: str, average: str) -> Table:
 
 
 def highlight(table: Table, methods: Sequence[str]) -> Table:
-    """Set rows on a coloured ground.
-
-    Raises
-    ------
-    UsageError
-        No row, or more than one, has that name.
-    """
+    """Set rows on a coloured ground."""
     chosen = {row_named(table, name, "--highlight") for name in methods}
     rows = (replace(row, highlighted=i in chosen) for i, row in enumerate(table.rows))
     return replace(table, rows=tuple(rows))
 
 
 def parse_baselines(table: Table, given: Sequence[str]) -> dict[int, int]:
-    """Find whose gain over whom is asked for.
-
-    Parameters
-    ----------
-    table : Table
-    given : sequence of str
-        ``BASELINE``: every highlighted row has a gain over it, or every other row that was scored
-        here where none is highlighted. ``METHOD=BASELINE``: that method has.
-
-    Returns
-    -------
-    dict of int to int
-        Rows of baselines by rows of methods.
-
-    Raises
-    ------
-    UsageError
-        No row, or more than one, has that name; or a method has two baselines.
-    """
+    """Find whose gain over whom is asked for."""
     found: dict[int, int] = {}
     for text in given:
         for row, baseline in _pairs(table, text):
@@ -126,18 +90,7 @@ def _pairs(table: Table, text: str) -> list[tuple[int, int]]:
 
 
 def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
-    """Write the gains of rows over their baselines next to the values.
-
-    A gain is the difference of the values as they are printed, so that a reader who subtracts
-    finds it; there is none where a value is missing or infinite. It is signed as it is: a smaller
-    error is a negative gain.
-
-    Parameters
-    ----------
-    table : Table
-    baselines : mapping of int to int
-        From `parse_baselines`.
-    """
+    """Write the gains of rows over their baselines next to the values."""
     rows = list(table.rows)
     for number, baseline in baselines.items():
         pairs = zip(table.rows[number].cells, table.rows[baseline].cells, strict=True)
@@ -178,22 +131,7 @@ def _gain_note(baseline: Row) -> str:
 
 
 def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = False) -> Table:
-    """Attach citations to the rows of methods; LaTeX prints them.
-
-    Parameters
-    ----------
-    table : Table
-    keys : mapping of str to str
-        Keys of a bibliography, by method; several are separated by commas, blanks next to which
-        are left out.
-    names_must_exist : bool
-        Whether a name that no row has is a mistake.
-
-    Raises
-    ------
-    UsageError
-        A key is none that LaTeX takes as it is, or nothing has the name.
-    """
+    """Attach citations to the rows of methods; LaTeX prints them."""
     names = [str(row.cells[0].value) for row in table.rows]
     keys = {name: ",".join(map(str.strip, key.split(","))) for name, key in keys.items()}
     for name, key in keys.items():
@@ -213,13 +151,7 @@ def cite(table: Table, keys: Mapping[str, str], *, names_must_exist: bool = Fals
 
 
 def row_named(table: Table, name: str, option: str) -> int:
-    """Return the row of a method; one that was scored here goes before a reported one.
-
-    Raises
-    ------
-    UsageError
-        No row, or more than one, has that name.
-    """
+    """Return the row of a method; one that was scored here goes before a reported one."""
     names = [str(row.cells[0].value) for row in table.rows]
     found = [i for i, own in enumerate(names) if own == name]
     own = [i for i in found if not table.rows[i].reported] or found
@@ -246,22 +178,7 @@ def _unknown(name: str, names: list[str], option: str) -> UsageError:
 def add_citations(
     table: Table, given: Sequence[str], sources: Mapping[str, Mapping[str, str]]
 ) -> Table:
-    """Attach citations; what is given later goes before what was given earlier.
-
-    Parameters
-    ----------
-    table : Table
-    given : sequence of str
-        Each ``METHOD=KEY``, a ``.toml`` file with a key for each method, at its top or under
-        ``[citations]``, or the name of a source.
-    sources : mapping of str to mapping of str to str
-        The citations of each source.
-
-    Raises
-    ------
-    UsageError
-        One is none of these, a file cannot be read, or a key is none.
-    """
+    """Attach citations; what is given later goes before what was given earlier."""
     keys: dict[str, str] = {}
     named: dict[str, str] = {}
     for text in given:

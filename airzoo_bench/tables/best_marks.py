@@ -11,23 +11,9 @@ from airzoo_bench.tables.model import Cell, Column, Table
 __all__ = ["best_texts", "mark_best"]
 
 
-def mark_best(table: Table, *, second: bool = False, reported: bool = False) -> Table:
-    """Mark the best cell of each score, and every cell that is shown with the same digits.
-
-    An infinite value, which is a failure, is never the best; the only finite one is. Rows of
-    reported numbers neither compete nor are marked, unless `reported` is true or there are no
-    others; floors never are. Nothing is marked in a column in which only one row competes.
-
-    Parameters
-    ----------
-    table : Table
-        Rows to be compared with each other, such as methods.
-    second : bool
-        Mark the second best too: what is shown with the next other digits.
-    reported : bool
-        Let reported rows compete.
-    """
-    open_to_all = reported or not any(row.is_own for row in table.rows)
+def mark_best(table: Table, *, second: bool = False) -> Table:
+    """Mark the best cell of each score, and every cell that is shown with the same digits."""
+    open_to_all = not any(row.is_own for row in table.rows)
     competes = [row.is_own or (open_to_all and not row.floor) for row in table.rows]
     rows = [list(row.cells) for row in table.rows]
     for index, column in enumerate(table.columns):

@@ -42,12 +42,7 @@ def by_block(table: Table) -> list[Table]:
 
 
 def by_count(table: Table) -> list[Table]:
-    """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole.
-
-    Unless their number is fixed there are fewer, down to one, where they would have more than
-    twelve columns; and down to two, as papers have them, where with what follows the numbers
-    they would be wider than a page.
-    """
+    """Split a table with groups into pieces of `groups_per_block` groups; leave any other whole."""
     return [piece for part in by_block(table) for piece in _counted(part)]
 
 
@@ -75,20 +70,7 @@ def as_asked(table: Table) -> list[Table]:
 def by_width(
     table: Table, measure: Callable[[list[int]], int], room: int, space: int
 ) -> list[Table]:
-    """Split a table into pieces that fit a width, wherever a single score does.
-
-    A group that is too wide by itself is broken between its columns.
-
-    Parameters
-    ----------
-    table : Table
-    measure : callable
-        From columns that stand together to their width.
-    room : int
-        For a piece, with its leading columns.
-    space : int
-        Between columns or units.
-    """
+    """Split a table into pieces that fit a width, wherever a single score does."""
     taken = sum(measure([index]) + space for index in range(leading_columns(table)))
     # A very long name shall not put every score into a block of its own.
     left = max(room - taken, room // 2)

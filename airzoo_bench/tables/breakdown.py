@@ -140,25 +140,7 @@ def even_edges(values: Floats, most: int = _MOST_BINS) -> tuple[float, ...]:
 def group_records(
     records: pd.DataFrame, by: str, bins: Sequence[float] | None = None, *, keep_empty: bool = False
 ) -> Grouping:
-    """Put records into groups by a column.
-
-    Parameters
-    ----------
-    records : DataFrame
-    by : str
-        A column: a condition, the scene, or anything else that stands in the records.
-    bins : sequence of float, optional
-        Inner edges: below the first, from the first to below the second, ... Where left out, a
-        number with more than 12 values is cut by `even_edges`.
-    keep_empty : bool
-        Whether `bins` that hold no record are groups too.
-
-    Raises
-    ------
-    UsageError
-        There is no such column; bins of a text; bins that do not ascend; a text with more than
-        1,000 values.
-    """
+    """Put records into groups by a column."""
     check_column(records, by)
     column = records[by]
     if bins is not None:
@@ -170,13 +152,7 @@ def group_records(
 
 
 def check_column(records: pd.DataFrame, by: str) -> None:
-    """Refuse a column that the records do not have.
-
-    Raises
-    ------
-    UsageError
-        There is no such column; it names those that there are.
-    """
+    """Refuse a column that the records do not have."""
     if by not in records.columns:
         names = [str(name) for name in records.columns]
         raise UsageError(
@@ -271,23 +247,7 @@ def _without_empty(grouping: Grouping, kept: int = 0) -> Grouping:
 def group_averages(
     values: Floats, medians: NDArray[np.bool_], codes: NDArray[np.int64], groups: int
 ) -> Floats:
-    """Average variables within groups.
-
-    Parameters
-    ----------
-    values : (V, Q) array
-        Finite or +inf.
-    medians : (V,) bool
-        Which variables are averaged by the median.
-    codes : (Q,) array
-        Group of each column, 0 to `groups` - 1.
-    groups : int
-
-    Returns
-    -------
-    (V, `groups`) float64
-        NaN where a group is empty.
-    """
+    """Average variables within groups."""
     order = np.argsort(codes, kind="stable")
     counts = np.bincount(codes, minlength=groups)
     parts = np.split(values[:, order], np.cumsum(counts)[:-1], axis=1)

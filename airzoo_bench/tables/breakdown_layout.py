@@ -65,24 +65,7 @@ def breakdown_table(
     bins: Sequence[float] | None = None,
     resampling: ResamplingConfig | None = None,
 ) -> Table:
-    """Lay out scores by group: over all queries of the group, whatever their scene.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        On the same queries. Of one, every score is a column; of several, every method is, under
-        each score, and the best of each group is marked.
-    scores : sequence of ScoreColumn
-    by, bins
-        See `group_records`.
-    resampling : ResamplingConfig, optional
-        Of the intervals, within each group; none where left out.
-
-    Raises
-    ------
-    UsageError
-        See `group_records`; or the column differs between methods.
-    """
+    """Lay out scores by group: over all queries of the group, whatever their scene."""
     check_same_column(methods, by)
     grouping = group_records(methods[0].records, by, bins, keep_empty=True)
     shown = _Variables(methods, scores)
@@ -186,20 +169,7 @@ def _infinite(by_median: NDArray[np.bool_], averages: Floats) -> list[str]:
 def group_intervals(
     sample: Sample, grouping: Grouping, resampling: ResamplingConfig
 ) -> list[list[Interval]]:
-    """Take the intervals of averages within groups, resampled within each group.
-
-    Parameters
-    ----------
-    sample : Sample
-        V variables of all records, as one group.
-    grouping : Grouping
-    resampling : ResamplingConfig
-
-    Returns
-    -------
-    list of G lists of V Interval
-        Of a group without records none, for no reason: the count says it.
-    """
+    """Take the intervals of averages within groups, resampled within each group."""
     values, unit = sample.values[0], sample.unit
     counts = dict(zip(grouping.labels, grouping.counts.tolist(), strict=True))
     filled = [group for group, count in enumerate(counts.values()) if count]

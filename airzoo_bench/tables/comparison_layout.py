@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from airzoo_bench.core.plurals import agreeing, counted, plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.comparison import Comparison, Pair
+from airzoo_bench.results.floors import FLOOR_MARK
 from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.verdicts import LEAST_P, disagreement, sentence, verdict
 from airzoo_bench.tables.wording import (
     brackets_note,
-    noise_floor_note,
     notes_by_reason,
     resampled,
     score_cell,
@@ -25,20 +24,16 @@ __all__ = ["comparison_table"]
 
 _SENTENCES = 4
 _NAMES = 6
-_VERDICTS = ("better", "worse", "in noise", "unclear", "equal")
+_VERDICTS = ("better", "worse", "unclear", "equal")
 
 _TITLES = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
 _TITLES_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
 _TESTS = ("Paired", "Holm", "McNemar")
-_COMPARED = {"unclear": "unclear against", "in noise": "in noise against", "equal": "equal to"}
+_COMPARED = {"unclear": "unclear against", "equal": "equal to"}
 
 
 def comparison_table(comparison: Comparison) -> Table:
-    """Lay out a comparison: a row a score and method, for each score the best method first.
-
-    Below stand what the pairs show in words: of two methods and at most four scores a sentence
-    for each score, otherwise a line that sums up; then what cannot be decided, and why.
-    """
+    """Lay out a comparison: a row a score and method, for each score the best method first."""
     pairs = [
         pair
         for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key)
@@ -48,7 +43,7 @@ def comparison_table(comparison: Comparison) -> Table:
     return Table(
         _title(comparison),
         columns,
-        tuple(_row(pair, comparison.other(pair)) for pair in pairs),
+        tuple(_row(pair, comparison) for pair in pairs),
         (
             *_findings(pairs, comparison),
             *_disagreements(pairs, comparison),
@@ -94,13 +89,13 @@ def _title(comparison: Comparison) -> str:
     return f"{comparison.reference} against {against}, {where}{number}"
 
 
-def _row(pair: Pair, other: str) -> Row:
-    score = pair.score
+def _row(pair: Pair, comparison: Comparison) -> Row:
+    score, other = pair.score, comparison.other(pair)
     tested = (pair.test.p_value, pair.p_holm, pair.p_mcnemar)
     return Row(
         (
             Cell(score_title(score)),
-            Cell(other),
+            Cell(other, mark=FLOOR_MARK * (other in comparison.no_better)),
             Cell(verdict(pair)),
             score_cell(score, pair.value),
             score_cell(score, pair.reference_value),
@@ -194,14 +189,7 @@ def _methods(comparison: Comparison) -> list[str]:
         f"p: {_tests(comparison)}; {_correction(comparison)}"
         + ("; McNemar exact, for hits" if any(p.p_mcnemar is not None for p in pairs) else ""),
         *_too_coarse(comparison),
-        *_floors(comparison),
     ]
-
-
-def _floors(comparison: Comparison) -> list[str]:
-    """Say the noise floors that differences were held against."""
-    floors = {pair.score: pair.noise_floor for pair in comparison.pairs}
-    return noise_floor_note(floors)
 
 
 def _tests(comparison: Comparison) -> str:
@@ -209,6 +197,8 @@ def _tests(comparison: Comparison) -> str:
     resampling, said = comparison.resampling, []
     if "permutation" in kinds:
         said.append(f"paired permutation, two-sided, {_patterns(comparison)}")
+    if "student" in kinds:
+        said.append("Student's t over scenes, paired, two-sided")
     if "bootstrap" in kinds:
         of_medians = f"{'of medians ' * bool(said)}paired bootstrap, two-sided"
         said.append(f"{of_medians}, {resampling.resamples} resamples, seed {resampling.seed}")
@@ -241,8 +231,7 @@ def _too_coarse(comparison: Comparison) -> list[str]:
     least = sides * comparison.family / (comparison.resampling.resamples + 1)
     if least <= LEVEL:
         return []
-    needed = math.ceil(sides * comparison.family / LEVEL)
     return [
-        f"p of random patterns, Holm, cannot be below {min(least, 1.0):.4f}: ask for {needed} "
-        "--resamples or more"
+        f"p of random patterns, Holm, cannot be below {min(least, 1.0):.4f}: name a reference, or "
+        "fewer methods"
     ]

@@ -31,23 +31,7 @@ def differences_table(
     *,
     base: int = 0,
 ) -> Table:
-    """List the queries on which methods differ most by the first score.
-
-    Equal differences are ordered by the other scores, then by id. Of two methods the difference
-    is that from the reference, and the conditions of each query follow; of more it is that
-    of the best and the worst.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        On the same queries.
-    scores : sequence of ScoreColumn
-    count : int
-        How many queries; those without a difference are left out.
-    scene : str, optional
-    base : int
-        The place of the reference, where there are two methods.
-    """
+    """List the queries on which methods differ most by the first score."""
     sample = make_sample(methods, scores, scene)
     by_score = np.concatenate(sample.values, axis=1).reshape(len(scores), len(methods), -1)
     spread = difference(by_score.max(axis=1), by_score.min(axis=1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from airzoo_bench.results.floors import notes_of
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.results.sampling import score_intervals
@@ -49,17 +50,7 @@ def with_intervals(
     resampling: ResamplingConfig,
     shown: Sequence[str],
 ) -> MethodTable:
-    """Put intervals next to the numbers of methods, and notes how they were made, or why not.
-
-    Parameters
-    ----------
-    table : MethodTable
-        Of the same results, in their order, and no others.
-    methods : sequence of Scored
-    resampling : ResamplingConfig
-    shown : sequence of str
-        The scenes, or `OVERALL`, whose intervals the notes are about.
-    """
+    """Put intervals next to the numbers of methods, and notes how they were made, or why not."""
     rows = []
     missing: dict[str, list[_Missing]] = {}
     seen: list[Interval] = []
@@ -131,25 +122,14 @@ def intervals_table(
     resampling: ResamplingConfig,
     scene: str | None = None,
 ) -> Table:
-    """Lay out the intervals of one method: a row a scene and score, then the average.
-
-    Parameters
-    ----------
-    method : Scored
-    scores : sequence of ScoreColumn
-    found : SampleIntervals
-        From `score_intervals`, of the same scores and scene.
-    resampling : ResamplingConfig
-    scene : str, optional
-        This scene's rows only.
-    """
+    """Lay out the intervals of one method: a row a scene and score, then the average."""
     result = method.result
     rows = list(_interval_rows(result, scores, found, scene))
     notes = (
         *notes_by_reason(
             ((row.interval.reason, row.score, row.title) for row in rows), "no interval; "
         ),
-        *result.notes,
+        *notes_of(result),
         *brackets_note([row.interval for row in rows], resampling, resampled(result.unit)),
     )
     title = f"{method.name} on {result.protocol.name} v{result.protocol.version}"

@@ -1,7 +1,7 @@
-"""Tables for LaTeX: booktabs, groups in blocks, on demand siunitx and a whole document.
+"""Tables for LaTeX: booktabs, groups in blocks.
 
 Everything that strangers wrote is escaped. ``booktabs`` is needed, ``xcolor`` with its option
-``table`` for coloured rows, gains and floors, and what the style asks for.
+``table`` for coloured rows, gains and floors, and ``graphicx`` to shrink a table.
 
 Blocks of different tracks are tabulars of their own. What the numbers must not be read without
 stands under them; it is broken into lines here, since a tabular does not know its width.
@@ -14,23 +14,24 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from airzoo_bench.tables.blocks import by_block, by_count, leading_columns
-from airzoo_bench.tables.latex_float import LatexStyle, document, needs, stacked
 from airzoo_bench.tables.latex_text import (
-    NumberFormat,
+    COLUMN,
+    PAGE,
     escape,
-    is_number,
+    latex_width,
     math_minus,
-    number_format,
     suffix_text,
     text_width,
 )
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
-__all__ = ["LatexStyle", "latex"]
+__all__ = ["latex"]
 
 _DAGGER = escape("†")
 _HIGHLIGHT = r"\rowcolor{yellow!25}"
 _FLOOR = r"\textit{\color{gray}%s}"
+# By TeX itself, which alone knows the width: graphicx gives that of the content as \width.
+_SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 
 # Digits of the table are wider than letters of its notes, and two gaps as wide as five letters.
 _PER_LETTER = 1.25
@@ -44,7 +45,7 @@ class _Piece:
     """A block: its table, the columns before the first score, and what it is set in.
 
     A score takes `span` columns of the tabular, which has `width` columns; `types` are of the
-    block's own columns, `formats` of those that siunitx aligns.
+    block's own columns.
     """
 
     table: Table
@@ -52,7 +53,6 @@ class _Piece:
     span: int
     width: int
     types: list[str]
-    formats: dict[int, NumberFormat]
 
     @property
     def unused(self) -> int:
@@ -60,23 +60,41 @@ class _Piece:
         return self.width - self.leading - own * self.span
 
 
-def latex(table: Table, style: LatexStyle | None = None) -> str:
-    """Lay out a table as a ``tabular``, or several of them where blocks must stand apart.
-
-    A last block with fewer groups is stretched to the full width where that is a multiple of its
-    own, as the paper has it for an average.
-    """
-    chosen = style or LatexStyle()
+def latex(table: Table, *, fit: bool = False) -> str:
+    """Lay out a table as a ``tabular``, or several of them where blocks must stand apart."""
     comments = [plain(table.title), *(note for note in table.notes if note not in table.legend)]
-    preamble = needs(table, chosen) + "".join(f"% {plain(line)}\n" for line in comments)
-    tabulars = [_tabular(part, chosen) for part in by_block(table)]
-    if chosen.standalone:
-        return document(preamble, tabulars)
-    return preamble + stacked(table, tabulars, chosen)
+    preamble = _needs(table, fit) + "".join(f"% {plain(line)}\n" for line in comments)
+    parts = by_block(table)
+    shown = []
+    for part in parts:
+        tabular = f"{_SHRINK}\n{_tabular(part)}}}\n" if fit else _tabular(part)
+        shown.append(_use(part, fit, alone=len(parts) == 1) + tabular)
+    return preamble + "\n\\medskip\n".join(shown)
 
 
-def _tabular(table: Table, style: LatexStyle) -> str:
-    pieces = _pieces(table, style)
+def _needs(table: Table, fit: bool) -> str:
+    """Return the comment that names the packages without which a table does not compile."""
+    gains = any(cell.gain is not None for row in table.rows for cell in row.cells)
+    packages = [r"\usepackage{booktabs}"]
+    if gains or any(row.highlighted or row.floor for row in table.rows):
+        packages.append(r"\usepackage[table]{xcolor}")
+    if fit:
+        packages.append(r"\usepackage{graphicx}")
+    return f"% needs {' '.join(packages)}\n"
+
+
+def _use(table: Table, fit: bool, *, alone: bool) -> str:
+    """Say how wide a tabular is by estimate, and how to put it into a paper."""
+    width = max(map(latex_width, by_count(table)))
+    inner = r"\input{table.tex}" if alone else r"... \input{table.tex}"
+    environment = "table" if width <= COLUMN else "table*"
+    used = rf"\begin{{{environment}}}\centering {inner}\end{{{environment}}}"
+    too_wide = ", more than a page" + " (--fit shrinks it)" * (not fit)
+    return f"% about {width:.0f} em wide{too_wide * (width > PAGE)}: {used}\n"
+
+
+def _tabular(table: Table) -> str:
+    pieces = _pieces(table)
     widest = max(pieces, key=lambda piece: len(piece.types))
     lines = [rf"\begin{{tabular}}{{{''.join(widest.types)}}}", r"\toprule"]
     for number, piece in enumerate(pieces):
@@ -110,7 +128,7 @@ def _letters(table: Table) -> int:
     return round(_PER_LETTER * sum(widest) + _PER_GAP * (len(widest) - 1))
 
 
-def _pieces(table: Table, style: LatexStyle) -> list[_Piece]:
+def _pieces(table: Table) -> list[_Piece]:
     tables = by_count(table)
     leading = leading_columns(table)
     room = max(len(piece.columns) for piece in tables) - leading
@@ -121,30 +139,23 @@ def _pieces(table: Table, style: LatexStyle) -> list[_Piece]:
     for piece in tables:
         own = len(piece.columns) - leading
         span = room // own if own and room % own == 0 else 1
-        types, formats = _types(tables, piece, "c" if centred else "r", style)
-        pieces.append(_Piece(piece, leading, span, leading + room, types, formats))
+        types = _types(tables, piece, "c" if centred else "r")
+        pieces.append(_Piece(piece, leading, span, leading + room, types))
     return pieces
 
 
-def _types(
-    tables: list[Table], piece: Table, number: str, style: LatexStyle
-) -> tuple[list[str], dict[int, NumberFormat]]:
+def _types(tables: list[Table], piece: Table, number: str) -> list[str]:
     leading = leading_columns(piece)
-    types, formats = [], {}
+    types = []
     for index in range(len(piece.columns)):
         same = [one for one in tables if index < len(one.columns)]
         if any(one.is_text(index) for one in same):
             types.append("l")
-        elif style.siunitx and index >= leading:
-            cells = [row.cells[index] for one in same for row in one.rows]
-            decimals = max(one.columns[index].decimals for one in same)
-            formats[index] = number_format(cells, decimals)
-            types.append(formats[index].column)
         else:
             types.append(
                 ("c" if _stands_alone(piece, index) else number) * (index >= leading) or "r"
             )
-    return types, formats
+    return types
 
 
 def _stands_alone(piece: Table, index: int) -> bool:
@@ -175,10 +186,7 @@ def _title_line(piece: _Piece) -> str:
     for index, column in enumerate(piece.table.columns):
         suffix = escape(column.title_suffix)
         text = _bold(escape(column.title)) + f" {suffix}" * bool(suffix)
-        # The room of what follows the numbers stays free, so that a title is above these.
-        if index in piece.formats and piece.formats[index].after:
-            text += rf"\phantom{{{piece.formats[index].after}}}"
-        titles.append(_spanned(piece, index, _braced(piece, index, text), "c"))
+        titles.append(_spanned(piece, index, text))
     return _line(piece, titles)
 
 
@@ -194,27 +202,19 @@ def _body(piece: _Piece) -> list[str]:
 
 
 def _cell(piece: _Piece, index: int, cell: Cell, column: Column, row: Row) -> str:
-    if index in piece.formats and is_number(cell):
-        text = piece.formats[index].cell(cell, column.decimals, _FLOOR if row.floor else "")
-    else:
-        value = math_minus(escape(cell.text(column.decimals)))
-        shown = rf"\underline{{{value}}}" if cell.second else _bold(value) if cell.best else value
-        shown = _FLOOR % shown if row.floor else shown
-        text = _braced(piece, index, shown + suffix_text(cell, column.decimals))
+    value = math_minus(escape(cell.text(column.decimals)))
+    shown = rf"\underline{{{value}}}" if cell.second else _bold(value) if cell.best else value
+    text = (_FLOOR % shown if row.floor else shown) + suffix_text(cell, column.decimals)
     if index == 0:
         text += rf"~\cite{{{cell.cite}}}" if cell.cite else ""
         text += _DAGGER if row.reported else ""
-    return _spanned(piece, index, text, piece.types[index])
+    return _spanned(piece, index, text)
 
 
-def _braced(piece: _Piece, index: int, text: str) -> str:
-    return f"{{{text}}}" if index in piece.formats else text
-
-
-def _spanned(piece: _Piece, index: int, text: str, kind: str) -> str:
+def _spanned(piece: _Piece, index: int, text: str) -> str:
     if piece.span == 1 or index < piece.leading:
         return text
-    return rf"\multicolumn{{{piece.span}}}{{{kind if kind[0] == 'S' else 'c'}}}{{{text}}}"
+    return rf"\multicolumn{{{piece.span}}}{{c}}{{{text}}}"
 
 
 def _bold(text: str) -> str:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.results.floors import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.results.selection import find_scene
 from airzoo_bench.tables.best_marks import mark_best
@@ -42,19 +43,7 @@ _Key = tuple[str, bool, bool, int]  # name, whether reported, whether a floor, n
 
 
 def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
-    """Lay out a row a method, a column a score: of the average over scenes, or of one scene.
-
-    Parameters
-    ----------
-    methods : MethodTable
-    scene : str, optional
-        Id or title.
-
-    Raises
-    ------
-    ResultError
-        There is no such scene, or several have that title.
-    """
+    """Lay out a row a method, a column a score: of the average over scenes, or of one scene."""
     key = OVERALL if scene is None else find_scene(methods.scenes, scene)
     return Table(
         f"{methods.title}, {methods.scenes.get(key, 'average over scenes')}",
@@ -65,25 +54,8 @@ def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
     )
 
 
-def scenes_layout(
-    methods: MethodTable,
-    *,
-    average: bool = True,
-    queries: bool = False,
-    per_block: int | None = None,
-) -> Table:
-    """Lay out scenes side by side, the scores under each, and the average over scenes last.
-
-    Parameters
-    ----------
-    methods : MethodTable
-    average : bool
-    queries : bool
-        Write the number of queries behind a scene's title.
-    per_block : int, optional
-        How many scenes stand side by side where a format breaks the table; two by default, or one
-        where two would have more than twelve columns.
-    """
+def scenes_layout(methods: MethodTable, *, average: bool = True, queries: bool = False) -> Table:
+    """Lay out scenes side by side, the scores under each, and the average over scenes last."""
     titles = dict(methods.scenes)
     if queries:
         titles |= {key: f"{titles[key]} ({n})" for key, n in methods.queries.items()}
@@ -96,8 +68,6 @@ def scenes_layout(
         (Column("Method"), *columns),
         _rows(methods, list(titles)),
         (units_note(methods.scores), *methods.all_notes),
-        per_block or 2,
-        fixed=per_block is not None,
         legend=methods.whole_legend,
     )
 
@@ -105,7 +75,10 @@ def scenes_layout(
 def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
     return tuple(
         Row(
-            (Cell(row.method), *(c for s in scenes for c in _cells(row, s, methods.scores))),
+            (
+                Cell(row.method, mark=row.mark),
+                *(c for s in scenes for c in _cells(row, s, methods.scores)),
+            ),
             summary=row.floor,
             reported=row.reported,
             floor=row.floor,
@@ -114,19 +87,8 @@ def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
     )
 
 
-def benchmarks_layout(parts: Sequence[MethodTable], *, per_block: int | None = None) -> Table:
-    """Lay out a row a method and benchmarks side by side, the average of each over its scenes.
-
-    Benchmarks of one track follow each other, in the order of the first ones.
-
-    Parameters
-    ----------
-    parts : sequence of MethodTable
-        Each of another protocol.
-    per_block : int, optional
-        How many benchmarks stand side by side where a format breaks the table; up to four by
-        default, as their width allows.
-    """
+def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
+    """Lay out a row a method and benchmarks side by side, the average of each over its scenes."""
     tracks = [part.track for part in parts]
     parts = sorted(parts, key=lambda part: tracks.index(part.track))
     titles = _benchmark_titles(parts)
@@ -144,8 +106,7 @@ def benchmarks_layout(parts: Sequence[MethodTable], *, per_block: int | None = N
         (Column("Method"), *columns),
         tuple(_across(key, parts, numbered) for key in keys),
         (units_note([s for part in parts for s in part.scores]), *notes.values(), *made_by),
-        per_block or 4,
-        fixed=per_block is not None,
+        groups_per_block=4,
         legend=tuple(dict.fromkeys(notes[note] for part in parts for note in part.whole_legend)),
     )
 
@@ -188,11 +149,7 @@ def _across(
 
 
 def _benchmark_titles(parts: Sequence[MethodTable]) -> list[str]:
-    """Return the title of each benchmark, with what tells those of one title apart.
-
-    That is the track, such as in ``AirZoo-Mini, matching``, or else the protocol's name. The title
-    is that of a shipped protocol; a benchmark that has none goes by its name.
-    """
+    """Return the title of each benchmark, with what tells those of one title apart."""
     protocols = [load_protocol(path) for path in shipped_protocols().values()]
     # A protocol's title is the benchmark's, and behind a comma what is measured.
     shipped = {protocol.benchmark: protocol.title.partition(",")[0] for protocol in protocols}
@@ -212,20 +169,7 @@ def scenes_table(
     uncertainties: Mapping[str, Mapping[str, Uncertainty]] | None = None,
     floors: bool = False,
 ) -> Table:
-    """Lay out one result: a row a scene, the average over scenes, the mean over all queries.
-
-    Parameters
-    ----------
-    result : Result
-    every_score : bool
-        Show all scores instead of the headline ones.
-    scores : sequence of ScoreColumn, optional
-        Show these.
-    uncertainties : mapping of str to mapping of str to Between or PlusMinus, optional
-        By scene, with `OVERALL` for the average, then by score.
-    floors : bool
-        Show what scores without a method below, where the result holds it.
-    """
+    """Lay out one result: a row a scene, the average over scenes, the mean over all queries."""
     if scores is None:
         scores = [c for c in result.columns if every_score or c.headline]
     own = MethodRow("", shown_values(result.columns, result), uncertainties or {})
@@ -236,7 +180,9 @@ def scenes_table(
         Row((Cell(titles[s]), Cell(result.counts[s].get(counted)), *_cells(own, s, scores)))
         for s in result.scenes
     ]
-    rows.append(Row((Cell(AVERAGE), Cell(None), *_cells(own, OVERALL, scores)), summary=True))
+    mark = FLOOR_MARK * bool(floor_note(result))
+    average = Cell(AVERAGE, mark=mark)
+    rows.append(Row((average, Cell(None), *_cells(own, OVERALL, scores)), summary=True))
     total = sum(counts["queries"] for counts in result.counts.values())
     if total > len(result.scenes):
         pooled = [Cell(as_shown(score, result.pooled[score.key])) for score in scores]
@@ -249,8 +195,8 @@ def scenes_table(
         f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
         (Column("Scene"), Column(counted.capitalize()), *map(score_column, scores)),
         tuple(rows),
-        (*meanings, *result.notes, identity(result)),
-        legend=tuple(meanings),
+        (*meanings, *notes_of(result), identity(result)),
+        legend=(*meanings, *filter(None, [floor_note(result)])),
     )
 
 
@@ -271,21 +217,7 @@ def _floor_rows(
 def methods_table(
     results: Sequence[Result], *, every_score: bool = False, scene: str | None = None
 ) -> Table:
-    """Lay out several results of one protocol: a row a method, the best marked.
-
-    Parameters
-    ----------
-    results : sequence of Result
-    every_score : bool
-        Show all scores instead of the headline ones.
-    scene : str, optional
-        Show this scene instead of the average over scenes.
-
-    Raises
-    ------
-    ResultError
-        The results are not of one protocol and one truth, or have no such scene.
-    """
+    """Lay out several results of one protocol: a row a method, the best marked."""
     return mark_best(methods_layout(method_table(results, every_score=every_score), scene))
 
 

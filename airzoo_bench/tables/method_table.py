@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.results.comparable import check_comparable, version_notes
 from airzoo_bench.results.files import method_names
+from airzoo_bench.results.floors import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
 
@@ -47,6 +48,8 @@ class MethodRow:
         Where the numbers were printed; empty for those that were scored here.
     floor : bool
         Whether it is no method, but what scores without one.
+    mark : str
+        Stands behind the method's name; a note says what it means.
     """
 
     method: str
@@ -54,6 +57,7 @@ class MethodRow:
     uncertainties: Mapping[str, Mapping[str, Uncertainty]] = field(default_factory=dict)
     reported: str = ""
     floor: bool = False
+    mark: str = ""
 
     def cell(self, scene: str, score: ScoreColumn) -> Cell:
         """Return the cell of one score in one scene; without a number where there is none."""
@@ -117,21 +121,7 @@ class MethodTable:
 def method_table(
     results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
 ) -> MethodTable:
-    """Put results of one protocol and one truth into one table of methods.
-
-    Parameters
-    ----------
-    results : sequence of Result
-    paths : sequence of Path, optional
-        Of the results: they tell those of one method's name apart.
-    every_score : bool
-        Take all scores instead of the headline ones.
-
-    Raises
-    ------
-    ResultError
-        The results are not of one protocol and one truth.
-    """
+    """Put results of one protocol and one truth into one table of methods."""
     methods = [result.predictions.method for result in results]
     names = method_names(paths, results) if paths else methods
     # Who reads a refusal looks for files.
@@ -140,6 +130,8 @@ def method_table(
     first = results[0]
     # One that a method has no score for stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
+    floors = [floor_note(result) for result in results]
+    by_note = _by_note(names, results)
     return MethodTable(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
@@ -148,22 +140,23 @@ def method_table(
         first.truth.scene_titles,
         {scene: counts["queries"] for scene, counts in first.counts.items()},
         tuple(
-            MethodRow(name, shown_values(result.columns, result))
-            for name, result in zip(names, results, strict=True)
+            MethodRow(name, shown_values(result.columns, result), mark=FLOOR_MARK * bool(floor))
+            for name, result, floor in zip(names, results, floors, strict=True)
         ),
-        method_notes=_by_note(names, results),
+        method_notes=tuple(f"{who}: {note}" for note, who in by_note.items()),
+        legend=tuple(f"{by_note[floor]}: {floor}" for floor in dict.fromkeys(floors) if floor),
         notes=tuple(version_notes(names, results)),
         identity=identity(first),
     )
 
 
-def _by_note(names: Sequence[str], results: Sequence[Result]) -> tuple[str, ...]:
-    """Return what results note, with the names of all that note the same."""
+def _by_note(names: Sequence[str], results: Sequence[Result]) -> dict[str, str]:
+    """Return the names of all that note the same, by what they note."""
     methods: dict[str, list[str]] = {}
     for name, result in zip(names, results, strict=True):
-        for note in dict.fromkeys(result.notes):
+        for note in dict.fromkeys(notes_of(result)):
             methods.setdefault(note, []).append(name)
-    return tuple(f"{', '.join(who)}: {note}" for note, who in methods.items())
+    return {note: ", ".join(who) for note, who in methods.items()}
 
 
 def shown_values(

@@ -43,11 +43,7 @@ def is_wide(value: float | int | str | None) -> bool:
 
 
 def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
-    """Return a number with so many digits after the point, an infinite one as ``inf``.
-
-    From 1e9 on, the digits are those before a power of ten, such as ``1.00e+200``. What rounds to
-    zero is not negative; with the sign "+" all other numbers have one.
-    """
+    """Return a number with so many digits after the point, an infinite one as ``inf``."""
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
     return f"{value:{sign}z.{decimals}{'e' if is_wide(value) else 'f'}}"
@@ -130,6 +126,8 @@ class Cell:
         The difference from the baseline's printed value.
     uncertainty : Between or PlusMinus, optional
         In the unit of the value.
+    mark : str
+        Stands behind the value; a note says what it means.
     cite : str
         Keys of a bibliography, for LaTeX.
     least : float
@@ -141,6 +139,7 @@ class Cell:
     second: bool = False
     gain: float | None = None
     uncertainty: Uncertainty | None = None
+    mark: str = ""
     cite: str = ""
     least: float = 0.0
 
@@ -160,8 +159,9 @@ class Cell:
         return show_number(self.value, decimals)
 
     def suffix(self, decimals: int) -> list[str]:
-        """Return what follows the value: uncertainty, then gain."""
-        parts = [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
+        """Return what follows the value: mark, uncertainty, then gain."""
+        parts = [self.mark] * bool(self.mark)
+        parts += [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
         return (
             parts if self.gain is None else [*parts, f"({show_number(self.gain, decimals, '+')})"]
         )
@@ -257,11 +257,7 @@ class Table:
 
 
 def plain(text: str) -> str:
-    """Put a text on one line and replace what does not print.
-
-    Names come from strangers: an escape sequence in one could steer a terminal, whatever the
-    format that it is printed in.
-    """
+    """Put a text on one line and replace what does not print."""
     printed = (
         c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
     )

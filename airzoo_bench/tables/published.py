@@ -19,8 +19,7 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.validation import Name, Strict, nearest, read_toml, validated
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.tables.printed.cells import PrintedValue
-from airzoo_bench.tables.printed.table import read_published
+from airzoo_bench.tables.printed_values import PrintedValue, read_published
 
 __all__ = [
     "PublishedTable",
@@ -64,9 +63,6 @@ class PublishedTable:
     values : mapping of str to mapping of str to mapping of str to float
         By method, scene title (empty for the average over scenes) and score, in percent, metres
         or degrees.
-    halves : mapping of (method, scene title, score) to float
-        Half the last digit of each, in the same unit: a printed number stands for all that it is
-        the rounding of.
     """
 
     source: str
@@ -74,7 +70,6 @@ class PublishedTable:
     benchmark: str
     track: str
     values: Mapping[str, Mapping[str, Mapping[str, float]]]
-    halves: Mapping[tuple[str, str, str], float]
 
     @property
     def has_scenes(self) -> bool:
@@ -93,13 +88,7 @@ def published_sources() -> dict[str, Path]:
 
 
 def published_tables(benchmark: str, track: str) -> list[PublishedTable]:
-    """Return what the shipped sources print of one benchmark and track.
-
-    Parameters
-    ----------
-    benchmark, track : str
-        By the names of benchmark folders and protocols.
-    """
+    """Return what the shipped sources print of one benchmark and track."""
     tables = [table for path in published_sources().values() for table in read_source(path)]
     return [t for t in tables if (t.benchmark, t.track) == (benchmark, track)]
 
@@ -116,35 +105,16 @@ def shipped_fingerprints(benchmark: str, track: str) -> set[str]:
 
 
 def read_source_file(path: Path) -> Source:
-    """Read what a source says of itself.
-
-    Raises
-    ------
-    ResultError
-        The file is missing, is not TOML, or has unknown or missing keys.
-    """
+    """Read what a source says of itself."""
     data = read_toml(path, ResultError, "file of published numbers")
     return validated(data, Source, ResultError, path, "file of published numbers")
 
 
 def read_source(path: Path) -> list[PublishedTable]:
-    """Read a source with its numbers.
-
-    Parameters
-    ----------
-    path : Path
-        The TOML file; the table that it names lies next to it, as `read_published` reads it.
-
-    Raises
-    ------
-    ResultError
-        A file is missing or malformed, a name is not explained, a number is none, or stands there
-        twice; it says in which line and column.
-    """
+    """Read a source with its numbers."""
     source = read_source_file(path)
     place = path.with_name(source.data)
     found: dict[tuple[str, str, str], dict[str, dict[str, dict[str, float]]]] = {}
-    halves: dict[tuple[str, str, str], dict[tuple[str, str, str], float]] = {}
     for cell in read_published(place).cells:
         where = f"{place}, line {cell.line}, column"
         benchmark = _known(source.benchmarks, cell.benchmark, "benchmark", where)
@@ -160,12 +130,7 @@ def read_source(path: Path) -> list[PublishedTable]:
                 expected="one average a table, and one number for each score of the TOML file",
             )
         values[key] = float(cell.number.value * _factor(cell))
-        half = float(cell.number.half * _factor(cell))
-        halves.setdefault((cell.table, benchmark, cell.track), {})[cell.method, scene, key] = half
-    return [
-        PublishedTable(source.name, *place, values, halves[place])
-        for place, values in found.items()
-    ]
+    return [PublishedTable(source.name, *place, values) for place, values in found.items()]
 
 
 def _factor(cell: PrintedValue) -> int:

@@ -19,22 +19,7 @@ _NUMBER = re.compile(r" \(\d+\)$")  # of queries, behind a scene's title
 
 
 def rename(table: Table, given: Sequence[str]) -> Table:
-    """Give what a table names other names, in lists of names in its title and notes too.
-
-    Rows that get the name of another row become one with it.
-
-    Parameters
-    ----------
-    table : Table
-    given : sequence of str
-        Each ``OLD=NEW``, where OLD is a method, scene, benchmark or score as the table shows it.
-
-    Raises
-    ------
-    UsageError
-        One is none of these, nothing has the old name, or the new one is empty; or rows that
-        would become one have numbers in the same column.
-    """
+    """Give what a table names other names, in lists of names in its title and notes too."""
     known = _known(table)
     names: dict[str, str] = {}
     for text in given:

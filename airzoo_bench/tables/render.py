@@ -13,7 +13,6 @@ from itertools import groupby
 
 from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.latex import latex
-from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import (
     FLOOR,
     REPORTED,
@@ -42,26 +41,13 @@ def render(
     *,
     width: int = TERMINAL_WIDTH,
     styled: bool = False,
-    style: LatexStyle | None = None,
+    fit: bool = False,
 ) -> str:
-    """Render a table as text that ends with a newline.
-
-    Parameters
-    ----------
-    table : Table
-    form : str
-        One of `FORMATS`.
-    width : int
-        Of the terminal, in characters.
-    styled : bool
-        Whether the terminal shows bold, underlined and grey.
-    style : LatexStyle, optional
-        For LaTeX.
-    """
+    """Render a table as text that ends with a newline."""
     if form == "terminal":
         return terminal(table, width=width, styled=styled)
     if form == "latex":
-        return latex(table, style)
+        return latex(table, fit=fit)
     return _RENDERERS[form](table)
 
 

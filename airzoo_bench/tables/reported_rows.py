@@ -26,25 +26,7 @@ def with_published(
     average: bool = True,
     elsewhere: Sequence[str] = (),
 ) -> MethodTable:
-    """Put the rows of published tables before those of the methods scored here.
-
-    A source may print an average twice and differently. An average alone is taken from the tables
-    of averages, if there are any, and scenes with their average from the tables by scene; a note
-    names the methods whose other average differs. Where those by scene print none, the average is
-    that of the tables of averages.
-
-    Parameters
-    ----------
-    method_table : MethodTable
-    tables : sequence of PublishedTable
-        Of the same benchmark and track; scores that the table of methods lacks are left out.
-    by_scene : bool
-        Whether scenes are to be shown.
-    average : bool
-        Whether the average is to be shown: else nothing need be said of another one.
-    elsewhere : sequence of str
-        The benchmarks that something is published on, to be named where nothing is on this one.
-    """
+    """Put the rows of published tables before those of the methods scored here."""
     scenic = [table for table in tables if table.has_scenes]
     plain = [table for table in tables if not table.has_scenes]
     chosen = scenic if by_scene else plain or scenic
@@ -107,14 +89,7 @@ def _disagreement(method_table: MethodTable, table: PublishedTable, other: Publi
 
 
 def with_floors(method_table: MethodTable, results: Sequence[Result]) -> MethodTable:
-    """Put what scores without a method behind the rows of methods, and say what it is.
-
-    Parameters
-    ----------
-    method_table : MethodTable
-    results : sequence of Result
-        Of one protocol and truth, so that all should hold the same references.
-    """
+    """Put what scores without a method behind the rows of methods, and say what it is."""
     references, notes = shared_references(results)
     columns = [column for result in results for column in result.columns]
     rows = tuple(
@@ -127,11 +102,7 @@ def with_floors(method_table: MethodTable, results: Sequence[Result]) -> MethodT
 
 
 def shared_references(results: Sequence[Result]) -> tuple[dict[str, Reference], list[str]]:
-    """Return the references of results by name, the first of each name, and what must be said.
-
-    That is which results hold none, or others: they depend on protocol and truth alone, so the
-    results were then made by different versions.
-    """
+    """Return the references of results by name, the first of each name, and what must be said."""
     found: dict[str, Reference] = {}
     for result in results:
         for name, reference in result.references.items():

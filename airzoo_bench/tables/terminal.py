@@ -29,20 +29,7 @@ _WITHIN = 2  # between columns of a group
 
 
 def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False) -> str:
-    """Lay out a table as text.
-
-    Scores that do not fit the width go into further blocks, under the same names; groups of
-    columns stay whole.
-
-    Parameters
-    ----------
-    table : Table
-    width : int
-        Of the terminal, in characters.
-    styled : bool
-        For eyes: bold, underlined and grey by escape sequences, title and notes wrapped at the
-        width. Otherwise title and every note are one line.
-    """
+    """Lay out a table as text."""
     from rich.console import Console
 
     room = width - 2 * _EDGE

@@ -20,26 +20,13 @@ _OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 
 
 def verdict(pair: Pair) -> str:
-    """Say what a pair shows in a word, at a level of 5 % after Holm's correction.
-
-    Whatever else is said of a pair, in tables, lines and reports, goes by this word.
-
-    Returns
-    -------
-    str
-        "equal" where no unit differs; "too few" where too few do for a finding whatever their
-        values; "in noise" where the difference is a finding by its test, but no larger than the
-        benchmark's noise floor; "better" or "worse" than the reference; else "unclear", of two
-        averages that happen to be the same too.
-    """
+    """Say what a pair shows in a word, at a level of 5 % after Holm's correction."""
     if pair.wins == pair.losses == 0:
         return "equal"
     if not pair.test.patterns or pair.p_floor > LEVEL:
         return "too few"
     if not pair.difference or pair.p_holm > LEVEL:
         return "unclear"
-    if pair.is_in_noise:
-        return "in noise"
     return "better" if pair.is_better else "worse"
 
 
@@ -54,11 +41,6 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     if word in ("better", "worse"):
         ahead, behind = _by_rank(pair)
         return f"{ahead} is better than {behind} on {title} by {_amount(pair)}{evidence}."
-    if word == "in noise":
-        return (
-            f"{_by_rank(pair)[0]} is ahead on {title} by {_amount(pair)}{_within_noise(pair)}: it "
-            f"could be otherwise if its assumed values were{evidence}."
-        )
     both = f"{pair.method} and {pair.reference}"
     untold = {
         "unclear": f"{both} cannot be told apart on {title}",
@@ -66,7 +48,7 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     }
     if pair.difference is None:
         return f"{untold[word]}: both are infinite."
-    return f"{untold[word]}: {_standing(pair)}{_within_noise(pair)}{evidence}."
+    return f"{untold[word]}: {_standing(pair)}{evidence}."
 
 
 def _by_rank(pair: Pair) -> tuple[str, str]:
@@ -80,20 +62,13 @@ def _standing(pair: Pair) -> str:
     return f"{_by_rank(pair)[0]} is ahead by {_amount(pair)}"
 
 
-def _within_noise(pair: Pair) -> str:
-    if not pair.difference or not pair.is_in_noise:
-        return ""
-    floor = _number(pair.score, pair.noise_floor or 0.0)
-    return f", no more than the benchmark's noise floor of {floor}"
-
-
 def disagreement(pair: Pair) -> str:
     """Say where the interval of a difference and the verdict point different ways; else empty."""
     low, high = pair.interval.low, pair.interval.high
     if low is None or high is None:
         return ""
     holds_0, word = low <= 0 <= high, verdict(pair)
-    if word in ("better", "worse", "in noise") and holds_0:
+    if word in ("better", "worse") and holds_0:
         return "the interval holds 0"
     if word != "unclear" or holds_0:
         return ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 
 from airzoo_bench.core.plurals import plural
 from airzoo_bench.results.comparable import first_names
@@ -16,7 +17,6 @@ __all__ = [
     "INTERVAL_NAMES",
     "brackets_note",
     "intervals_made",
-    "noise_floor_note",
     "notes_by_reason",
     "resampled",
     "score_cell",
@@ -25,7 +25,14 @@ __all__ = [
     "units_note",
 ]
 
-INTERVAL_NAMES = {"wilson": "Wilson", "mover": "MOVER", "bca": "BCa", "percentile": "percentile"}
+INTERVAL_NAMES = {
+    "wilson": "Wilson",
+    "mover": "MOVER",
+    "student": "Student's t",
+    "lognormal": "log-normal",
+    "bca": "BCa",
+    "percentile": "percentile",
+}
 """What readers call the kinds of intervals."""
 
 _DRAWN = ("bca", "percentile")
@@ -66,42 +73,10 @@ def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]
     return ["–" if v is None else show_number(as_shown(score, float(v)), 2) for v in values]
 
 
-def noise_floor_note(floors: Mapping[ScoreColumn, float | None]) -> list[str]:
-    """Say which differences of scores are in noise, where floors are known."""
-    known = [
-        f"{score.title} {show_number(as_shown(score, floor), 2)} "
-        + ("points" if score.unit == "share" else UNITS[score.unit])
-        for score, floor in floors.items()
-        if floor is not None
-    ]
-    if not known:
-        return []
-    return [
-        f"noise floor: {', '.join(known)}; differences that are no larger could be otherwise if "
-        "the values that the truth assumes were others"
-    ]
-
-
 def notes_by_reason(
     entries: Iterable[tuple[str, ScoreColumn, str]], prefix: str = "", linked: str = "in"
 ) -> list[str]:
-    """Say each reason once, with all that share it, named as shortly as they can be.
-
-    Parameters
-    ----------
-    entries : iterable of (reason, score, member)
-        Of every score and member of a table, such as its scenes or methods; the reason is empty
-        where there is none.
-    prefix : str
-        What stands before every reason.
-    linked : str
-        What stands between scores and members.
-
-    Returns
-    -------
-    list of str
-        Such as ``all scores: no interval; ...``, or ``R@1, R@3 in City: no interval; ...``.
-    """
+    """Say each reason once, with all that share it, named as shortly as they can be."""
     listed = list(entries)
     every_score = list(dict.fromkeys(score.title for _, score, _ in listed))
     every_member = tuple(dict.fromkeys(member for *_, member in listed))
@@ -136,25 +111,9 @@ def resampled(unit: str) -> str:
 def intervals_made(
     intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> str:
-    """Say how intervals were made, by the kinds that there are; empty where there are none.
-
-    Parameters
-    ----------
-    intervals : iterable of Interval
-        All that are shown: where BCa does not exist, they are percentile.
-    resampling : ResamplingConfig
-    drawn : str
-        What was resampled, within what; such as `resampled` says.
-    what : str
-        What the intervals are of.
-
-    Returns
-    -------
-    str
-        Such as ``95 % intervals, BCa or percentile, 10000 resamples of scenes, seed 0``, or
-        ``95 % intervals, Wilson or MOVER over queries within scenes``.
-    """
-    made = {interval.method for interval in intervals}
+    """Say how intervals were made, by the kinds that there are; empty where there are none."""
+    listed = list(intervals)
+    made = {interval.method for interval in listed}
     closed, resampled = (
         " or ".join(INTERVAL_NAMES[key] for key in INTERVAL_NAMES if key in made and key in kinds)
         for kinds in (INTERVAL_NAMES.keys() - set(_DRAWN), _DRAWN)
@@ -166,6 +125,8 @@ def intervals_made(
         )
     if not how:
         return ""
+    if any(one.method == "lognormal" and one.high == math.inf for one in listed):
+        how.append("inf: the upper limit is not known, it is above ten times the mean")
     return f"{share_to_percent(resampling.confidence):g} % {what}, {'; '.join(how)}"
 
 

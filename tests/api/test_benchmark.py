@@ -164,6 +164,9 @@ def test_open_by_folder_and_root(root: Path, tmp_path: Path) -> None:
         load_benchmark(tmp_path)
     with pytest.raises(BenchmarkError, match="no scene 'town'"):
         by_folder.scene("town")
+    assert by_folder.scenes[NAME].id == by_folder.scenes[0].id == NAME
+    with pytest.raises(BenchmarkError, match="town"):
+        by_folder.scenes["town"]
 
 
 def test_a_changed_file_is_refused(root: Path, tmp_path: Path) -> None:

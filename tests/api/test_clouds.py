@@ -103,7 +103,7 @@ def test_the_defaults_are_those_of_all_shipped_protocols() -> None:
             assert rules.line_ratio == alignment._LINE_RATIO
             assert rules.sample_share == "minimal"
             found += 1
-    assert found == 6
+    assert found == 7
 
 
 def test_plain_scores_are_those_of_scipy() -> None:

@@ -89,7 +89,7 @@ def test_the_defaults_of_solve_pose_are_those_of_all_shipped_protocols() -> None
             assert {name: defaults[name] for name in settings} == settings
             assert defaults["solver"] == protocol.solver.name
             found += 1
-    assert found == 6
+    assert found == 7
 
 
 @pytest.mark.parametrize("solver", ["colmap", "colmap+refine", "poselib"])

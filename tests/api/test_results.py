@@ -18,7 +18,7 @@ import airzoo_bench as ab
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.selection import choose_scores
 from tests.api.support import refused
-from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, random_methods, write_method
+from tests.statistics.support import ERROR, HIT, SOFT, random_methods, write_method
 
 COLUMNS = (HIT, ERROR, SOFT)
 
@@ -66,10 +66,6 @@ OF_ONE: list[tuple[list[Any], dict[str, Any]]] = [
     ([], {}),
     (["--all"], {"every": True}),
     (["--score", "MRR", "--scene", "West"], {"scores": ["MRR"], "scene": "West"}),
-    (
-        ["--interval", "percentile", "--resamples", 200, "--seed", 3],
-        {"interval": "percentile", "resamples": 200, "seed": 3},
-    ),
 ]
 OF_MANY: list[tuple[list[Any], dict[str, Any]]] = [
     (["--reference", "best"], {"reference": "best"}),
@@ -93,8 +89,6 @@ def test_compare_is_the_table_of_the_command(
     of_results = ab.compare([ab.load_result(folder) for folder in folders[:count]], **options)
     assert repr(of_results) == repr(of_paths)
     pd.testing.assert_frame_equal(of_results.frame, of_paths.frame)
-    if "seed" in options:
-        assert "200 resamples of queries within scenes, seed 3" in repr(of_paths)
 
 
 def test_the_frame_of_a_comparison_has_the_numbers_of_its_table(
@@ -134,14 +128,6 @@ def test_intervals_are_those_of_the_comparison(folders: list[Path]) -> None:
             assert low is not None
             assert high is not None
             assert low <= part.estimate <= high
-
-
-def test_intervals_of_scenes_are_those_of_the_reconstruction_track(tmp_path: Path) -> None:
-    (method,) = random_methods(1, {f"s{n}": 1 for n in range(8)}, [CHAMFER], seed=4)
-    result = ab.load_result(write_method(tmp_path / "m", method))
-    (row,) = ab.compare(result).frame.to_dict("records")
-    found = ab.bootstrap_ci(result.records["chamfer_m"], statistic="mean")
-    assert (found.low, found.high, found.method) == (row["low"], row["high"], row["interval"])
 
 
 def test_scipy_has_the_same_interval_of_a_share() -> None:

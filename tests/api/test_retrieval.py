@@ -242,7 +242,7 @@ def test_mistakes_in_similarities_and_descriptors_are_refused() -> None:
     refused(similar, [[0.1, 0.2]], [[0]], gallery_ids=["a"], where="gallery_ids")
     refused(described, [[1.0]], [[1.0, 2.0]], [[0]], where="gallery")
     refused(described, [[np.nan]], [[1.0]], [[0]], where="queries")
-    refused(described, [[0.0]], [[1.0]], [[0]], metric="cosine", where="queries")
+    refused(described, [[1.0]], [[0.0]], [[0]], metric="cosine", where="gallery")
     refused(described, [[1.0]], [[1.0]], [[0]], metric="hamming", where="metric")
     refused(described, [[1.0]], [[1.0]], [[0]], ranks_kept=5, where="ranks_kept")
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.audit.findings import Audit, Finding
-from airzoo_bench.tables.printed.cells import Published
-from airzoo_bench.tables.printed.numbers import Rounded, decimal_text, parse_number
-from airzoo_bench.tables.printed.table import read_published
+from airzoo_bench.tables.printed_numbers import Rounded, decimal_text, parse_number
+from airzoo_bench.tables.printed_values import Published, read_published
 
 Rows = list[dict[str, object]]
 
@@ -36,6 +35,24 @@ def row(**scores: str) -> Rows:
     """Return one method's row on one scene; `R_1` stands for R@1."""
     named = {name.replace("_", "@"): value for name, value in scores.items()}
     return rows_of({"A": {"East": named}})
+
+
+def rows_of_wide(text: str) -> Rows:
+    """Return rows from lines a method, such as `A,East,**50.0**` below `method,scene,R@1 [%]`."""
+    rows: Rows = []
+    for line in csv.DictReader(io.StringIO(text)):
+        beside = {name: line[name] for name in ("table", "n") if name in line}
+        names = {"method": line["method"], "scene": line.get("scene", "overall")}
+        for head, value in line.items():
+            if head in names or head in beside:
+                continue
+            metric, _, unit = head.rstrip("]").partition(" [")
+            number = value.strip("*")
+            bold = {"bold": int(number != value)} if "**" in text else {}
+            rows.append(
+                {**beside, **names, "metric": metric, "unit": unit, "value": number, **bold}
+            )
+    return rows
 
 
 def csv_text(rows: Rows) -> str:

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.audit.audit import audit
-from airzoo_bench.tables.printed.table import read_published
-from tests.audit.support import Rows, audited, row, rows_of, told
+from tests.audit.support import Rows, audited, row, rows_of, rows_of_wide, told
 
 
 class TestAgreement:
@@ -43,9 +41,7 @@ T0,A,S1,20.00,
 T0,A,Average,17.00,50.00
 T1,A,Average,15.00,60.00
 """
-        path = tmp_path / "t.csv"
-        path.write_text(text)
-        found = audit(read_published(path), {"S0": 10, "S1": 10})
+        found = audited(tmp_path, rows_of_wide(text), S0=10, S1=10)
         assert ("inconsistent", "agreement", "A", "R@5") in told(found)
         assert ("inconsistent", "average", "A", "R@1") in told(found)
 

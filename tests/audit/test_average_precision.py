@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from airzoo_bench.audit.average_precision import VARIANTS, first_hit_bounds
 from airzoo_bench.retrieval.metrics import average_precision_at
-from airzoo_bench.tables.printed.numbers import Interval
+from airzoo_bench.tables.printed_numbers import Interval
 from tests.audit.support import audited, percent, row, rows_of, told
 
 AT = (1, 3, 5)

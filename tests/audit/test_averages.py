@@ -9,7 +9,7 @@ import pytest
 from airzoo_bench.audit.average_checks import Averaged, check_averages, has_common_weights
 from airzoo_bench.audit.findings import Audit, audit_text
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.tables.printed.numbers import Interval, mean_interval
+from airzoo_bench.tables.printed_numbers import Interval, mean_interval
 from tests.audit.honest import Manner, honest
 from tests.audit.support import audited, published, rows_of
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.implied import implied_total
-from airzoo_bench.tables.printed.numbers import (
+from airzoo_bench.tables.printed_numbers import (
     Interval,
     chance_of_fit,
     count_text,

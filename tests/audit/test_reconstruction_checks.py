@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.reconstruction_checks import f1_of
-from airzoo_bench.tables.printed.numbers import decimal_text
+from airzoo_bench.tables.printed_numbers import decimal_text
 from tests.audit.support import Rows, audited, rows_of, told
 
 

@@ -32,6 +32,13 @@ def test_found_by_name_or_as_itself(data: Path) -> None:
         find_benchmark("other", data / "made")
 
 
+def test_a_part_that_was_prepared_is_named(tmp_path: Path) -> None:
+    scenes = [MadeScene("east", [[0]], 1)]
+    write_benchmark(tmp_path / "other-partial", made_protocol(scenes, "other-partial"), scenes)
+    with pytest.raises(BenchmarkError, match="other-partial-retrieval"):
+        find_benchmark("other", tmp_path)
+
+
 def test_places_are_relative_or_absolute(data: Path, tmp_path: Path) -> None:
     benchmark = Benchmark.open(data / "made")
     assert benchmark.resolve("data/dom.tif") == data / "made" / "data" / "dom.tif"

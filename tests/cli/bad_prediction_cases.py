@@ -119,7 +119,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "no columns": (
         changed(ranked_ids=np.zeros((10, 0), "<U9")),
-        [IN_RANKS, "ranks only 0 tiles a query", "at least 5"],
+        [IN_RANKS],
     ),
     "empty ids": (
         edited("query_ids", put([0, 3], ["", "east/"])),
@@ -128,10 +128,6 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     "repeated queries": (
         edited("query_ids", put([1, 2, 5, 7, 8], "east/q00000")),
         [IN_IDS, "ids more than once: 1 of 5 (east/q00000)", "each id once"],
-    ),
-    "K too small": (
-        edited("ranked_ids", lambda a: a[:, :4]),
-        [IN_RANKS, "ranks only 4 tiles a query", "at least 5", "write more"],
     ),
     "repeated tiles": (
         edited("ranked_ids", lambda a: np.where(np.eye(10, 8, 7) > 0, a[:, :1], a)),
@@ -163,7 +159,7 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     ),
     "scores as text": (
         changed(scores=np.full((10, 8), "high")),
-        ["field 'scores' is <U4 of shape (10, 8)", "floating point"],
+        ["field 'scores' is <U4 of shape (10, 8)"],
     ),
     "scores out of order": (
         changed(scores=np.vstack([np.tile(np.arange(8.0, 0, -1), (9, 1)), [np.arange(8.0)]])),
@@ -186,10 +182,6 @@ CASES: dict[str, tuple[Make, list[str]]] = {
     "other dimensions": (
         described(query_descriptors=np.ones((10, 7), np.float32)),
         ["query descriptors have 7 dimensions, gallery descriptors 8", "same model"],
-    ),
-    "integer descriptors": (
-        described(query_descriptors=np.ones((10, 8), np.uint8)),
-        ["field 'query_descriptors' is uint8 of shape (10, 8)", "floating point", "np.float32"],
     ),
     "no dimensions": (
         described(query_descriptors=np.ones((10, 0), np.float32)),

@@ -2,97 +2,29 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from unittest import mock
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.mini import prepare as airzoo_mini
-from airzoo_bench.datasets.mini.export.frame_list import FrameList
-from airzoo_bench.datasets.mini.prepare import ROLL, Photos, mini_photos
-from airzoo_bench.datasets.photo_options import PhotoOptions
-from airzoo_bench.datasets.photos import prepare_photos
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
-from tests.datasets.mini.prepared import made_worlds
-from tests.own_protocols import photo_protocols
 from tests.shared import made_once
-from tests.support import BRIGHTON, run_main
+from tests.support import run_main
 
-BENCHMARKS = ("airzoo-mini", "brighton")
 TRACKS = ("retrieval", "matching", "reconstruction")
 # From bad to good, with what formats must escape.
 NAMES = ("weak_1 & co", "fair #2", "good 90 %")
 
-FEW = ("--resamples", "500")
-
 _MEMORY = 1 << 30
-
-
-# --- benchmarks ------------------------------------------------------------------------------
-
-
-def sparse_mini(factory: pytest.TempPathFactory) -> Path:
-    """Return AirZoo-Mini with every sixth photo of the surveys, every second of the rolls.
-
-    Each weather and time of day is there once, as in the whole one twice.
-    """
-
-    def make(root: Path) -> None:
-        shutil.copytree(made_worlds(factory), root, dirs_exist_ok=True)
-        with mock.patch.object(airzoo_mini, "mini_photos", _every_few):
-            airzoo_mini.prepare_airzoo_mini(0, PrepareSettings(root / "airzoo-mini", root))
-
-    return made_once(factory, "sparse-mini", make) / "airzoo-mini"
-
-
-def _every_few(*given: Any) -> Photos:
-    photos = mini_photos(*given)
-    every = [2 if sequence == ROLL else 6 for sequence in photos.sequence]
-    numbers = [int(name[-4:]) for name in photos.frames.names]
-    rows = [row for row, number in enumerate(numbers) if number % every[row] == 0]
-    taken = _taken(photos.frames, rows)
-    return Photos(taken, tuple(photos.sequence[row] for row in rows))
-
-
-def _taken(frames: FrameList, rows: list[int]) -> FrameList:
-    return replace(
-        frames,
-        names=tuple(frames.names[row] for row in rows),
-        poses=frames.poses.take(np.array(rows)),
-        weather=tuple(frames.weather[row] for row in rows),
-        time_of_day=tuple(frames.time_of_day[row] for row in rows),
-    )
-
-
-def real_scene(factory: pytest.TempPathFactory) -> Path:
-    """Return Brighton Beach, prepared."""
-
-    def make(root: Path) -> None:
-        sources = PhotoOptions(
-            "brighton",
-            BRIGHTON / "images",
-            BRIGHTON / "poses.json",
-            BRIGHTON / "dom_10cm.tif",
-            dsm=BRIGHTON / "dsm_10cm.tif",
-            cloud=BRIGHTON / "model.laz",
-        )
-        settings = PrepareSettings(root / "brighton", root)
-        prepare_photos(sources, photo_protocols("brighton", (256, 128)), settings)
-
-    return made_once(factory, "brighton", make) / "brighton"
 
 
 # --- results ---------------------------------------------------------------------------------
@@ -100,9 +32,8 @@ def real_scene(factory: pytest.TempPathFactory) -> Path:
 
 @dataclass(frozen=True)
 class Scored:
-    """Three methods on a track of a benchmark; `paths` are in the order of `NAMES`."""
+    """Three methods on a track of the demo; `paths` are in the order of `NAMES`."""
 
-    benchmark: Path
     track: str
     paths: tuple[Path, ...]
 
@@ -125,25 +56,29 @@ class Scored:
         return list(read_result(self.paths[0]).scenes)[-1]
 
 
-ScoresOf = Callable[[str, str], Scored]
+ScoresOf = Callable[[str], Scored]
 
 
-def score_methods(factory: pytest.TempPathFactory, benchmark: str, track: str) -> Scored:
+def demo() -> Benchmark:
+    """Return the benchmark that ships with the package."""
+    return find_benchmark("airzoo-demo", Path())
+
+
+def score_methods(factory: pytest.TempPathFactory, track: str) -> Scored:
     """Write predictions of growing quality and score them as a user does."""
-    folder = {"airzoo-mini": sparse_mini, "brighton": real_scene}[benchmark](factory)
     write = {"retrieval": _rank, "matching": _pose, "reconstruction": _cloud}[track]
 
     def make(out: Path) -> None:
         for quality, name in enumerate(NAMES):
             given = out / f"predictions-{quality}"
             given.mkdir()
-            predictions = write(Benchmark.open(folder), quality, given)
-            ask = ("eval", track, predictions, "--data", folder, "--method", name)
+            predictions = write(demo(), quality, given)
+            ask = ("eval", track, predictions, "--method", name)
             assert run_main(*ask, "--out", out / str(quality)) == 0
 
-    made = made_once(factory, f"{benchmark}-{track}", make)
+    made = made_once(factory, f"demo-{track}", make)
     paths = tuple(made / str(quality) / "result.json" for quality in range(len(NAMES)))
-    return Scored(folder, track, paths)
+    return Scored(track, paths)
 
 
 def _scenes(benchmark: Benchmark) -> list[str]:
@@ -187,24 +122,22 @@ def _pose(benchmark: Benchmark, quality: int, home: Path) -> Path:
 
 
 def _cloud(benchmark: Benchmark, quality: int, home: Path) -> Path:
-    """Take a share of the true points and move them; the weak method leaves out a scene."""
+    """Take a share of the true points and move them."""
     random = np.random.default_rng(quality)
     folder = home / "clouds"
     folder.mkdir()
     (folder / "protocol.txt").write_text(f"{benchmark.file.name}-reconstruction")
-    left_out = _scenes(benchmark)[1:] if quality == 0 else []
     for scene in _scenes(benchmark):
-        if scene not in left_out:
-            truth = read_reconstruction(benchmark, scene)
-            poses, points = truth.poses, _true_points(truth.cloud)
-            points = points[:: (500, 50, 10)[quality]]
-            noise = random.normal(0, (2.0, 0.5, 0.1)[quality], points.shape)
-            np.save(folder / f"{scene}.npy", points + noise)
-            np.savez(
-                folder / f"{scene}.cameras.npz",
-                image_names=truth.photos["image"].to_numpy(str),
-                extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
-            )
+        truth = read_reconstruction(benchmark, scene)
+        poses, points = truth.poses, _true_points(truth.cloud)
+        points = points[:: (500, 50, 10)[quality]]
+        noise = random.normal(0, (2.0, 0.5, 0.1)[quality], points.shape)
+        np.save(folder / f"{scene}.npy", points + noise)
+        np.savez(
+            folder / f"{scene}.cameras.npz",
+            image_names=truth.photos["image"].to_numpy(str),
+            extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
+        )
     return folder
 
 

@@ -119,12 +119,6 @@ def inverted(world: World) -> Any:
     return np.concatenate([poses.rotation.swapaxes(1, 2), local[..., None]], axis=2)
 
 
-def at_one_point(world: World) -> Any:
-    found = world.cameras("yard")["extrinsics"].copy()
-    found[..., 3] = 0.0
-    return found
-
-
 def backwards(world: World) -> Any:
     """Return true orientations with centres on a line that runs against the flight."""
     poses = camera_poses("yard")

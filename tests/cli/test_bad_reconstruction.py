@@ -12,7 +12,7 @@ import pytest
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from tests.cli.bad_reconstruction import FAULTS, Capture
-from tests.cli.spoilt_clouds import clouds, cut_laz, lying_ply, nan_at, with_file, yard
+from tests.cli.spoilt_clouds import clouds, cut_laz, lying_ply, with_file, yard
 from tests.reconstruction.world import (
     PROTOCOL,
     World,
@@ -69,16 +69,6 @@ def test_check_of_what_is_no_prediction(
     message = capsys.readouterr().err
     for fragment in fragments:
         assert fragment in message
-
-
-def test_check_names_every_scene_that_is_wrong(
-    world: World, tmp_path: Path, capsys: Capture
-) -> None:
-    path = clouds(yard=nan_at(slice(None)), lot=nan_at(slice(None)))(world, tmp_path / "p")
-    assert run_main("check", path) == 1
-    message = capsys.readouterr().err
-    assert "scene yard: all 15,264 points" in message
-    assert "scene lot: all 14,400 points" in message
 
 
 def test_check_without_the_benchmark_reads_all(

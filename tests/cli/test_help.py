@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -72,7 +73,7 @@ def test_panels_of_table(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     titles = ["Rows and columns", "Statistics", "Published numbers", "Output", "LaTeX"]
     places = [said.index(f"─ {title} ─") for title in titles]
-    assert said.index("--siunitx") > places[4]
+    assert said.index("--fit") > places[4]
     assert places[1] < said.index("--second") < places[2]
 
 
@@ -91,3 +92,17 @@ def test_help_of_published_data_says_where_they_are(capsys: pytest.CaptureFixtur
     said = capsys.readouterr().out
     assert "https://github.com/IntelliSensing/UAV-VisLoc" in said
     assert "Licence:" in said
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_word_is_broken_in_80_columns(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run_main(*name.split(), "--help") == 0
+    shown = capsys.readouterr().out
+    for option in shown_options(COMMANDS[name]):
+        choices = [str(getattr(one, "value", one)) for one in option.type_descriptor.choices or ()]
+        choices = choices if option.metavar is None else re.findall(r"[^][|<>\s]+", option.metavar)
+        words = [*option.opts, *option.secondary_opts, *choices]
+        assert [word for word in words if word not in shown] == []

@@ -85,18 +85,6 @@ def test_a_disk_that_cannot_be_written_is_named(
     assert f"data/uav-visloc-partial: cannot be written: {os.strerror(number)} fix:" in said
 
 
-def test_a_missing_file_of_noise_floors_says_how_it_is_made(
-    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare(capsys, 0, source, "--scene", "01")
-    protocol = "uav-visloc-retrieval-partial"
-    template, result = tmp_path / "t.npz", tmp_path / "r"
-    assert run_main("template", protocol, "--out", template) == 0
-    assert run_main("eval", "retrieval", template, "--protocol", protocol, "--out", result) == 0
-    said = said_by(capsys, 2, "table", result, "--noise-floor", tmp_path / "nowhere.json")
-    assert "make it with `airzoo-bench sensitivity" in said
-
-
 SILENT = [
     ("airzoo_bench.datasets.native_prepare.chosen_scenes", "getting ready"),
     ("airzoo_bench.datasets.native_prepare.is_prepared", "getting ready"),

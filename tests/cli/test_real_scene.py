@@ -1,4 +1,4 @@
-"""The whole path on the real scene, as a user types it: prepare, baseline, eval, table."""
+"""Every track on the real scene, as a user types it: prepare, baseline, check, eval, table."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from typer.testing import Result
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world
+from airzoo_bench.results.result import read_result
 from airzoo_bench.retrieval.truth import read_truth
 from tests.own_protocols import photo_protocols
+from tests.support import run_main
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,7 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
         dsm=brighton / "dsm_10cm.tif",
+        cloud=brighton / "model.laz",
     )
     prepare_photos(
         sources,
@@ -72,6 +75,7 @@ def test_crops_are_the_windows_of_the_map(prepared: Path, brighton: Path) -> Non
     np.testing.assert_allclose(pixel_to_world(crop.transform, [0, 0]), corner, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_baseline_is_above_chance(
     prepared: Path, tmp_path: Path, command: Callable[..., Result]
 ) -> None:
@@ -88,3 +92,29 @@ def test_the_baseline_is_above_chance(
     table = command("table", tmp_path / "result.json", "--format", "latex")
     assert r"\toprule" in table.stdout
     assert "brighton & 18 &" in table.stdout
+
+
+@pytest.mark.slow
+def test_the_baseline_poses_the_real_photos(prepared: Path, tmp_path: Path) -> None:
+    matches, out, data = tmp_path / "sift.npz", tmp_path / "out", ("--data", prepared)
+    make = ("baseline", "matching", "brighton-matching", *data, "--out", matches)
+    assert run_main(*make, "--jobs", 2) == 0
+    assert run_main("check", matches, *data) == 0
+    assert run_main("eval", "matching", matches, *data, "--out", out, "--jobs", 2) == 0
+    records = pd.read_csv(out / "records.csv")
+    assert len(records) == 18
+    assert records["answered"].all()
+    near = (records["error_m"] < 1) & (records["rotation_deg"] < 1)
+    assert near.sum() >= 15
+    assert records["within_1m_1deg"].sum() == near.sum()
+    assert records["error_m"].median() < 1
+
+
+def test_the_true_cloud_is_perfect(prepared: Path, brighton: Path, tmp_path: Path) -> None:
+    cloud = tmp_path / "brighton.laz"
+    cloud.symlink_to(brighton / "model.laz")
+    named = ("--protocol", "brighton-reconstruction", "--data", prepared)
+    ask = ("eval", "reconstruction", cloud, *named, "--out", tmp_path / "out")
+    assert run_main(*ask) == 0
+    overall = read_result(tmp_path / "out" / "result.json").overall
+    assert overall["f1_1m"] == overall["f1_10m"] == 1.0

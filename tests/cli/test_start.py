@@ -33,7 +33,7 @@ print(*sorted(sys.modules), file=sys.stderr)
         *("--help", "--version", "table --help", "check -h", "plot -h", "plot recall -h"),
         *("eval --help", *(f"eval {track} -h" for track in TRACKS.names())),
         *("baseline --help", *(f"baseline {track} -h" for track in TRACKS.names())),
-        *("prepare --help", "prepare photos -h", "prepare uav-visloc -h", "mini render -h"),
+        *("prepare --help", "prepare photos -h", "prepare uav-visloc -h", "mini world -h"),
     ],
 )
 def test_help_loads_nothing_heavy(call: str) -> None:

@@ -55,9 +55,12 @@ def test_what_a_dead_process_left_is_cleared_and_what_lives_is_not(tmp_path: Pat
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", die, str(tmp_path)], env=environment, check=False)
     assert len(files_below(tmp_path)) == 3
+    clear_abandoned(tmp_path / "other")
+    assert len(files_below(tmp_path)) == 3
     with temporary_folder(tmp_path, "mine") as mine, temporary_file(tmp_path / "own") as (one, own):
         os.close(one)
-        clear_abandoned(tmp_path)
+        for name in ("a", "b", "mine", "own"):
+            clear_abandoned(tmp_path / name)
         assert files_below(tmp_path) == {mine.name, own.name}
     assert files_below(tmp_path) == set()
 

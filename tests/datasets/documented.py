@@ -43,7 +43,7 @@ REFUSING = {
     "Cloud": ["datasets/cloud_checks"],
     "All together": [
         *("datasets/photos", "datasets/photos_dataset", "datasets/scene_content"),
-        *("datasets/native_prepare", "datasets/scene_run", "datasets/scene_additions"),
+        *("datasets/native_prepare", "datasets/scene_run"),
         "datasets/scene_tasks",
     ],
 }

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from rasterio import Affine
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.dataset import PrepareSettings
@@ -21,7 +20,7 @@ from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.datasets.scene_facts import SceneFacts
 from tests.own_protocols import photo_protocols
 
-GIMBAL = "yaw is 180 degrees off in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"
+GIMBAL = "more than 45 in 6 of 18 (first 3: park/DJI_0024, park/DJI_0025, park/DJI_0026)"
 
 
 @pytest.fixture
@@ -52,7 +51,7 @@ def test_the_sound_scene(sources: PhotoOptions, tmp_path: Path) -> None:
     assert len(said) == 3
     assert GIMBAL in said[0]
     assert "56% of the map is exactly one colour (0 0 0)" in said[1]
-    assert "more than half of the map on average (50.1%)" in said[2]
+    assert "100% of the photos, which see 65 m" in said[2]
 
 
 def poses_moved(sources: PhotoOptions, folder: Path) -> PhotoOptions:
@@ -75,12 +74,6 @@ def centres_as(change: Callable[[Any], Any]) -> Any:
     return changed
 
 
-def one_height(heights: Any) -> Any:
-    found = np.full_like(heights, np.nan)
-    found[500, 501] = 162.0
-    return found
-
-
 def surface(change: Callable[[Any], Any], **profile: Any) -> Any:
     def changed(sources: PhotoOptions, folder: Path) -> PhotoOptions:
         with rasterio.open(sources.dsm) as dataset:
@@ -92,33 +85,14 @@ def surface(change: Callable[[Any], Any], **profile: Any) -> Any:
     return changed
 
 
-def map_moved(columns: int, rows: int, cut: int) -> Any:
-    def changed(sources: PhotoOptions, folder: Path) -> PhotoOptions:
-        with rasterio.open(sources.dom) as dataset:
-            colours, kept = dataset.read()[:, cut:, cut:], dataset.profile
-        grid = kept["transform"] @ Affine.translation(cut + columns, cut + rows)
-        size = {"height": colours.shape[1], "width": colours.shape[2], "transform": grid}
-        with rasterio.open(folder / "dom.tif", "w", **(kept | size)) as dataset:
-            dataset.write(colours)
-        return replace(sources, dom=folder / "dom.tif")
-
-    return changed
-
-
 SUSPECT = {
     "float32": (centres_as(np.float32), "through float32: an error of 0.15 m is to be expected"),
-    "one place": (
-        centres_as(lambda _: (576706.123456, 5188171.123456, 197.123456)),
-        "taken from 1 place, and aligning a reconstruction needs 3",
-    ),
-    "one height": (surface(one_height), "no height near 18 of 18 cameras"),
-    "poses": (poses_moved, "poses are 40.1 m from their own photos' GPS (median), all to one side"),
+    "poses": (poses_moved, "poses are 40.1 m from their own photos' GPS (median), by +4"),
     "lowered": (surface(lambda z: z - 27.5), "62.6 m above the surface model"),
-    "moved map": (map_moved(30, 0, 0), "moved by -30.0 columns and +0.0 rows"),
-    "moved and cut map": (map_moved(30, -12, 40), "by their empty pixels: moved by -30.0 columns"),
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", list(SUSPECT))
 def test_what_is_suspect(case: str, sources: PhotoOptions, tmp_path: Path) -> None:
     change, said = SUSPECT[case]
@@ -127,6 +101,7 @@ def test_what_is_suspect(case: str, sources: PhotoOptions, tmp_path: Path) -> No
     assert any(GIMBAL in one for one in found)
 
 
+@pytest.mark.slow
 def test_stated_feet_are_metres(sources: PhotoOptions, tmp_path: Path) -> None:
     feet = surface(lambda z: z / (1200 / 3937), crs="EPSG:32615+6360")(sources, tmp_path)
     facts = facts_of(feet, tmp_path)
@@ -134,6 +109,7 @@ def test_stated_feet_are_metres(sources: PhotoOptions, tmp_path: Path) -> None:
     assert len(plausibility_warnings(facts)) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -13,6 +13,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 import numpy as np
 import pandas as pd
 import pytest
+from airzoo_bench.retrieval.assumptions import AssumedRanges
 from typer.main import get_command
 
 from airzoo_bench.api.benchmark import load_benchmark
@@ -28,12 +29,11 @@ from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.protocol.model import ProtocolScene
-from airzoo_bench.retrieval.assumptions import AssumedRanges
 from tests.datasets.parts import hold_tiles
 from tests.own_protocols import photo_protocols
 from tests.support import DOWN, NORTH_WEST, PLACE_CRS, PLACE_PHOTOS, Place, make_place, run_main
 
-SHARED = {"out", "tiles", "crops", "copy", "add-to", "force"}
+SHARED = {"out", "tiles", "crops", "copy", "force"}
 SPREAD = {"jobs", "engine", "scheduler"}
 
 

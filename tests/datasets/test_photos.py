@@ -189,25 +189,6 @@ def test_a_file_name_that_is_no_text(
     assert "retrieval       3 queries" in said.out
 
 
-def test_a_real_scene(brighton: Path, tmp_path: Path) -> None:
-    sources = PhotoOptions(
-        "park",
-        brighton / "images",
-        brighton / "poses.json",
-        brighton / "dom_10cm.tif",
-        dsm=brighton / "dsm_10cm.tif",
-    )
-    result = prepare_photos(
-        sources, photo_protocols("park", (512,)), PrepareSettings(tmp_path / "park", tmp_path)
-    )
-    truth = truth_in(tmp_path / "park")
-    assert len(truth.queries) + len(truth.excluded) == 18
-    assert len(truth.queries) > 0
-    assert result.facts["park"].inputs.unposed == ()
-    assert truth.queries["pitch_deg"].between(60, 90).all()
-    assert (truth.positives.counts > 0).all()
-
-
 def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     cloud = tmp_path / "cloud.npy"

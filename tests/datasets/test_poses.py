@@ -42,7 +42,7 @@ def tilted() -> np.ndarray[Any, Any]:
 
 
 def test_json(tmp_path: Path) -> None:
-    photos = read_poses(json_file(tmp_path, note="left aside"), SIZES)
+    photos = read_poses(json_file(tmp_path, note="left aside", model="pinhole"), SIZES)
     assert photos.names == ("a.jpg", "sub/b.jpg")
     assert photos.crs == "EPSG:32633"
     np.testing.assert_array_equal(photos.poses.centres, list(CENTRES.values()))
@@ -90,6 +90,11 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "distortion short": ({"distortion": [0.1, 0.2]}, r"key 'distortion' is .*at least 4"),
     "distortion NaN": ({"distortion": [0.1, 0.2, 0, float("nan")]}, r"distortion\.3' is nan"),
+    "lens": ({"model": "OPENCV_FISHEYE"}, "key 'model' is 'OPENCV_FISHEYE'.*SIMPLE_RADIAL"),
+    "lens of one": (
+        {"images": {"a.jpg": {"R_w2c": DOWN, "center": [1, 2, 3], "camera_model": "FOV"}}},
+        r"images\.a\.jpg\.camera_model' is 'FOV'",
+    ),
     "crs a number": ({"crs": 32633}, "key 'crs' is 32633"),
     "images a list": ({"images": [1]}, r"key 'images' is \[1\]"),
 }

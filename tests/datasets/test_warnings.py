@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.datasets.facts_lines import kinds_and_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import folder_facts, open_benchmark
-from airzoo_bench.datasets.plausibility import Kind
+from airzoo_bench.datasets.plausibility import Kind, scene_warnings
 from tests.datasets import documented
 from tests.datasets.suspect import SUSPECT
 from tests.support import Place, run_main
@@ -48,7 +47,7 @@ def test_what_is_suspect_is_named_then_and_later(
     assert found["warnings"] == warned
     facts = folder_facts(open_benchmark(Path("park")), "park")
     assert facts is not None
-    assert kinds <= {kind for kind, _ in kinds_and_warnings(facts)}
+    assert kinds <= {kind for kind, _ in scene_warnings(facts)}
     assert run_main("check-geometry", "park") == 0
     assert "warns" in capsys.readouterr().out
 

@@ -50,6 +50,7 @@ def predictions(folder: Path) -> Path:
     return folder / "mine.npz"
 
 
+@pytest.mark.slow
 def test_a_command_runs_on_workers_that_slurm_starts(tmp_path: Path) -> None:
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
     commands = tmp_path / "bin"
@@ -108,6 +109,7 @@ def running(command: list[str], **env: str) -> Iterator[None]:
         process.wait()
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_manifests_make_a_cluster(tmp_path: Path) -> None:
     scheduler = container("kubernetes.yaml", "scheduler")
     worker = container("kubernetes.yaml", "worker")

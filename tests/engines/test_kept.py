@@ -9,8 +9,6 @@ import pytest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.engines.engine import Engine, Here
 from airzoo_bench.engines.kept import Kept
-from airzoo_bench.engines.report import RunReport
-from airzoo_bench.engines.watched import Watched
 from tests.engines.work import Arrays, named
 
 
@@ -144,9 +142,14 @@ def test_nothing_is_kept_before_a_run_begins(tmp_path: Path) -> None:
     assert not (tmp_path / "out.unfinished").exists()
 
 
-def test_what_is_kept_goes_when_the_run_is_saved(stopped: Path) -> None:
-    kept(stopped).remove()
-    assert not (stopped / "out.unfinished").exists()
+def test_what_is_kept_goes_when_the_run_is_saved_and_nothing_else(stopped: Path) -> None:
+    engine, folder = kept(stopped), stopped / "out.unfinished"
+    (folder / "thesis.tex").touch()
+    engine.remove()
+    assert [path.name for path in folder.iterdir()] == ["thesis.tex"]
+    (folder / "thesis.tex").unlink()
+    engine.remove()
+    assert not folder.exists()
 
 
 def test_a_folder_of_another_kind_is_refused_and_stays(tmp_path: Path) -> None:
@@ -171,22 +174,3 @@ def test_results_that_cannot_be_kept_are_a_bug(tmp_path: Path, number: int) -> N
 def test_work_is_cut_where_it_is_kept(tmp_path: Path) -> None:
     assert len(Here().cut(10, 4)) == 1
     assert kept(tmp_path).cut(10, 4) == [slice(0, 4), slice(4, 8), slice(8, 10)]
-
-
-def test_the_report_tells_kept_tasks_from_done_ones(stopped: Path) -> None:
-    here = Here()
-    here.report = RunReport()
-    shown = []
-
-    def progress(items, label, total):  # type: ignore[no-untyped-def]
-        shown.append((label, total))
-        yield from items
-
-    engine = Watched(kept(stopped, inner=here), progress)
-    engine.begin("a")
-    assert squares(engine, stopped) == SQUARES
-    assert shown == [("squares", 6)]
-    stage = engine.report.values()["stages"]["squares"]
-    assert (stage["tasks"], stage["tasks_kept"]) == (3, 3)
-    larger = engine.report.values()["ten_times_as_large"]["stages"]["squares"]
-    assert larger["tasks"] == 60

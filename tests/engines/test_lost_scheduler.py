@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -45,7 +44,8 @@ def ask(tmp_path: Path) -> list[object]:
     return ["eval", "retrieval", tmp_path / "p.npz", "--data", data, "--method", "m"]
 
 
-@pytest.mark.parametrize("when", [1, 20], ids=["between two stages", "in the middle of one"])
+# Between two stages, or in the middle of one.
+@pytest.mark.parametrize("when", [pytest.param(1, marks=pytest.mark.slow), 20])
 def test_a_run_goes_on_with_another_scheduler(
     when: int,
     ask: list[object],
@@ -75,8 +75,6 @@ def test_a_run_goes_on_with_another_scheduler(
         assert run_main(*ask, "--out", out, *where, "--resume", "--progress") == 0
     told = capfd.readouterr().err
     assert f"holds {left:,} finished task" in told
-    report = json.loads((out / "run_report.json").read_text())
-    assert sum(stage["tasks_kept"] for stage in report["stages"].values()) == left
     for name in ("records.csv", "result.json"):
         assert (out / name).read_bytes() == (here / name).read_bytes()
     assert not kept_folder(out).exists()

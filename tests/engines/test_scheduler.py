@@ -253,6 +253,7 @@ def test_a_scheduler_without_a_dashboard_has_no_address_of_one(workers: Standing
         assert engine.dashboard is None
 
 
+@pytest.mark.slow
 def test_the_address_of_a_dashboard_leads_to_it(tmp_path: Path) -> None:
     pytest.importorskip("bokeh")
     pages = ("--dashboard", "--dashboard-address", "127.0.0.1:0")
@@ -264,6 +265,7 @@ def test_the_address_of_a_dashboard_leads_to_it(tmp_path: Path) -> None:
         assert answer.status == 200
 
 
+@pytest.mark.slow
 def test_workers_here_have_no_dashboard_without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed.dashboard.scheduler", None)
     with cluster.local_cluster(1) as engine:

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.engines.tasks import count_read
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -22,7 +21,6 @@ def named(item: object) -> str:
 
 
 def square(added: int, number: int) -> Arrays:
-    count_read(100)
     return {"square": np.array([number * number + added]), "who": np.array(os.getpid())}
 
 
@@ -42,19 +40,9 @@ def deadly(worst: int, number: int) -> int:
 
 
 def unreadable(folder: Path, number: int) -> int:
-    """Read a shard that is not there; say in a file how often."""
+    """Read a shard that is not there."""
     if number == 3:
-        with (folder / "tries").open("a") as stream:
-            stream.write("x")
         return len((folder / "shard-3.npy").read_bytes())
-    return number
-
-
-def unreadable_once(folder: Path, number: int) -> int:
-    tried = folder / f"tried-{number}"
-    if number == 3 and not tried.exists():
-        tried.touch()
-        raise ConnectionResetError("503 Slow Down")
     return number
 
 

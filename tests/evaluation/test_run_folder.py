@@ -72,11 +72,48 @@ def test_other_inputs_and_what_is_saved_from_python_are_refused_too(
         save(run, out)
 
 
-def test_predictions_beside_what_a_run_replaces_stay(out: Path, data: Path) -> None:
+def test_what_no_run_wrote_stays(out: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (out / "mine.npz").read_bytes()
     ask = ("eval", "retrieval", out / "mine.npz", "--data", data, "--out", out)
+    for kept in ("figures/p.npz", "clouds/away.npz"):
+        there = files_below(out)
+        assert run_main(*ask) == 2
+        assert kept in capsys.readouterr().err
+        assert files_below(out) == there
+        shutil.rmtree((out / kept).parent)
+    (out / "figures").mkdir()
+    for name in ("lot_curve.png", "q_1_matches.png", ".DS_Store"):
+        (out / "figures" / name).touch()
     assert run_main(*ask) == 0
+    assert files_below(out) == {"result.json", "records.csv", "mine.npz"}
     assert (out / "mine.npz").read_bytes() == before
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_no_file_that_lies_there_costs_another(
+    shared: bool, tmp_path: Path, data: Path, perfect: dict[str, Any]
+) -> None:
+    """As a stranger's archive may hold them: notes that name others, parts of others, links."""
+    path, home = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect), tmp_path / "d"
+    for place in (home, home / "out") if shared else (home,):
+        for name in (".git", "src"):
+            (place / name).mkdir(parents=True)
+            (place / name / "file").touch()
+        for name in ("evil.airzoo-aside", "out.airzoo-aside", "x.airzoo-part", "outer.airzoo-old"):
+            (place / f".{name}").mkdir()
+            (place / f".{name}" / ".airzoo-names").write_text(".git\nsrc\n")
+        (place / ".x.abcdefgh.airzoo-part").touch()
+        (place / ".link.airzoo-aside").symlink_to(".evil.airzoo-aside")
+        (place / ".out.abcdefgh.airzoo-part").symlink_to("src")
+    before = files_below(tmp_path)
+    for _ in range(2):
+        assert run_main("eval", "retrieval", path, "--data", data, "--out", home / "out") == 0
+    assert run_main("table", home / "out") == 0
+    assert files_below(tmp_path) - before == {
+        *(f"d/out/{name}" for name in ("result.json", "records.csv")),
+        *(() if shared else ("d/out",)),
+    }
+    assert before <= files_below(tmp_path)
 
 
 def test_predictions_in_a_bucket_are_refused_too(monkeypatch: pytest.MonkeyPatch) -> None:

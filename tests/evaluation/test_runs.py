@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from datetime import date
 from pathlib import Path
@@ -217,22 +216,3 @@ def test_the_working_folder_as_the_place_of_a_run(
     assert run_main(*command) == 0
     assert {one.name for one in Path().iterdir()} == {"result.json", "records.csv", "sub"}
     assert set(tmp_path.iterdir()) == before
-
-
-def test_records_as_parquet_in_place_of_csv(
-    data: Path, perfect: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
-    command = ("eval", "retrieval", path, "--data", data, "--method", "m")
-    assert run_main(*command, "--out", tmp_path / "csv") == 0
-    for _ in range(2):
-        assert run_main(*command, "--out", tmp_path / "out", "--records", "parquet") == 0
-    assert files_below(tmp_path / "out") == {"result.json", "records.parquet"}
-    assert "takes the place of result.json, records.parquet\n" in capsys.readouterr().err
-    kept, other = (read_result(tmp_path / name / "result.json") for name in ("out", "csv"))
-    written = (tmp_path / "out" / "records.parquet").read_bytes()
-    assert kept.records_sha256 == hashlib.sha256(written).hexdigest()
-    same = {"records_sha256": "", "checksum": ""}
-    assert kept.model_copy(update=same) == other.model_copy(update=same)
-    assert run_main(*command, "--records", "parquet") == 2
-    assert "--records needs a folder to write into" in capsys.readouterr().err

@@ -25,8 +25,9 @@ def test_npz_of_any_numbers(dtype: str, compress: bool, tmp_path: Path) -> None:
     np.testing.assert_array_equal(cloud.points, points.astype(np.float64))
     np.testing.assert_array_equal(cloud.colours, colours)
     np.testing.assert_array_equal(cloud.confidence, confidence)
-    np.save(tmp_path / "a.npy", points)
-    np.testing.assert_array_equal(read(tmp_path / "a.npy").points, points.astype(np.float64))
+    for order in (points, np.asfortranarray(points)):
+        np.save(tmp_path / "a.npy", order)
+        np.testing.assert_array_equal(read(tmp_path / "a.npy").points, points.astype(np.float64))
 
 
 @pytest.mark.parametrize(
@@ -41,6 +42,8 @@ def test_npz_of_any_numbers(dtype: str, compress: bool, tmp_path: Path) -> None:
         ({"points": POINTS, "colours": POINTS[:5]}, "rows of colours"),
         ({"points": POINTS, "conf": POINTS[:5, 0]}, "rows of confidence"),
         ({"points": POINTS, "conf": POINTS}, "'conf'"),
+        ({"points": POINTS, "confidence": np.float32(0.5)}, "'confidence'"),
+        ({"points": np.float64(1)}, "'points'"),
         ({"points": POINTS, "colours": POINTS, "colors": POINTS}, "both"),
         ({"points": POINTS, "colour": POINTS}, "not read here: 'colour'"),
     ],
@@ -53,7 +56,7 @@ def test_wrong_npz(arrays: dict[str, Any], message: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     "array",
-    [POINTS.T, np.asfortranarray(POINTS), POINTS[:, 0], POINTS.astype(object), POINTS.astype("U9")],
+    [POINTS.T, POINTS[:, 0], POINTS.astype(object), POINTS.astype("U9")],
     ids=lambda a: f"{a.dtype}{a.shape}",
 )
 def test_wrong_npy(array: Any, tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from tests.formats.cloud_support import (
     points_of,
     refused,
     text_rows,
-    write_e57,
     write_las,
     write_pcd,
     write_ply,
@@ -41,7 +40,6 @@ NAMES = (
     "little.ply", "big.ply", "text.ply", "mesh.ply", "mesh_text.ply", "ascii.pcd", "binary.pcd",
     "compressed.pcd", "a.las", "a.laz", "a7.laz", "a.npz", "small.npz", "a.npy", "a.obj", "a.glb",
     "a.gltf", "a.stl", "text.stl", "a.off", "a.csv", "a.pts", "six.npy", "a.ply.gz", "a.xyz.gz",
-    "a.e57",
 )  # fmt: skip
 
 
@@ -67,7 +65,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     np.save(folder / "a.npy", points_of(columns))
     (folder / "a.obj").write_text(OBJ_CUBE)
     write_glb(folder / "a.glb", *cube_document())
-    write_e57(folder / "a.e57", columns)
     write_gltf(folder / "a.gltf")
     write_stl(folder / "a.stl")
     write_stl_text(folder / "text.stl")

@@ -58,6 +58,12 @@ def test_a_user_block_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
+        (
+            "elsewhere",
+            {"shape": (9,), "dtype": "f8", "external": [("o.bin", 0, 72)]},
+            "'elsewhere'",
+        ),
+        ("unwritten", {"shape": (9,), "dtype": "f8"}, "'unwritten'"),
         ("zipped", {"data": np.zeros(5000), "compression": "gzip"}, "is compressed"),
         ("text", {"data": ["a", "b"]}, "holds no numbers"),
         ("sparse", {"shape": (1 << 30,), "dtype": "f8", "chunks": (1024,)}, "the file has"),
@@ -71,6 +77,15 @@ def test_refusals(tmp_path: Path, name: str, options: dict[str, Any] | None, wor
             file.create_dataset(name, **options)
     with pytest.raises(PredictionError, match=words):
         Hdf5File(path, LIMIT).read(name)
+
+
+def test_virtual_datasets_are_refused(tmp_path: Path) -> None:
+    path, layout = tmp_path / "x.h5", h5py.VirtualLayout((9,), "f8")
+    layout[:] = h5py.VirtualSource("o.h5", "x", (9,))
+    with h5py.File(path, "w") as file:
+        file.create_virtual_dataset("virtual", layout)
+    with pytest.raises(PredictionError, match=r"x\.h5.*'virtual'"):
+        Hdf5File(path, LIMIT).read("virtual")
 
 
 def test_memory_is_bounded(tmp_path: Path) -> None:

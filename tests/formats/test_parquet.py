@@ -67,10 +67,6 @@ def test_no_rows(tmp_path: Path) -> None:
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "unknown column": ({"query_id": IDS}, r"unknown columns: 1 \('query_id'\)"),
-    "pandas index": (
-        {"query_ids": IDS, "__index_level_0__": [3, 4]},
-        r"'__index_level_0__'[\s\S]*index=False",
-    ),
     "null": (
         {"query_ids": ["e/a", None]},
         r"'query_ids' has nulls in rows, counted from 0: 1 \(1\)",

@@ -120,10 +120,12 @@ def test_matrices_that_do_not_rotate() -> None:
         check_rotations(R)
     with pytest.raises(CameraError, match="shape"):
         check_rotations(np.eye(3))
-    # Just within and just beyond the tolerance of 1e-4.
-    check_rotations(np.eye(3)[None] * np.sqrt(1 + 0.99e-4))
+    # Just within and just beyond the tolerance of 2e-4, and four decimals of any rotation.
+    check_rotations(np.eye(3)[None] * np.sqrt(1 + 1.99e-4))
     with pytest.raises(CameraError):
-        check_rotations(np.eye(3)[None] * np.sqrt(1 + 1.01e-4))
+        check_rotations(np.eye(3)[None] * np.sqrt(1 + 2.01e-4))
+    four = check_rotations(np.round(rotations(0, 20_000), 4))
+    assert np.abs(np.swapaxes(four, 1, 2) @ four - np.eye(3)).max() < 1e-14
 
 
 def test_other_faults_of_poses() -> None:

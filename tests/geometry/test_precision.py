@@ -17,7 +17,11 @@ from airzoo_bench.geometry.precision import (
     rounding_errors,
     was_rounded_to,
 )
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.rotations import (
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
 
 COUNT = 200
 ROTATIONS = Rotation.random(COUNT, random_state=7).as_matrix()
@@ -88,6 +92,34 @@ def test_translations_of_few_digits(decimals: int) -> None:
     errors = pose_errors_m(ROTATIONS, t, None)
     assert expected_m(errors) == pytest.approx(moved_m(ROTATIONS, t), rel=0.1)
     assert (errors > COARSEST_M).all()
+
+
+@pytest.mark.parametrize("digits", [4, 5, 6, 7, "float32", None])
+def test_quaternions_that_were_normalised_again(digits: Any) -> None:
+    exact = matrix_to_quaternion(Rotation.random(2000, random_state=25).as_matrix())
+    rounded = narrow(exact) if digits == "float32" else exact if digits is None else None
+    rounded = np.round(exact, digits) if rounded is None else rounded
+    unit = rounded / np.linalg.norm(rounded, axis=1, keepdims=True)
+    matrices, t = quaternion_to_matrix(unit), TRUE.translation[:1]
+    alone = [pose_errors_m(matrices[[i]], t, unit[[i]])[0] for i in range(len(unit))]
+    # A turn by an angle moves a centre at the distance |t| by as much, but for the part about t.
+    turned = np.radians(rotation_angle_deg(matrices, quaternion_to_matrix(exact)))
+    moved = expected_m(turned) * np.linalg.norm(t) * (2 / 3) ** 0.5
+    assert np.count_nonzero(alone) == (0 if digits is None else 2000)
+    for errors in (alone, pose_errors_m(matrices, np.tile(t, (2000, 1)), None)):
+        assert expected_m(np.array(errors)) == pytest.approx(moved, rel=0.2, abs=1e-5)
+
+
+def test_one_row_with_all_digits_keeps_a_file() -> None:
+    rounded = np.round(QUATERNIONS, 6)
+    unit = rounded / np.linalg.norm(rounded, axis=1, keepdims=True)
+    nadir = np.array([[0.0, 0.5**0.5, 0.5**0.5, 0.0], [0.0, 1.0, 0.0, 0.0]])
+    # Rows of one size, such as nadir and quarter turns, are no evidence, for or against.
+    cases = (nadir, False), (np.vstack([unit, QUATERNIONS[:1]]), False), (unit, True)
+    for q, lost in (*cases, (np.vstack([unit[2:], nadir]), True)):
+        t = np.resize(TRUE.translation, (len(q), 3))
+        errors = pose_errors_m(quaternion_to_matrix(q), t, q)
+        assert ((errors > COARSEST_M) == lost).all()
 
 
 def test_scientific_notation_counts_significant_digits() -> None:
@@ -168,7 +200,7 @@ def test_a_single_translation_that_went_through_float32(seed: int) -> None:
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))
 def test_any_rounding_is_found(seed: int, scale: float) -> None:
-    values = np.random.default_rng(seed).random(60) * scale
+    values = np.random.default_rng(seed).random(600) * scale
     for kind in (np.float16, np.float32):
         rounded = narrow(values, kind)
         assert was_rounded_to(rounded, kind)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.geometry.vertical import changed_heights, geoid_at
+from airzoo_bench.geometry.vertical import changed_heights
 from tests.geoids import EGM96, EGM2008, proj_with, undulation_m, write_geoid
 
 PLACES = np.array([[15.03, 46.95], [15.3, 47.21], [14.77, 46.6]])
@@ -25,33 +25,6 @@ def grids(tmp_path: Path) -> Iterator[Path]:
 
 def of_places(base_m: float = 40.0) -> np.ndarray:
     return np.array([undulation_m(lon, lat, base_m) for lon, lat in PLACES])
-
-
-def test_the_undulation_is_that_of_the_grid(grids: Path) -> None:
-    write_geoid(grids, EGM2008)
-    with proj_with(grids):
-        geoid = geoid_at(PLACES[0])
-    assert geoid.model == "EGM2008"
-    assert geoid.undulation_m == pytest.approx(undulation_m(*PLACES[0]), abs=1e-4)
-
-
-def test_egm96_stands_in_where_it_alone_is_installed(grids: Path) -> None:
-    write_geoid(grids, EGM96, 30.0)
-    with proj_with(grids):
-        geoid = geoid_at(PLACES[0])
-    assert (geoid.model, geoid.grid) == ("EGM96", "")
-    assert geoid.undulation_m == pytest.approx(undulation_m(*PLACES[0], 30.0), abs=1e-4)
-
-
-def test_without_a_grid_there_is_no_figure(grids: Path) -> None:
-    geoid = geoid_at(PLACES[0])
-    assert (geoid.undulation_m, geoid.grid) == (None, EGM2008)
-
-
-def test_a_place_beyond_the_grid_has_no_figure(grids: Path) -> None:
-    write_geoid(grids, EGM2008)
-    with proj_with(grids):
-        assert geoid_at((100.0, 30.0)).undulation_m is None
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 A step is what Python's audit hooks announce: opening to write, making, renaming, removing. "line"
 kills at every line of Python between them too, as when a file is made and not yet written, and
-"tiny" lets no file grow beyond so many bytes, so that the smallest fail alone. Each case runs in a
-forked process of its own, on a folder of its own.
+"full" lets no file grow beyond so many bytes. Each case runs in a forked process of its own, on a
+folder of its own.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from airzoo_bench.core import exchange
+from airzoo_bench.core import temporaries
 from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
 
-NAMES = ("records", "result", "figures")
+NAMES = ("result", "records", "figures")
 STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree")
 _SIZE = 20_000
-LIMITS = {"full": 4096, "tiny": 1}
-"""By how many bytes a file may grow, times the step."""
-_LINES_OF = ("temporaries.py", "exchange.py", "files.py")
+_GROWTH_BYTES = 4096  # times the step
+_LINES_OF = ("temporaries.py", "files.py")
 _NO_FAULT = 3  # there are fewer steps
 
 
@@ -79,8 +78,8 @@ class Fault:
         self.kind, self.step, self.count = kind, step, 0
 
     def arm(self) -> None:
-        if self.kind in LIMITS:
-            most = self.step * LIMITS[self.kind]
+        if self.kind == "full":
+            most = self.step * _GROWTH_BYTES
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
         elif self.kind == "line":
@@ -115,7 +114,7 @@ def run(write: Writer, home: Path, text: str, fault: Fault) -> int:
         write(home, text)
     except Exception:  # noqa: BLE001 - whatever it is, what counts is what is left on the disk
         os._exit(1)
-    os._exit(0 if fault.count >= fault.step or fault.kind in LIMITS else _NO_FAULT)
+    os._exit(0 if fault.count >= fault.step or fault.kind == "full" else _NO_FAULT)
 
 
 def _writes(arguments: tuple[Any, ...]) -> bool:
@@ -140,8 +139,8 @@ def hidden(home: Path) -> list[str]:
 def main() -> None:
     root, kind, fault, swap = Path(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4] == "swap"
     if not swap:
-        exchange._swapped = lambda new, path: False
-    size = 1 if fault in ("tiny", "line") else _SIZE
+        temporaries._swapped = lambda new, path: False
+    size = 1 if fault == "line" else _SIZE
     old, new = "a" * size, "b" * size
     cases = []
     for step in range(1, 2000):
@@ -152,7 +151,7 @@ def main() -> None:
         again = run(WRITERS[kind], home, new, Fault("none", -1))
         cases.append({"code": code, "left": left, "again": again, "end": state(home)})
         cases[-1]["hidden"] = hidden(home)
-        if code == (0 if fault in LIMITS else _NO_FAULT):
+        if code == (0 if fault == "full" else _NO_FAULT):
             break
     json.dump(cases, sys.stdout)
 

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from tests.formats.cloud_support import e57_content, e57_pages
-
 Random = np.random.Generator
 
 WORDS = (
@@ -107,13 +105,6 @@ def _odd_bytes(random: Random, count: int) -> bytes:
     noise = random.integers(0, 256, count, np.uint8).tobytes()
     parts = [bytes(count), b"\xff" * count, noise, *kinds]
     return parts[int(random.integers(len(parts)))]
-
-
-def spoil_e57(random: Random, content: bytes) -> bytes:
-    """Spoil what the pages hold, with the right checksums, or any byte."""
-    if random.random() < 0.2:
-        return spoil_bytes(random, content)
-    return e57_pages(spoil_bytes(random, e57_content(content)))
 
 
 def spoil_text(random: Random, content: bytes) -> bytes:

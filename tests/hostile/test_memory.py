@@ -79,7 +79,15 @@ def one_long_page(path: Path) -> Path:
     return path / "a.parquet"
 
 
-@pytest.mark.parametrize("make", [many_fields, many_ranks, one_long_list, one_long_page])
+@pytest.mark.parametrize(
+    "make",
+    [
+        many_fields,
+        pytest.param(many_ranks, marks=pytest.mark.slow),
+        pytest.param(one_long_list, marks=pytest.mark.slow),
+        one_long_page,
+    ],
+)
 def test_retrieval_files_stay_below_the_limit(
     make: Callable[[Path], Path], home: Path, tmp_path: Path
 ) -> None:
@@ -122,7 +130,9 @@ def views(path: Path) -> Path:
     return path / "p"
 
 
-@pytest.mark.parametrize("make", [extended_headers, sparse_map, views])
+@pytest.mark.parametrize(
+    "make", [extended_headers, pytest.param(sparse_map, marks=pytest.mark.slow), views]
+)
 def test_reconstructions_stay_below_the_limit(
     make: Callable[[Path], Path], home: Path, tmp_path: Path
 ) -> None:

@@ -23,6 +23,7 @@ from tests.leaderboard.web_server import (
     WebServer,
     head,
     plain,
+    redirect,
     refusal,
     sha256,
 )
@@ -197,9 +198,31 @@ class TestTime:
         network = web.network(patience=Patience(silence=0.2, answer=HANGS_S))
         assert "too slow" in refusal(web, tmp_path, network=network)
 
+    def test_all_of_a_fetch_ends_in_half_of_what_is_left(
+        self, web: WebServer, tmp_path: Path
+    ) -> None:
+        """Each redirect and byte comes in time by itself, and the file does not."""
+
+        def again(_: str, peer: socket.socket) -> None:
+            time.sleep(0.1)
+            redirect("/files/preds.npz")("", peer)
+
+        begun = time.monotonic()
+        for answer in (again, self.drip(head(), b"p")):
+            web.answers["/files/preds.npz"] = answer
+            until = time.monotonic() + 0.5
+            assert "too slow" in refusal(web, tmp_path, until=until)
+        assert time.monotonic() - begun < 5
+
+    def test_no_file_is_asked_for_once_the_time_is_over(
+        self, web: WebServer, tmp_path: Path
+    ) -> None:
+        assert "too slow" in refusal(web, tmp_path, until=time.monotonic() - 1)
+        assert web.dialled == []
+
     def test_larger_files_may_take_longer(self) -> None:
         patience = Patience(answer=60.0, slowest=100.0, longest=1000.0)
-        assert [patience.of_body(size) for size in (0, 1000, 10**9)] == [60.0, 70.0, 1000.0]
+        assert [patience.of_file(size) for size in (0, 1000, 10**9)] == [60.0, 70.0, 1000.0]
 
 
 class TestCertificates:

@@ -1,4 +1,4 @@
-"""Which hosts predictions are fetched from: by name, public, and none that they lead on to."""
+"""Which hosts predictions are fetched from: by name, public, and all that they lead on to."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from airzoo_bench.leaderboard.fetching import fetch
 from tests.leaderboard.web_server import (
     CONTENT,
     HOST,
+    OTHER,
     PUBLIC,
     URL,
     WebServer,
@@ -54,7 +55,7 @@ from tests.leaderboard.web_server import (
         "https://data.example.org\\@127.0.0.1/a.npz",
         "https://data_x.example.org/a.npz",
         "https://data..example.org/a.npz",
-        "https://data.example.org/" + "a" * 3000,
+        "https://data.example.org/" + "a" * 9000,
         "",
     ],
 )
@@ -169,12 +170,28 @@ class TestRedirects:
         refusal(web, tmp_path)
         assert web.dialled == [PUBLIC]
 
-    def test_to_another_host_name_the_final_address(self, web: WebServer, tmp_path: Path) -> None:
-        there = "https://cdn.example.net/signed?Expires=5"
-        web.answers["/files/preds.npz"] = redirect(there)
-        message = refusal(web, tmp_path)
-        assert "another host, cdn.example.net" in message
-        assert there in message
+    def test_to_another_public_host_are_followed(self, web: WebServer, tmp_path: Path) -> None:
+        """As Hugging Face and releases of GitHub do: to a signed address of a long name."""
+        there = "/signed" + "a" * 2500 + "?Expires=5"
+        web.answers["/files/preds.npz"] = redirect(f"https://{OTHER}{there}")
+        web.answers[there] = plain(CONTENT)
+        addresses = {HOST: [PUBLIC], OTHER: ["8.8.8.8"]}
+        found = fetch(
+            URL, tmp_path, size=len(CONTENT), sha256=sha256(CONTENT),
+            network=web.network(addresses.__getitem__),
+        )  # fmt: skip
+        assert found.name == "preds.npz"
+        assert web.dialled == [PUBLIC, "8.8.8.8"]
+        assert f"\r\nHost: {OTHER}\r\n".encode() in web.requests[1]
+
+    @pytest.mark.parametrize("address", ["127.0.0.1", "10.0.0.1", "169.254.169.254", "::1"])
+    def test_to_a_name_of_no_public_address_are_refused(
+        self, address: str, web: WebServer, tmp_path: Path
+    ) -> None:
+        web.answers["/files/preds.npz"] = redirect(f"https://{OTHER}/x")
+        addresses = {HOST: [PUBLIC], OTHER: ["8.8.8.8", address]}
+        network = web.network(addresses.__getitem__)
+        assert "is not public" in refusal(web, tmp_path, network=network)
         assert web.dialled == [PUBLIC]
 
     def test_without_end(self, web: WebServer, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ import pytest
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.fetching import Network, Patience, fetch
 
-HOST = "data.example.org"
+HOST, OTHER = "data.example.org", "cdn.example.net"
 URL = f"https://{HOST}/files/preds.npz"
 CONTENT = b"predictions" * 30_000
 PUBLIC = "93.184.215.14"
@@ -90,7 +90,7 @@ class WebServer:
 
 @contextmanager
 def running_server(folder: Path, *names: str) -> Iterator[WebServer]:
-    certificate, key = make_authority(folder, *(names or (HOST,)))
+    certificate, key = make_authority(folder, *(names or (HOST, OTHER)))
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate, key)
     with socket.create_server(("127.0.0.1", 0)) as listener:

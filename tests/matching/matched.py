@@ -20,7 +20,7 @@ def matched(
     world: World, path: Path, fields: dict[str, Any], rows: np.ndarray[Any, Any] = EVERY
 ) -> ScenePredictions:
     predictions = read_matching(world.write(path / "preds.npz", fields), 1 << 30)
-    return match_scene(predictions, world.truth, rows)
+    return match_scene(predictions, world.truth, rows, world.protocol.scores)
 
 
 def refused(world: World, path: Path, fields: dict[str, Any]) -> str:

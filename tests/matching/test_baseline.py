@@ -228,7 +228,9 @@ def test_a_map_turned_on_its_grid_turns_the_plan(tmp_path: Path) -> None:
     assert task.turn_deg == pytest.approx(-90.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", ["DJI_0018.JPG", "DJI_0026.JPG"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("DJI_0018.JPG", marks=pytest.mark.slow), "DJI_0026.JPG"]
+)
 def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> None:
     scene = json.loads((brighton / "poses.json").read_text())
     truth = scene["images"][name]

@@ -61,13 +61,26 @@ def test_quaternions_x_y_z_w(world: World, tmp_path: Path) -> None:
         path.write_text("\n".join(lines))
         predictions = read_matching(path, 1 << 30)
         if ok:
-            predicted = match_scene(predictions, world.truth, EVERY)
+            predicted = match_scene(predictions, world.truth, EVERY, world.protocol.scores)
             assert predicted.poses is not None
             np.testing.assert_allclose(predicted.poses.centres, true.centres, rtol=0, atol=1e-6)
             continue
         with pytest.raises(PredictionError, match="quaternions in the order x y z w") as caught:
-            match_scene(predictions, world.truth, EVERY)
+            match_scene(predictions, world.truth, EVERY, world.protocol.scores)
         assert "w x y z" in str(caught.value)
+
+
+@pytest.mark.parametrize("quaternions", [False, True])
+def test_north_up_tiles_under_a_flight_to_the_south(*, quaternions: bool) -> None:
+    # A method that answers with a tile's pose; read as x y z w it would point south.
+    rng = np.random.default_rng(0)
+    gimbal = np.concatenate(
+        [looking_down(rng.normal(0, 2), 180 + yaw) for yaw in range(-20, 20, 4)]
+    )
+    priors = Poses(rotation=gimbal, centres=np.zeros((10, 3)))
+    tiles = replace(priors, rotation=np.tile(np.diag((1.0, -1.0, -1.0)), (10, 1, 1)))
+    refuse_other_conventions(tiles, priors, quaternions=quaternions)
+    assert suspect_turned(tiles, priors) is None
 
 
 def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -> None:

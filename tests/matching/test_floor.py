@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
-from airzoo_bench.matching.scoring import score_scene
-from airzoo_bench.matching.seeds import seed_spreads
-from tests.matching.evaluated import evaluated, noisy
+from tests.matching.evaluated import evaluated
 from tests.matching.world import (
     N_QUERIES,
     World,
-    changed_solver,
     made_matching_protocol,
     make_world,
 )
-from tests.support import run_main
 
 
 def test_the_prior_itself_is_a_reference(world: World, tmp_path: Path) -> None:
@@ -81,35 +73,3 @@ def test_answers_about_the_prior_are_counted_however_they_are_given(
 def test_priors_that_are_the_truth_are_no_reference(tmp_path: Path) -> None:
     world = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
     assert evaluated(world, tmp_path, world.matches()).result.references == {}
-
-
-def test_the_spread_over_seeds(
-    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    fields = noisy(world, list(range(N_QUERIES)))
-    run = evaluated(world, tmp_path, fields)
-    shown = []
-
-    def progress(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
-        shown.append((label, total))
-        yield from items
-
-    resources = Resources(jobs=2, progress=progress)
-    found = {s.score.column: s for s in seed_spreads(run, 4, resources)}
-    assert shown == [("further seeds", 3)]
-    alone = []
-    for seed in range(4):
-        protocol = changed_solver(world, seed=seed).protocol
-        scene = score_scene(world.truth, run.scene_predictions[0], protocol, Resources())
-        alone.append(scene.records["error_m"].median())
-    spread = found["error_m"]
-    assert (spread.least, spread.most) == (min(alone), max(alone))
-    assert spread.least < spread.most
-    assert spread.median in alone
-    path = tmp_path / "method.npz"
-    assert run_main("eval", "matching", path, "--data", world.root, "--seeds", 2) == 0
-    said = capsys.readouterr().err
-    assert "under 2 seeds" in said
-    assert "Median: " in said
-    assert "@20m: 100.00 to 100.00 %, median 100.00" in said
-    assert "seeds" not in json.dumps(run.result.model_dump(mode="json")["notes"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import matrix_to_quaternion
+from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import match_scene
 from tests.matching.matched import EVERY, matched, refused
@@ -27,9 +29,11 @@ def test_centres_lose_nothing(world: World, tmp_path: Path) -> None:
     np.testing.assert_allclose(predicted.poses.rotation, true.rotation, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("decimals", "error"), [(0, "0.5 m"), (1, "0.05 m"), (2, None)])
-def test_centres_of_few_decimals_are_judged_as_translations_are(
-    world: World, tmp_path: Path, decimals: int, error: str | None
+@pytest.mark.parametrize(
+    ("decimals", "error"), [(-1, "m on average"), (0, "0.5 m"), (1, "0.05 m"), (2, "")]
+)
+def test_centres_on_a_lattice_are_refused_where_it_matters_and_noted_else(
+    world: World, tmp_path: Path, decimals: int, error: str
 ) -> None:
     true = world.truth.poses
     centres = true.centres + np.random.default_rng(0).random((N_QUERIES, 3))
@@ -37,23 +41,28 @@ def test_centres_of_few_decimals_are_judged_as_translations_are(
     real = replace(world, truth=replace(world.truth, queries=world.truth.queries.assign(**moved)))
     rounded = np.round(centres, decimals)
     fields = world.named(rotations=true.rotation, centres=rounded)
-    if error is None:
-        assert matched(real, tmp_path, fields).poses is not None
+    if decimals < 0:  # beside 1 m, the finest threshold
+        message = refused(real, tmp_path, fields)
+        for part in ("field 'centres'", "too few digits in the centres of 5 of 5", error):
+            assert part in message
         return
-    message = refused(real, tmp_path, fields)
-    for part in ("field 'centres'", "too few digits in the centres of 5 of 5", error, "0.01 m"):
-        assert part in message
+
+    def notes(world: World, fields: dict[str, Any]) -> str:
+        predicted, read = matched(world, tmp_path, fields), tmp_path / "preds.npz"
+        return " ".join(
+            plausibility_warnings(read_matching(read, 1 << 30), [world.truth], [predicted])
+        )
+
+    assert (f"{error} off on average" in notes(real, fields)) == bool(error)
     # Fewer than three centres may have few decimals; so may places of a grid at one height, one
     # place for all, and the cameras of a made-up scene, which are at whole metres here.
     one = np.where(np.arange(N_QUERIES)[:, None] == 2, rounded, np.nan)
     turned = np.where(np.isfinite(one)[:, :, None], true.rotation, np.nan)
-    assert matched(real, tmp_path, world.named(rotations=turned, centres=one)).poses is not None
+    assert "lattice" not in notes(real, world.named(rotations=turned, centres=one))
     level = np.where([False, False, True], rounded[0], rounded)
     for there in (level, np.tile(rounded[0], (N_QUERIES, 1))):
-        fields = world.named(rotations=true.rotation, centres=there)
-        assert matched(real, tmp_path, fields).poses is not None
-    fields = world.named(rotations=true.rotation, centres=true.centres)
-    assert matched(world, tmp_path, fields).poses is not None
+        assert "lattice" not in notes(real, world.named(rotations=true.rotation, centres=there))
+    assert "lattice" not in notes(world, world.named(rotations=true.rotation, centres=true.centres))
 
 
 def test_poses_of_too_few_digits(
@@ -77,20 +86,25 @@ def test_poses_of_too_few_digits(
         assert "too few digits" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("normalised_again", [False, True])
 @pytest.mark.parametrize("digits", [4, 6])
-def test_pose_lists_of_too_few_digits(world: World, tmp_path: Path, digits: int) -> None:
+def test_pose_lists_of_too_few_digits(
+    world: World, tmp_path: Path, digits: int, *, normalised_again: bool
+) -> None:
     true = world.truth.poses
     centres = true.centres + 0.123456789
     exact = Poses(rotation=true.rotation, centres=centres)
     quaternions = np.round(matrix_to_quaternion(true.rotation), digits)
+    if normalised_again:
+        quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     rows = zip(world.ids, quaternions, exact.translation, strict=True)
-    lines = [f"{name} {' '.join(f'{v:.12f}' for v in (*q, *t))}" for name, q, t in rows]
+    lines = [f"{name} {' '.join(f'{v:.17f}' for v in (*q, *t))}" for name, q, t in rows]
     path = tmp_path / "poses.txt"
     path.write_text("\n".join(lines))
     moved = Poses.from_quaternions(quaternions, exact.translation).centres - centres
     error = np.sqrt((moved**2).sum(axis=1).mean())
     with pytest.raises(PredictionError, match="too few digits") as caught:
-        match_scene(read_matching(path, 1 << 30), world.truth, EVERY)
+        match_scene(read_matching(path, 1 << 30), world.truth, EVERY, world.protocol.scores)
     said = float(str(caught.value).split("moves a camera by ")[1].split(" m")[0])
     assert said == pytest.approx(error, rel=0.6)
     assert error > (100 if digits == 4 else 1)

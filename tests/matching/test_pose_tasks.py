@@ -15,7 +15,6 @@ from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching import pose, pose_tasks
 from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
-from airzoo_bench.matching.seeds import seed_spreads
 from airzoo_bench.results.records_csv import csv_blocks
 from tests.engines.scattered import Scattered
 from tests.matching.pose_support import SETTINGS, make_scene
@@ -98,13 +97,6 @@ def test_tasks_give_arrays_that_need_no_pickle(world: World, predictions: Path) 
     for result in engine.results:
         assert all(isinstance(array, np.ndarray) for array in result.values())
         assert not any(array.dtype.hasobject for array in result.values())
-
-
-def test_other_seeds_are_tasks_too(world: World, predictions: Path) -> None:
-    run = evaluated(world, predictions)
-    engine = Kept(2)
-    assert seed_spreads(run, 3, Resources(engine=engine)) == seed_spreads(run, 3, Resources())
-    assert engine.stages == {"blocks of queries": 6}
 
 
 def test_few_queries_are_a_task_each() -> None:

@@ -58,6 +58,14 @@ def test_pixels_of_any_precision_become_float64(tmp_path: Path, kind: Any) -> No
     assert content.map_frame == "crop"
 
 
+@pytest.mark.parametrize("kind", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_whole_pixels_of_any_width(tmp_path: Path, kind: str) -> None:
+    fields = MATCHES | {"query_xy": np.full((5, 2), 7, kind), "map_xy": np.full((5, 2), 9, kind)}
+    content = read_matching(written(tmp_path / "m.npz", fields), LIMIT).content
+    assert isinstance(content, Correspondences)
+    assert content.query_xy.tolist() == [[7.0, 7.0]] * 5
+
+
 def test_pairs_are_read_to_the_last_bit(tmp_path: Path) -> None:
     read = read_matching(written(tmp_path / "p.npz", PAIRS), LIMIT)
     assert isinstance(read.content, Correspondences)

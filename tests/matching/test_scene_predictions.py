@@ -11,6 +11,7 @@ import pytest
 
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.notes import plausibility_warnings
+from airzoo_bench.matching.reading import read_matching
 from tests.matching.matched import matched, refused
 from tests.matching.world import N_MATCHES, N_QUERIES, SIZE, World
 from tests.support import run_main
@@ -125,7 +126,8 @@ def test_many_pixels_of_a_little_smaller_image_are_suspected(world: World, tmp_p
         query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
         map_xy = [np.tile(xy, (repeats, 1)) for xy in world.map_xy]
         predicted = matched(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
-        said = " | ".join(plausibility_warnings([world.truth], [predicted]))
+        read = read_matching(tmp_path / "preds.npz", 1 << 30)
+        said = " | ".join(plausibility_warnings(read, [world.truth], [predicted]))
         assert ("scene hills: no match lies beyond" in said) == asked, factor
 
 

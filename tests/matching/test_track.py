@@ -155,7 +155,7 @@ def on_surface(
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
     truth = replace(world.truth, maps=(replace(world.truth.maps[0], dsm=dsm),))
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
-    predicted = match_scene(read, truth, np.arange(N_QUERIES))
+    predicted = match_scene(read, truth, np.arange(N_QUERIES), world.protocol.scores)
     return score_scene(truth, predicted, world.protocol, Resources())
 
 

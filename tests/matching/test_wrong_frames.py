@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from tests.matching.evaluated import evaluated, records
+from tests.matching.matched import matched
 from tests.matching.world import (
     World,
     made_matching_protocol,
@@ -84,3 +86,61 @@ def test_integer_centres_shift_the_map_by_half_a_pixel(tmp_path: Path) -> None:
     shifted = [xy - 0.5 for xy in world.map_xy]
     rows = records(world, tmp_path, world.correspondences(world.query_xy, map_xy=shifted))
     assert rows["error_m"].max() < 1e-6
+
+
+def exchanged_in_crops(world: World) -> dict[str, Any]:
+    """Return matches in pixels of the crops, rows before columns, as far as they lie inside."""
+    pairs = []
+    for xy, seen, crop in zip(world.map_xy, world.query_xy, world.truth.crops, strict=True):
+        local = (xy - crop[:2])[:, ::-1]
+        inside = (local <= crop[2:]).all(axis=1)
+        pairs.append((seen[inside], local[inside]))
+    query_xy, map_xy = map(list, zip(*pairs, strict=True))
+    return world.correspondences(query_xy, map_xy=map_xy) | {"map_frame": np.array("crop")}
+
+
+def in_feet(world: World) -> dict[str, Any]:
+    true = world.truth.poses
+    centres = true.centres / (1.0, 1.0, 0.3048) + 0.123456789
+    return world.named(rotations=true.rotation, centres=centres)
+
+
+def points_in_feet(world: World) -> dict[str, Any]:
+    points = [xyz / (1.0, 1.0, 0.3048) for xyz in world.points]
+    return world.correspondences(world.query_xy, points3d=points)
+
+
+MISREAD = {"map_xy": exchanged_in_crops, "poses": in_feet, "points3d": points_in_feet}
+
+
+@pytest.mark.parametrize("field", MISREAD)
+def test_what_another_reading_explains_is_refused(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str], field: str
+) -> None:
+    path = world.write(tmp_path / "m.npz", MISREAD[field](world))
+    for command, code in ((("eval", "matching"), 2), (("check",), 1)):
+        assert run_main(*command, path, "--data", world.root) == code
+        said = capsys.readouterr().err
+        assert field in said
+        assert ("feet" if field != "map_xy" else "x and y exchanged") in said
+
+
+def test_what_another_reading_explains_in_part_is_asked_about(world: World, tmp_path: Path) -> None:
+    rough = in_feet(world)
+    rough["centres"] += np.random.default_rng(0).normal(0, 80, rough["centres"].shape)
+    notes = evaluated(world, tmp_path, rough).result.notes
+    assert any("scene hills: heights in feet?" in note for note in notes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_poor_answers_are_scored_without_a_word(world: World, tmp_path: Path, seed: int) -> None:
+    rng, true = np.random.default_rng(seed), world.truth.poses
+    crops = [crop[:2] + rng.random((60, 2)) * crop[2:] for crop in world.truth.crops]
+    noisy = [xyz + rng.normal(0, 40, xyz.shape) for xyz in world.points]
+    centres = true.centres + rng.normal(0, 100, true.centres.shape)
+    for fields in (
+        world.correspondences(world.query_xy, map_xy=crops),
+        world.correspondences(world.query_xy, points3d=noisy),
+        world.named(rotations=true.rotation, centres=centres),
+    ):
+        assert matched(world, tmp_path, fields).doubt is None

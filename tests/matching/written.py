@@ -65,10 +65,6 @@ UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
         ["'query_xy' is float64 of shape (5, 3)", "(any, 2)"],
     ),
     "flat": (MATCHES | {"map_xy": np.ones(10)}, ["'map_xy' is float64 of shape (10,)"]),
-    "whole pixels": (
-        MATCHES | {"map_xy": np.ones((5, 2), np.int64)},
-        ["'map_xy' is int64", "floating point"],
-    ),
     "flat points": (PAIRS | {"points3d": np.ones((5, 2))}, ["'points3d' is", "(any, 3)"]),
     "coarse points": (
         PAIRS | {"points3d": POINTS.astype(np.float32)},

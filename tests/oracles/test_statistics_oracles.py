@@ -18,7 +18,6 @@ from airzoo_bench.statistics.resampling import (
 )
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import mcnemar, paired_permutation
-from airzoo_bench.tables.printed_comparison import hit_rate_interval
 
 SIZES = (40, 61, 25)
 METHODS = {"bca": "BCa", "percentile": "percentile"}
@@ -150,12 +149,6 @@ def test_mcnemar() -> None:
     for wins, losses in [*random.integers(0, 60, (50, 2)).tolist(), (0, 1), (1, 0), (4_000, 3_900)]:
         peer = stats.binomtest(wins, wins + losses, 0.5).pvalue if wins + losses else 1.0
         assert float(mcnemar(np.array(wins), np.array(losses))) == pytest.approx(peer, rel=1e-9)
-
-
-@pytest.mark.parametrize("hits", [0, 1, 254, 264])
-def test_clopper_and_pearson(hits: int) -> None:
-    peer = stats.binomtest(hits, 264).proportion_ci(0.95, method="exact")
-    assert hit_rate_interval(hits, 264).tolist() == pytest.approx([peer.low, peer.high])
 
 
 def test_draws_are_uniform() -> None:

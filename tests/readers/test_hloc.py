@@ -73,6 +73,11 @@ def test_half_precision_is_named_with_its_step(
     assert 1e-3 < found.overall["error_m"] < 1
 
 
+def test_whole_keypoints(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    found = evaluated(hloc.write(tmp_path, world, dtype=np.int16))
+    assert found.records["error_m"].median() < 10.0
+
+
 def test_the_whole_map_may_be_matched(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     path = tmp_path / "m.h5"
     with h5py.File(path, "w") as file:

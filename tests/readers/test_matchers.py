@@ -16,11 +16,13 @@ from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
 from airzoo_bench.readers.pictures import Picture
 from airzoo_bench.readers.stated_shapes import StatedShapes
+from airzoo_bench.results.result import read_result
 from tests.matching.world import World
 from tests.readers.samples import matchers
+from tests.support import run_main
 
 Evaluated = Callable[..., Any]
-WRITERS = {
+WRITERS: dict[str, Callable[..., Path]] = {
     "loftr": matchers.write_loftr,
     "superglue": matchers.write_superglue,
     "roma": matchers.write_roma,
@@ -95,6 +97,42 @@ def test_folders_name_the_scene_of_their_pairs(named: str, world: World, tmp_pat
     assert read.notes == ("8 files of other pictures left out",)
 
 
+def test_superglue_as_its_own_script_writes_it(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str], own: Any
+) -> None:
+    home = matchers.write_superglue(tmp_path, world, stated=False)
+    wide, high = matchers.TENSOR
+    size = ("--image-size", f"{wide}x{high}")
+    where = ("--protocol", world.protocol.name, "--data", world.root)
+    assert run_main("eval", "matching", home, *where) == 2
+    assert "--image-size" in capsys.readouterr().err
+    assert run_main("check", home, *where, *size) == 0
+    assert run_main("eval", "matching", home, *where, *size, "--out", tmp_path / "out") == 0
+    result = read_result(tmp_path / "out" / "result.json")
+    assert result.overall == pytest.approx(own, abs=1e-9)
+    assert result.predictions.reader is not None
+    assert any(f"{wide}x{high}" in one for one in result.predictions.reader.conventions)
+    # Not where files state a size, their reader knows none, or there is no reader at all.
+    stated, roma = matchers.write_loftr(tmp_path, world), matchers.write_roma(tmp_path, world)
+    plain = world.write(tmp_path / "own.npz", world.matches())
+    for path, given in ((stated, size), (roma, size), (plain, size), (home, ("--image-size", "7"))):
+        capsys.readouterr()
+        assert run_main("eval", "matching", path, *where, *given) == 2
+        assert "--image-size" in capsys.readouterr().err
+
+
+def test_roma_with_more_arrays_and_two_underscores(
+    world: World, tmp_path: Path, evaluated: Evaluated, own: Any
+) -> None:
+    home = matchers.write_roma(tmp_path, world)
+    for one in list(home.iterdir()):
+        fields = dict(np.load(one))
+        np.savez(home / f"{one.stem}__{one.stem}_dom.npz", **fields, kptsA=1.0, kptsB=1.0)
+        one.unlink()
+    assert find_reader(home) == "roma"
+    assert evaluated(home).overall == pytest.approx(own, abs=1e-9)
+
+
 def test_roma_in_pixels(world: World, tmp_path: Path, evaluated: Evaluated, own: Any) -> None:
     found = evaluated(matchers.write_roma(tmp_path, world, pixels=True)).overall
     assert found == pytest.approx(own, abs=1e-9)
@@ -136,7 +174,7 @@ def test_height_and_width_as_loftr_has_them(
     [
         ({"image_size0": None}, "does not say to which size"),
         ({"image_size1": None}, "does not say to which size"),
-        ({"image_size0": (160, 112)}, "image_size0 says has 160x112 px"),
+        ({"image_size0": (160, 112)}, "a picture that is said to have 160x112 px"),
         ({"image_size0": (1280, 960)}, "pixels of smaller pictures"),
         ({"image_size0": (0, 3)}, "field 'image_size0' is"),
         ({"image_size0": (3.0, 3.0)}, "field 'image_size0' is"),

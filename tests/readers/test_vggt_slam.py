@@ -30,6 +30,25 @@ def test_exact_points_are_perfect_and_shared_frames_count_once(world: World, out
     check_perfect(found, tolerance_m=1e-3)  # 8 decimals of a frame 32 times smaller
 
 
+@pytest.mark.parametrize("twice", [False, True])
+def test_numbers_with_gaps(twice: bool, world: World, tmp_path: Path) -> None:
+    """Every fifth frame of a video, say: the list says which number is which photo's."""
+    lines = []
+    for scene in ("yard", "lot"):
+        views = true_views(world, scene)
+        frames = [f"frame_{5 * row:04d}.png" for row in range(len(views.names))]
+        vggt_slam.write_scene(tmp_path / "out" / scene, views, frames)
+        lines += [f"{5 * row:04d} {scene}/{name}" for row, name in enumerate(views.names)]
+    names = tmp_path / "names.txt"
+    names.write_text("\n".join(reversed(lines)).replace("0005 yard", "5.0 yard"))
+    if twice:
+        names.write_text("\n".join(lines).replace("0005 yard", "0000 yard"))
+        with pytest.raises(PredictionError, match=r"names\.txt"):
+            scored(world, tmp_path / "out", names=names)
+    else:
+        check_perfect(scored(world, tmp_path / "out", names=names), tolerance_m=1e-3)
+
+
 def test_numbers_in_the_names_of_photos(world: World, tmp_path: Path) -> None:
     for scene in ("yard", "lot"):
         views = true_views(world, scene)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.errors import PredictionError, UserError
 from tests.readers.retrieval_support import (
     Place,
     made_scenes,
@@ -33,6 +33,7 @@ def test_an_exact_input_is_perfect(tmp_path: Path, home: Path) -> None:
     assert reader.name == "vpr"
     assert "method salad" in reader.conventions[0]
     assert "names are taken by order" in reader.conventions[1]
+    assert reader.conventions[1] in result.result.notes
     assert "L2 distance" in reader.conventions[2]
 
 
@@ -69,6 +70,35 @@ def test_a_part_of_a_folder_is_refused_as_such(one: Path, log: Path) -> None:
     with pytest.raises(UserError, match="a part of a log folder of VPR") as refused:
         scored(log / "database_descriptors.npy", one)
     assert f"name the folder: {log}" in str(refused.value)
+
+
+@pytest.mark.parametrize("lists", [False, True])
+def test_an_order_by_positions_is_not_the_benchmarks(one: Path, log: Path, lists: bool) -> None:
+    """With labels rows are sorted by what stands before the ids, as the lists say too."""
+    place = Place(ONE)
+    queries, tiles = place.descriptors(ONE[0])
+    np.save(log / "queries_descriptors.npy", queries[::-1])
+    np.save(log / "database_descriptors.npy", tiles[::-1])
+    vpr.write_log(log, ONE[0], use_labels=not lists)
+    if lists:
+        vpr.write_lists(log, place, ONE[0], labels=True)
+    with pytest.raises(PredictionError, match=log.name) as refused:
+        scored(log, one)
+    assert "--names" in str(refused.value)
+
+
+@pytest.mark.parametrize("spoilt", ["none", "queries", "database"])
+def test_an_assumed_order_is_held_against_the_lists(one: Path, log: Path, spoilt: str) -> None:
+    vpr.write_lists(log, Place(ONE), ONE[0])
+    if spoilt == "none":
+        result = scored(log, one)
+        assert perfect(result)
+        assert not any("names are taken by order" in note for note in result.result.notes)
+        return
+    file = log / f"{spoilt}_descriptors.npy"
+    np.save(file, np.roll(np.load(file), 1, axis=0))
+    with pytest.raises(PredictionError, match="preds"):
+        scored(log, one)
 
 
 class Renamed(MadeScene):
@@ -176,6 +206,18 @@ class TestNames:
         reader = scored(log, one).result.predictions.reader
         sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
         assert f"read too: {file.name}, SHA-256 {sha256}" in reader.conventions
+
+    def test_listing_of_images_with_positions(self, one: Path, log: Path) -> None:
+        """Their order is that of the positions."""
+        images = str(log / "images")
+        vpr.write_images(images, ONE[0])
+        for image in [path for path in Path(images).rglob("*.*") if path.is_file()]:
+            image.rename(vpr.labelled(str(image)))
+        vpr.write_log(log, ONE[0], images, use_labels=True)
+        for name in ("queries", "database"):
+            file = log / f"{name}_descriptors.npy"
+            np.save(file, np.load(file)[::-1])
+        assert perfect(scored(log, one))
 
     def test_list_of_the_user(self, tmp_path: Path, one: Path, log: Path) -> None:
         order = np.random.default_rng(0).permutation(12)

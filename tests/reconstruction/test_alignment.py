@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.reconstruction.alignment.camera_sets import (
     PosedCameras,
 )
@@ -140,7 +141,7 @@ def test_a_strip_whose_orientations_are_backwards() -> None:
     truth = strip(rng)
     about = Rotation.from_euler("z", 180, degrees=True).as_matrix()
     assert truth.rotation is not None
-    with pytest.raises(AlignmentError, match="orientations contradict"):
+    with pytest.raises(PredictionError, match="orientations contradict"):
         sim3(replace(truth, rotation=truth.rotation @ about), truth, RANSAC)
 
 

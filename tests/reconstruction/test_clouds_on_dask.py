@@ -58,7 +58,7 @@ class Mortal(Engine):
         return self._engine.map(mortal, items, shared=shared, stage=stage, name=name)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_distances_are_the_same_when_workers_die(
     workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.depth_map_files import holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import read_image_poses
@@ -20,6 +21,7 @@ from airzoo_bench.reconstruction.view_plausibility import (
     refuse_other_resolution,
     suspect_camera_to_world,
     suspect_image_size,
+    suspect_names,
 )
 from tests.formats.cloud_support import refused
 from tests.reconstruction.depth_maps import H, N, W, made, matrices, poses
@@ -265,6 +267,25 @@ def test_clearly_inverted_cameras_are_refused() -> None:
 def test_what_may_be_something_else_is_not_refused(truth: Poses) -> None:
     assert suspect_camera_to_world(inverted(truth), truth) is not None
     refuse_camera_to_world(inverted(truth), truth, "yard.npz")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_names_one_off(seed: int) -> None:
+    rng, names = np.random.default_rng(seed), tuple(f"DJI_{n:04}.JPG" for n in range(16))
+    true = PosedCameras(names, poses(16, seed=seed).centres)
+    spacing = float(np.median(np.linalg.norm(np.diff(true.centres, axis=0), axis=1)))
+    for step in (1, -1):
+        off = tuple(np.roll(names, step).tolist())
+        for centres in (true.centres, 0.02 * true.centres[:, [1, 0, 2]] * (1, -1, 1)):
+            with pytest.raises(PredictionError, match="one off"):
+                suspect_names(PosedCameras(off, centres), true, "yard.npz")
+        rough = PosedCameras(off, true.centres + rng.normal(0, spacing / 6, (16, 3)))
+        assert "one off" in str(suspect_names(rough, true, "yard.npz"))
+    # Cameras that are poor, or none, are scored without a word.
+    for noise in (0.0, 0.1, 0.5, 2.0):
+        shaken = true.centres + rng.normal(0, noise * spacing, (16, 3))
+        shaken[: seed % 4] = np.nan
+        assert suspect_names(PosedCameras(names, shaken), true, "yard.npz") is None
 
 
 @pytest.mark.parametrize("seed", range(20))

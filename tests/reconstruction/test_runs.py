@@ -7,6 +7,7 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -47,6 +48,30 @@ def test_the_files_of_a_run(world: World, tmp_path: Path) -> None:
     for picture in (out / "figures").iterdir():
         assert picture.read_bytes().startswith(PNG)
     read_result(out / "result.json")
+
+
+@pytest.mark.parametrize(
+    ("part", "beside"),
+    [
+        pytest.param("draw_error_map", (), marks=pytest.mark.slow),
+        ("write_ply", ("thesis.tex",)),
+    ],
+)
+def test_interrupted_between_two_pictures_the_old_run_is_there_whole(
+    part: str, beside: tuple[str, ...], world: World, tmp_path: Path
+) -> None:
+    path, out = both(world, tmp_path), tmp_path / "out"
+    ask = ("eval", "reconstruction", path, "--out", out, "--figures", "--clouds", "--method")
+    assert run_main(*ask, "old") == 0
+    for name in beside:
+        (out / name).touch()
+    before = {name: (out / name).stat().st_mtime_ns for name in files_below(out)}
+    draw = mock.Mock(side_effect=[None, KeyboardInterrupt])
+    with mock.patch(f"airzoo_bench.report.reconstruction.{part}", draw):
+        assert run_main(*ask, "new") == 130
+    assert draw.call_count == 2
+    assert {name: (out / name).stat().st_mtime_ns for name in files_below(out)} == before
+    assert read_result(out / "result.json").predictions.method == "old"
 
 
 def test_the_same_files_again(world: World, tmp_path: Path) -> None:
@@ -243,15 +268,6 @@ def test_photos_that_are_left_out_are_said_to_be_so(world: World, named: bool, w
     if named:
         with pytest.raises(PredictionError, match="names that the benchmark lacks"):
             match_cameras(other, less, "x")
-
-
-def test_views_without_names_or_poses_are_refused(world: World, tmp_path: Path) -> None:
-    fields = world.views("lot")
-    bare = {key: fields[key] for key in ("depth", "intrinsics")}
-    lost = bare | {"extrinsics": np.full_like(fields["extrinsics"], np.nan)}
-    path = save(tmp_path / "p" / "lot.npz", lost).parent
-    with pytest.raises(PredictionError, match="too few poses to tell which view is which"):
-        world.score(path)
 
 
 def test_clouds_are_kept_only_where_they_are_asked_for(world: World, tmp_path: Path) -> None:

@@ -36,7 +36,6 @@ from tests.reconstruction.shard_support import (
     in_shards,
     opened,
     points_in,
-    write_copc,
     write_laz,
     write_parquet,
 )
@@ -158,12 +157,6 @@ def test_an_entry_in_shards(tmp_path: Path) -> None:
             assert found.kind == "cloud"
 
 
-def test_all_levels_of_a_copc_file_are_read_and_its_index_is_not(tmp_path: Path) -> None:
-    points = np.rint(surface(500, 0) * 1000.0) * 1e-3
-    write_copc(tmp_path / "a.copc.laz", points)
-    np.testing.assert_array_equal(points_in(opened(tmp_path)), points)
-
-
 def test_one_scene_in_shards_is_not_stepped_over(tmp_path: Path) -> None:
     in_shards(tmp_path / "p" / "harbour" / "shards", surface(9, 0), 2, write_parquet, ".parquet")
     listed = open_reconstruction(tmp_path / "p", unpacked_limit_bytes=LIMIT)
@@ -245,7 +238,6 @@ def test_parquet_of_other_content(
     [
         ("tile-00 (1).laz", "holds what tile-00"),
         ("tile-00.las", "has the name of tile-00.la"),
-        ("tile-00.copc.laz", "has the name of tile-00.copc.laz"),
     ],
 )
 def test_no_shard_counts_twice(copy: str, says: str, tmp_path: Path) -> None:

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply import write_ply
+from tests.reconstruction.both_scenes import notes_of
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,
@@ -91,6 +94,24 @@ def test_a_crop_leaves_out_what_lies_beyond_its_margin(world: World, tmp_path: P
     assert record["accuracy_m"] == pytest.approx(5.0 / 14_401, rel=1e-9)
 
 
+@pytest.mark.parametrize(("part", "said"), [(1000, None), (4, "20%"), (0.5, "67%")])
+def test_the_share_outside_the_scored_region_is_printed(
+    part: float, said: str | None, world: World, tmp_path: Path
+) -> None:
+    """Thinned by voxels inside, where four points become one; the share is of points as given."""
+    points = true_points("lot")
+    far = np.tile(points[:1] + np.array((0, 0, 900.0)), (int(len(points) / part), 1))
+    path = predict_clouds(world, tmp_path / "p", {"lot": np.concatenate([points, far])})
+    chosen = world.protocol(
+        tmp_path / "c.toml",
+        preparation={"crop": "covered", "voxel_m": 1.0},
+        scores={"f1_below_m": (2.0,)},
+    )
+    found = [n for n in notes_of(world, path, str(chosen)) if "scored region" in n]
+    assert [n.startswith(f"scene lot: {said} ") for n in found] == [True] * (said is not None)
+    assert ["F1" in n for n in found] == [said == "67%"] * len(found)
+
+
 def test_a_single_point(world: World, tmp_path: Path) -> None:
     record = lot(world, tmp_path, true_points("lot")[:1] + np.array((0, 0, 2.0)))
     assert record["accuracy_m"] == 2.0
@@ -109,6 +130,37 @@ def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -
     assert evaluation.result.counts["yard"] == {"queries": 1, "missing": 1, "points": 0}
     assert evaluation.result.counts["lot"]["points"] == 0
     assert evaluation.result.counts["lot"]["truth_points"] == 14_400
+
+
+@pytest.mark.parametrize("fault", ["2 cameras", "no camera", "one point", "no names", "NaN"])
+def test_a_failed_scene_scores_its_worst_and_is_named(
+    fault: str, world: World, tmp_path: Path
+) -> None:
+    path = predict_clouds(world, tmp_path / "p", {s: true_points(s) for s in ("yard", "lot")})
+    lot = world.score(path).result.scenes["lot"]
+    fields = world.views("yard") if fault == "no names" else world.cameras("yard")
+    poses = fields["extrinsics"].copy()
+    if fault == "NaN":
+        write_ply(path / "yard.ply", Cloud(np.full((9, 3), np.nan)))
+    elif fault == "one point":
+        poses[..., 3] = 0.0
+    else:
+        poses[2 if fault == "2 cameras" else 0 :] = np.nan
+    if fault == "no names":
+        (path / "yard.ply").unlink()
+        (path / "yard.cameras.npz").unlink()
+        del fields["image_names"]
+    name = "yard.npz" if fault == "no names" else "yard.cameras.npz"
+    save(path / name, fields | {"extrinsics": poses})
+    result = world.score(path).result
+    assert result.scenes["lot"] == lot
+    failed = result.scenes["yard"]
+    assert [failed[f"{what}_10m"] for what in ("precision", "recall", "f1")] == [0.0, 0.0, 0.0]
+    assert np.isinf([failed["chamfer_m"], failed["accuracy_m"], failed["completeness_m"]]).all()
+    assert failed["cameras_placed"] == (fault == "NaN")
+    assert result.counts["yard"].get("failed", 0) == (fault != "NaN")
+    assert any(note.startswith("scene yard: ") for note in result.notes)
+    assert notes_of(world, path) == list(result.notes)
 
 
 def test_the_average_is_unweighted(world: World, tmp_path: Path) -> None:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.core.errors import PredictionError
 from tests.reconstruction.world import (
     ORIGIN,
     STEP,
@@ -50,6 +49,17 @@ def test_sim3_brings_back_a_cloud_of_any_frame(world: World, tmp_path: Path) -> 
     homogeneous = np.append(points[7], 1.0)
     back = scored.alignment.transform.matrix @ homogeneous
     np.testing.assert_allclose(back[:3], true_points("lot")[7], atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.02])
+def test_photos_named_one_off_are_refused(world: World, tmp_path: Path, scale: float) -> None:
+    fields = moved_cameras(world, "yard", scale) if scale != 1.0 else world.cameras("yard")
+    fields["image_names"] = np.roll(fields["image_names"], 1)
+    path = predict_clouds(world, tmp_path / "p", {"yard": moved(true_points("yard"), scale)[0]})
+    save(path / "yard.cameras.npz", fields)
+    with pytest.raises(PredictionError, match="one off") as caught:
+        world.score(path)
+    assert "scene yard" in str(caught.value)
 
 
 def test_depth_maps_of_any_scale(world: World, tmp_path: Path) -> None:
@@ -110,13 +120,15 @@ def test_maps_without_a_pose_are_nowhere(method: str, world: World, tmp_path: Pa
     assert records[1]["cameras_missing"] == 2
 
 
+@pytest.mark.parametrize("dtype", ["float32", "uint8"])
 @pytest.mark.parametrize("kind", ["depth", "points", "cloud"])
 def test_pixels_and_points_must_exceed_the_confidence(
-    kind: str, world: World, tmp_path: Path
+    kind: str, dtype: str, world: World, tmp_path: Path
 ) -> None:
     fields = world.views("lot")
     shape = fields["depth"].shape
-    conf = np.resize((0.1, 0.5, 0.50001, 0.9), shape).astype(np.float32)
+    some = (0, 2, 3, 255) if dtype == "uint8" else (0.1, 2.0, 2.00001, 9.0)
+    conf = np.resize(some, shape).astype(dtype)
     if kind == "depth":
         save(tmp_path / "p" / "lot.npz", fields | {"conf": conf})
     elif kind == "points":
@@ -124,9 +136,9 @@ def test_pixels_and_points_must_exceed_the_confidence(
         save(tmp_path / "p" / "lot.npz", world.cameras("lot") | {"points": points, "conf": conf})
     else:
         points = np.resize(true_points("lot"), (conf.size, 3))
-        write_ply(tmp_path / "p" / "lot.ply", Cloud(points, confidence=conf.ravel()))
+        save(tmp_path / "p" / "lot.npz", {"points": points, "confidence": conf.ravel()})
         save(tmp_path / "p" / "lot.cameras.npz", world.cameras("lot"))
-    chosen = world.protocol(tmp_path / "c.toml", fusion={"confidence_above": 0.5})
+    chosen = world.protocol(tmp_path / "c.toml", fusion={"confidence_above": 2.0})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
     record = evaluation.scored["lot"].record
     assert (record["points"], record["distrusted"]) == (conf.size // 2, conf.size // 2)

@@ -217,6 +217,7 @@ def test_of_many_scenes_in_a_narrow_picture_some_are_named() -> None:
     assert "one scene of 2 is named, of 40" in texts_of(figure)
 
 
+@pytest.mark.slow
 def test_many_hostile_long_and_narrow() -> None:
     names = [HOSTILE, "_x", *(f"a method with a name of its own, {n}" for n in range(18))]
     values = np.linspace(0.1, 1, 600).reshape(20, 30)

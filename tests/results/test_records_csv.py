@@ -66,12 +66,12 @@ def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
     table.loc[8, "x"] = np.nan
     table.loc[9, "x"] = -0.0
     table.loc[10, "x"] = 0.0
-    monkeypatch.setattr(records_csv, "ROWS", 7)
+    monkeypatch.setattr(records_csv, "_ROWS", 7)
     assert written(table) == table.to_csv(index=False, lineterminator="\n")
 
 
 def test_a_file_has_its_blocks_in_order(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(records_csv, "ROWS", 7)
+    monkeypatch.setattr(records_csv, "_ROWS", 7)
     table = pd.DataFrame({"id": range(1000), "x": np.arange(1000) / 7})
     checksum = write_csv(table, tmp_path / "records.csv")
     content = (tmp_path / "records.csv").read_bytes()
@@ -82,7 +82,7 @@ def test_a_file_has_its_blocks_in_order(monkeypatch: pytest.MonkeyPatch, tmp_pat
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize("rows", [3, 10_000])
 def test_a_full_disk_is_told(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(records_csv, "ROWS", 1000)
+    monkeypatch.setattr(records_csv, "_ROWS", 1000)
     with pytest.raises(OSError, match="No space left"):
         write_csv(pd.DataFrame({"id": range(rows), "x": 0.5}), Path("/dev/full"))
 

@@ -21,10 +21,10 @@ def random_positives(rng, n_queries, n_tiles, most=4):
 
 
 def similarities(queries, gallery, metric):
-    """Float64, the plain way."""
+    """Float64, the plain way; a query of zeros is alike to all."""
     queries, gallery = queries.astype(float), gallery.astype(float)
     if metric == "l2":
-        return -((queries[:, None] - gallery) ** 2).sum(axis=2)
+        return -((queries[:, None] - gallery) ** 2).sum(axis=2) * queries.any(axis=1)[:, None]
     if metric == "cosine":
         queries = queries / np.linalg.norm(queries, axis=1, keepdims=True)
         gallery = gallery / np.linalg.norm(gallery, axis=1, keepdims=True)

@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.engines.processes import Processes
-from airzoo_bench.retrieval.baseline import _cost, describe, learn_words, root_sift, vlad
+from airzoo_bench.retrieval.baseline import _cost, describe, root_sift, vlad
 from airzoo_bench.retrieval.baseline_settings import VladSettings
 
 
@@ -23,7 +22,7 @@ def textured(seed: int, size: int = 128) -> np.ndarray:
     return np.clip(coarse + random.normal(0, 8, (size, size)), 0, 255).astype(np.uint8)
 
 
-SETTINGS = VladSettings(words=8, max_features=256)
+SETTINGS = VladSettings(max_features=256)
 
 
 def test_an_image_is_nearest_to_its_own_tile() -> None:
@@ -66,11 +65,6 @@ def test_vlad_worked_by_hand() -> None:
     assert np.abs(np.delete(found, 5)).max() < 1e-6
 
 
-def test_too_few_features_is_a_fault_of_the_map() -> None:
-    with pytest.raises(BenchmarkError, match="is it blank"):
-        learn_words([np.zeros((3, 128), np.float32)], SETTINGS)
-
-
 @pytest.mark.parametrize(
     ("count", "doubled", "minutes"), [(308, True, "8 minutes"), (308, False, ""), (60, True, "")]
 )
@@ -85,31 +79,6 @@ def test_what_a_large_gallery_takes_is_said_before_the_work(
     assert bool(found) is bool(minutes)
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_words_are_learnt_by_two_threads_however_many_there_are(
-    threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Their sums round by the number of threads, from some ten thousand features on.
-    import faiss
-
-    used = []
-    train = faiss.Kmeans.train
-
-    def watched(kmeans: faiss.Kmeans, features: np.ndarray) -> None:
-        used.append(faiss.omp_get_max_threads())
-        train(kmeans, features)
-
-    monkeypatch.setattr(faiss.Kmeans, "train", watched)
-    before = faiss.omp_get_max_threads()
-    faiss.omp_set_num_threads(threads)
-    try:
-        learn_words([np.random.default_rng(0).random((100, 128), np.float32)], SETTINGS)
-        after = faiss.omp_get_max_threads()
-    finally:
-        faiss.omp_set_num_threads(before)
-    assert (used, after) == ([2], threads)
-
-
 def test_no_stage_is_without_a_name() -> None:
     stages = []
 
@@ -119,9 +88,4 @@ def test_no_stage_is_without_a_name() -> None:
 
     tiles = [partial(textured, seed) for seed in range(3)]
     describe(tiles, tiles[:2], SETTINGS, progress=progress)
-    assert stages == [
-        ("tiles", 3),
-        ("learning the words", 1),
-        ("descriptors of tiles", 3),
-        ("photos", 2),
-    ]
+    assert stages == [("tiles", 3), ("photos", 2)]

@@ -1,56 +1,112 @@
-"""Retrieval on workers of Dask: the records of one process, byte for byte."""
+"""Descriptors in a mapped file: records on Dask's workers, and what makes a run another run."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.engines.cluster import local_cluster
+from airzoo_bench.engines.engine import Here
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.retrieval import descriptor_search
-from tests.retrieval.gallery_files import KINDS, write_folder
-from tests.support import run_main
+from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
+
+SCENES = [MadeScene("a", [[0], [3, 4], [49]], 50), MadeScene("b", [[7], [8]], 31)]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    return write_benchmark(tmp_path / "data" / "made", made_protocol(SCENES), SCENES)
+
+
+def described(path: Path, gallery: np.ndarray | None = None) -> Path:
+    rng = np.random.default_rng(0)
+    queries, rows = (rng.standard_normal((n, 8)).astype("f4") for n in (5, 81))
+    return write_predictions(
+        path,
+        "made-retrieval",
+        query_ids=[one for scene in SCENES for one in scene.query_ids],
+        query_descriptors=queries,
+        gallery_ids=[one for scene in SCENES for one in scene.tile_ids],
+        gallery_descriptors=rows if gallery is None else gallery,
+    )
+
+
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_records_are_the_same_bytes(
-    workers: int, shard_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    workers: int, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(descriptor_search, "_SHARD_BYTES", 1 << 9)  # 16 rows
-    folders = {
-        kind: write_folder(tmp_path / kind, KINDS[kind]) for kind in ("npy", "parquet", "zarr 3")
-    }
-    expected = evaluate(folders["npy"], data=shard_data).records.to_csv()
+    path = described(tmp_path / "p.npz")
+    expected = evaluate(path, data=data).records.to_csv()
     with local_cluster(workers, 1 << 30) as engine:
-        for folder in folders.values():
-            found = evaluate(folder, data=shard_data, resources=Resources(engine=engine))
-            assert found.records.to_csv() == expected
+        found = evaluate(path, data=data, resources=Resources(engine=engine))
+    assert found.records.to_csv() == expected
 
 
-def test_a_shard_cut_off_on_a_worker_is_one_message(
-    shard_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = write_folder(tmp_path / "folder", KINDS["zarr 3"])
-    chunk = folder / "gallery/001.zarr/c/1/0"
-    chunk.write_bytes(chunk.read_bytes()[:-9])
-    out = tmp_path / "out"
-    arguments = ("--data", shard_data, "--out", out, "--engine", "dask", "--jobs", "1")
-    assert run_main("eval", "retrieval", folder, *arguments) == 2
-    said = capsys.readouterr().err
-    assert "001.zarr/c/1/0: the chunk is damaged or cut off" in said.replace("\n", "")
-    assert "Traceback" not in said
-    assert not out.exists()
-
-
-def test_nan_in_a_shard_is_named_as_in_one_piece(shard_data: Path, tmp_path: Path) -> None:
-    folder = write_folder(tmp_path / "folder", KINDS["npy"])
-    rows = np.load(folder / "gallery/001.npy")
-    rows[7] = np.nan
-    np.save(folder / "gallery/001.npy", rows)
+def test_nan_is_named_as_in_one_process(data: Path, tmp_path: Path) -> None:
+    rows = np.random.default_rng(1).standard_normal((81, 8)).astype("f4")
+    rows[27] = np.nan
+    path = described(tmp_path / "p.npz", rows)
     with local_cluster(1, 1 << 30) as engine:
         for resources in (Resources(), Resources(engine=engine)):
-            with pytest.raises(Exception, match=r"1 of 50 \(a/t00027\)"):
-                evaluate(folder, data=shard_data, resources=resources)
+            with pytest.raises(PredictionError, match=r"1 of 50 \(a/t00027\)"):
+                evaluate(path, data=data, resources=resources)
+
+
+class Careless(Here):
+    """Somebody writes other descriptors into the file while the run goes on."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.forgotten = path, False
+
+    def begin(self, run: str) -> None:
+        described(self.path, np.ones((81, 8), "f4"))
+        os.utime(self.path, ns=(0, 0))  # whatever the clock's resolution
+
+    def forget(self) -> None:
+        self.forgotten = True
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_no_result_is_made_of_predictions_that_change(
+    linked: bool, data: Path, tmp_path: Path
+) -> None:
+    """Its checksum would be that of other descriptors than those that were scored."""
+    path = file = described(tmp_path / "stored.npz")
+    if linked:
+        path = tmp_path / "p.npz"
+        path.symlink_to(file)
+    engine = Careless(file)
+    with pytest.raises(PredictionError) as caught:
+        evaluate(path, data=data, resources=Resources(engine=engine))
+    assert path.name in str(caught.value)
+    assert engine.forgotten
+
+
+class Named(Here):
+    """Tells which run it was told to be of."""
+
+    def begin(self, run: str) -> None:
+        self.run = run
+
+
+def test_a_run_with_other_memory_or_descriptors_is_another_run(data: Path, tmp_path: Path) -> None:
+    """Queries are cut by the memory, so that a finished task may be of other queries."""
+
+    def run(memory_bytes: int) -> str:
+        engine = Named()
+        evaluate(path, data=data, resources=Resources(memory_bytes, engine=engine))
+        return engine.run
+
+    path = described(tmp_path / "p.npz")
+    one = run(1 << 30)
+    assert one == run(1 << 30) != run(1 << 29)
+    rows = np.random.default_rng(1).standard_normal((81, 8)).astype("f4")
+    described(path, rows)
+    assert run(1 << 30) != one

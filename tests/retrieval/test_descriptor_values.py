@@ -89,10 +89,23 @@ def test_descriptors_that_are_not_finite_are_refused_by_name(value, metric, tmp_
 def test_zero_has_no_cosine():
     good, bad = np.ones((3, 4)), np.ones((3, 4))
     bad[1] = 0
-    for queries, gallery in ((good, bad), (bad, good)):
-        with pytest.raises(PredictionError, match=r"zero: 1 of 3 \(row 1\)"):
-            run(queries, gallery, "cosine")
-        run(queries, gallery, "l2")
+    with pytest.raises(PredictionError, match=r"zero: 1 of 3 \(row 1\)"):
+        run(good, bad, "cosine")
+    run(good, bad, "l2")
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_a_query_of_zeros_ties_with_every_tile(metric):
+    """Or by L2 it would find the shortest descriptor, which is its only positive here."""
+    gallery = np.random.default_rng(0).standard_normal((5, 4))
+    gallery[2] *= 0.1
+    queries = np.stack([gallery[2], np.zeros(4)])
+    found = rank_by_descriptors(
+        queries, gallery, k=5, metric=metric, positives=positives_of([2], [2]), depth=5
+    )
+    assert (found.tiles[0] >= 0).all()
+    assert (found.tiles[1] == -1).all()
+    assert found.tie_dependent.tolist() == [False, True]
 
 
 def test_descriptors_beyond_float32_are_refused():

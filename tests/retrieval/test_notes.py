@@ -98,6 +98,42 @@ def test_lists_that_end_before_their_positives_are_said(
     assert both(whole, data) == []
 
 
+@pytest.mark.parametrize("rule", ["exclude", "miss"])
+def test_queries_that_no_tile_answers(tmp_path: Path, rule: str) -> None:
+    """Made by hand: `prepare` would have left two of the five out."""
+    scene = MadeScene("east", [[0], [], [1], [], [2]], 3)
+    made = made_protocol([scene])
+    rules = made.ground_truth.model_copy(update={"without_positive": rule})
+    made = made.model_copy(update={"ground_truth": rules})
+    write_benchmark(tmp_path / "made", made, [scene])
+    ranked = [[scene.tile(max(found, default=0))] for found in scene.positives]
+    path = write_predictions(
+        tmp_path / "p.npz", "made-retrieval", query_ids=scene.query_ids, ranked_ids=ranked
+    )
+    result = evaluated(path, tmp_path)
+    share, counts = {"exclude": (1.0, 3), "miss": (0.6, 5)}[rule]
+    assert result.overall["recall@1"] == share
+    assert result.counts["east"]["queries"] == counts
+    assert result.counts["east"]["without_positive"] == 2
+    named = has(both(path, tmp_path), "2 (east/q00001, east/q00003)")
+    assert named == (rule == "exclude")
+
+
+@pytest.mark.parametrize("depth", [1, 3, 4])
+def test_ranks_that_short_lists_lack_score_nothing(
+    data: Path, tmp_path: Path, perfect: dict[str, Any], depth: int
+) -> None:
+    lists = np.array(perfect["ranked_ids"])
+    filled = np.where(np.arange(lists.shape[1]) < depth, lists, "")
+    results = []
+    for name, ranked in (("short", lists[:, :depth]), ("filled", filled)):
+        arrays = {"query_ids": perfect["query_ids"], "ranked_ids": ranked}
+        path = write_predictions(tmp_path / f"{name}.npz", "made-retrieval", **arrays)
+        results.append(evaluate(path, data=data))
+    assert results[0].records.equals(results[1].records)
+    assert has(both(path, data), "AP@5", "R@5") == (depth == 1)
+
+
 def test_mistyped_ids_are_named_beside_what_they_may_mean(
     data: Path, tmp_path: Path, perfect: dict[str, Any]
 ) -> None:

@@ -110,7 +110,7 @@ def test_checked_takes_what_a_file_holds():
     [
         ([0, 2], [1, 4], None, "shape"),
         ([1, 2, 2], [1, 4], None, "rise"),
-        ([0, 2, 1], [1, 4], None, "rise"),
+        ([0, 3, 2], [1, 4], None, "rise"),
         ([0, 1, 3], [1, 4], None, "rise"),
         ([0, 1, 2], [1, 5], None, "gallery"),
         ([0, 1, 2], [-1, 4], None, "gallery"),

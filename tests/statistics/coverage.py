@@ -14,6 +14,7 @@ from scipy.stats import binom
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.pair_tests import pair_p_values
 from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
+from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.share_differences import difference_limits
 from airzoo_bench.statistics.shares import average_limits
@@ -79,6 +80,30 @@ class Coverage:
     average: float
     difference: float
     differ: float
+
+
+def coverage_over_scenes(kind: str, scenes: int, count: int) -> tuple[float, float, float]:
+    """Return how often an interval holds the true mean, has no known upper limit, and how often
+    that of the difference of two equal methods holds 0.
+
+    Of distances from N(5, 1) and exp N(0, 1), and of shares from beta(5, 2).
+    """
+    random, shape = np.random.default_rng(scenes), (2 * count, scenes)
+    if kind == "N(5, 1)":
+        true, values = 5.0, np.maximum(random.normal(5, 1, shape), 1e-3)
+    elif kind == "exp N(0, 1)":
+        true, values = float(np.exp(0.5)), np.exp(random.standard_normal(shape))
+    else:
+        true, values = 5 / 7, random.beta(5, 2, shape)
+    shares = np.full(2 * count, kind == "beta(5, 2)")
+    sample = Sample("scene", ("",), (values,), np.zeros(2 * count, bool), shares)
+    found = sample_intervals(
+        sample, ResamplingConfig(), [(row, count + row) for row in range(count)]
+    ).overall
+    limits = np.array([(one.low, one.high) for one in found])
+    means, differences = limits[:count], limits[2 * count :]
+    unknown = float(np.isinf(means[:, 1]).mean())
+    return _held(means, true), unknown, _held(differences, 0.0)
 
 
 def coverage_of_rates(scenes: Scenes) -> float:

@@ -23,6 +23,7 @@ from tests.statistics.coverage import (
     coverage_of_ranks,
     coverage_of_rates,
     coverage_of_shares,
+    coverage_over_scenes,
 )
 
 
@@ -123,6 +124,16 @@ def _figures_of_shares(count: int) -> Iterator[str]:
         yield f"{scenes!s:38} " + " ".join(f"{100 * share:6.1f}" for share in exact)
 
 
+def _figures_of_scenes(count: int) -> Iterator[str]:
+    yield "where scenes are the units: mean (upper limit not known), difference of equal methods"
+    for kind in ("N(5, 1)", "exp N(0, 1)", "beta(5, 2)"):
+        for scenes in (5, 6, 8, 11, 16):
+            mean, unknown, difference = (
+                f"{100 * share:.1f} %" for share in coverage_over_scenes(kind, scenes, count)
+            )
+            yield f"| {kind} | {scenes} | {mean} | {unknown} | {difference} |"
+
+
 def _figures_of_medians(count: int, resampling: ResamplingConfig) -> Iterator[str]:
     yield "p <= 0.05 in %: equal medians, permutation and bootstrap; the same of shifted medians"
     for name, (errors, shift) in (STATED | WITH_FAILURES | OTHERS).items():
@@ -138,6 +149,7 @@ def _figures_of_medians(count: int, resampling: ResamplingConfig) -> Iterator[st
 if __name__ == "__main__":
     for line in chain(
         _figures_of_shares(4_000),
+        _figures_of_scenes(4_000),
         _figures_of_medians(2_000, ResamplingConfig(1_000)),
         _figures_of_ranks(400),
     ):

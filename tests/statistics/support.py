@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.results.files import RecordsKind
 from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
@@ -112,17 +111,12 @@ def made_method(
     return Scored(name, made_result(records, columns, name, **result), records)
 
 
-def write_run(
-    result: Result,
-    records: pd.DataFrame,
-    folder: Path,
-    kind: RecordsKind = RecordsKind.CSV,
-) -> None:
+def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     """Write result and records as `eval` does."""
     track = SimpleNamespace(files={})
     given = SimpleNamespace(track=track, predictions=SimpleNamespace(path=folder.parent / "p.npz"))
     run: Any = SimpleNamespace(result=result, records=records, given=given)
-    save(run, folder, kind)
+    save(run, folder)
 
 
 def write_method(folder: Path, method: Scored) -> Path:

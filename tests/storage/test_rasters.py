@@ -126,7 +126,7 @@ def run(command: Run, predictions: object, data: object, out: Path) -> Any:
     return command("eval", "matching", predictions, "--data", data, "--out", out, "--method", "m")
 
 
-@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("stated", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_matching_from_a_bucket(
     command: Run, bucket: Bucket, apart: Apart, prepared: Path, tmp_path: Path, stated: bool
 ) -> None:

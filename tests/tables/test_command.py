@@ -15,7 +15,7 @@ from airzoo_bench.tables.reported_rows import with_published
 from tests.results.made import result
 from tests.support import run_main, write_predictions
 from tests.tables.two_results import CITY, RURAL, Show, made
-from tests.tables.typeset import typeset
+from tests.tables.typeset import document, typeset
 
 LATEX = ("--format", "latex")
 
@@ -66,8 +66,6 @@ def test_who_competes_for_the_marks(
         write_result(tmp_path / f"{name}.json", made(name, scenes))
     low = [tmp_path / "low.json", tmp_path / "lower.json"]
     assert bold(low, capsys, "--published") == ["low"]
-    assert bold(low, capsys, "--published", "--mark-published") == ["MegaLoc (Ours) †"]
-    assert bold(files, capsys, "--published", "--mark-published") == ["Mine"]
 
 
 def test_the_sources_own_contradictions_are_told(
@@ -131,9 +129,9 @@ def test_a_document_with_everything(
 ) -> None:
     options = ["--layout", "scenes", "--published", "--second", "--baseline", "MegaLoc"]
     options += ["--highlight", "Mine", "--cite", "airzoo-paper", "--cite", "Mine=me:2026,you"]
-    options += ["--siunitx", "--standalone", "--format", "latex"]
+    options += ["--format", "latex"]
     assert run_main("table", *files, *options) == 0
-    text = typeset(capsys.readouterr().out, tmp_path)
+    text = typeset(document(capsys.readouterr().out), tmp_path)
     rows = [line.split() for line in text.splitlines()]
     # The second best is underlined, and the best of those that were scored here is bold.
     assert ["Mine", "[me:2026,you]", "50.00", "(−10.00)", "50.00", "(+25.00)"] in rows
@@ -147,9 +145,7 @@ def test_a_document_with_everything(
         (["--layout", "result"], ["layout result shows one result", "2 results"]),
         (["--layout", "scenes", "--scene", "City"], ["--scene does not go with layout scenes"]),
         (["--queries"], ["--queries does not go with layout methods"]),
-        (["--mark-published"], ["--mark-published needs --published"]),
-        (["--siunitx"], ["--siunitx is for LaTeX", "--format latex"]),
-        (["--standalone", "--cite", "a=b"], ["--standalone and --cite are for LaTeX"]),
+        (["--fit", "--cite", "a=b"], ["--fit", "--cite", "--format latex"]),
         (["--baseline", "Megaloc"], ["no row is called 'Megaloc' (did you mean 'MegaLoc'?)"]),
         (["--baseline", "Mine=Megaloc"], ["no row is called 'Mine=Megaloc'"]),
         (

@@ -1,4 +1,4 @@
-"""LaTeX that goes into a paper as it is: caption, label, what is shrunk, needed packages; order."""
+"""LaTeX that goes into a paper: what is shrunk, needed packages; order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 
 from airzoo_bench.tables.annotations import sort_rows
 from airzoo_bench.tables.latex import latex
-from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.support import run_main
 from tests.tables.small_tables import scored
@@ -23,9 +22,8 @@ LATEX = ("--format", "latex")
 def paper(table: str) -> str:
     """Return a paper around a table, with the packages that it names."""
     (needed,) = re.findall(r"^% needs (.*)$", table, re.MULTILINE)
-    end = "\n".join([r"See Table~\ref{tab:x}.", r"\end{document}", ""])
-    begin = "\n".join([r"\documentclass[a4paper]{article}", needed, r"\begin{document}", ""])
-    return begin + table + end
+    begin = [r"\documentclass[a4paper]{article}", needed, r"\begin{document}", r"\noindent"]
+    return "\n".join([*begin, table, r"\end{document}", ""])
 
 
 @pytest.mark.parametrize("protocol", ["uav-visloc-retrieval", "airzoo-real-matching"])
@@ -34,30 +32,14 @@ def test_packages_are_always_named_on_top(
 ) -> None:
     assert run_main(*TABLE, protocol, *LATEX) == 0
     assert capsys.readouterr().out.splitlines()[0] == r"% needs \usepackage{booktabs}"
-    assert run_main(*TABLE, protocol, *LATEX, "--fit", "--siunitx") == 0
+    assert run_main(*TABLE, protocol, *LATEX, "--fit") == 0
     first = capsys.readouterr().out.splitlines()[0]
-    assert first == r"% needs \usepackage{booktabs} \usepackage{siunitx} \usepackage{graphicx}"
+    assert first == r"% needs \usepackage{booktabs} \usepackage{graphicx}"
 
 
-def test_a_float_goes_into_a_paper_as_it_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = ("--layout", "scenes", "--fit", "--caption", "50 % of #1_a $x$", "--label", "tab:x")
-    assert run_main(*TABLE, "airzoo-real-retrieval", *LATEX, *options) == 0
-    table = capsys.readouterr().out
-    assert r"\begin{table*}" in table
-    assert table.index(r"\caption{") < table.index(r"\label{tab:x}") < table.index(r"\toprule")
-    for _ in range(2):  # the second time the reference is known
-        text = typeset(paper(table), tmp_path)
-    assert "Table 1: 50 % of #1 a $x$" in text
-    assert "See Table 1." in text
-    assert "MegaLoc (Ours)" in text
-
-
-@pytest.mark.parametrize("siunitx", [False, True])
-def test_fit_shrinks_what_is_wide_and_nothing_else(siunitx: bool, tmp_path: Path) -> None:
+def test_fit_shrinks_what_is_wide_and_nothing_else(tmp_path: Path) -> None:
     def right_end(table: Table, *, fit: bool) -> float:
-        made = latex(table, LatexStyle(siunitx, caption="C", label="tab:x", fit=fit))
+        made = latex(table, fit=fit)
         typeset(paper(made), tmp_path)
         return max(place for _, place in words(tmp_path))
 
@@ -66,36 +48,9 @@ def test_fit_shrinks_what_is_wide_and_nothing_else(siunitx: bool, tmp_path: Path
     assert right_end(scored("gains"), fit=True) < 480  # points, of 595
 
 
-def test_the_tabular_itself_is_the_same(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main(*TABLE, "airzoo-real-retrieval", *LATEX) == 0
-    bare = capsys.readouterr().out
-    options = ("--fit", "--caption", "C")
-    assert run_main(*TABLE, "airzoo-real-retrieval", *LATEX, *options) == 0
-    asked = capsys.readouterr().out
-    start, end = bare.index(r"\begin{tabular}"), bare.rindex(r"\end{tabular}")
-    assert bare[start:end] in asked
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--label", "a"], "--label needs --caption"),
-        (["--label", "a}b", "--caption", "C"], "'a}b' is no label"),
-        (["--standalone", "--caption", "C"], "--standalone makes pages"),
-        (["--standalone", "--fit"], "--standalone makes pages"),
-    ],
-)
-def test_what_is_no_float(
-    options: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main(*TABLE, "airzoo-real-retrieval", *LATEX, *options) == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("option", [["--fit"], ["--caption", "C"], ["--label", "a"]])
-def test_floats_are_for_latex(option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main(*TABLE, "airzoo-real-retrieval", *option) == 2
-    assert f"{option[0]} is for LaTeX" in capsys.readouterr().err
+def test_shrinking_is_for_latex(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main(*TABLE, "airzoo-real-retrieval", "--fit") == 2
+    assert "--fit" in capsys.readouterr().err
 
 
 def test_decimals(files: list[Path], show: Show, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,13 +19,12 @@ from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.annotations import add_gains
 from airzoo_bench.tables.interval_layout import with_intervals
 from airzoo_bench.tables.latex import latex
-from airzoo_bench.tables.latex_float import LatexStyle
 from airzoo_bench.tables.method_table import OVERALL, method_table
 from airzoo_bench.tables.model import Cell, Column, Row, Table, show_number
 from airzoo_bench.tables.render import FORMATS, render
 from tests.results.made import result
 from tests.support import run_main
-from tests.tables.typeset import typeset, words
+from tests.tables.typeset import document, typeset, words
 
 
 def compared() -> Table:
@@ -65,9 +64,8 @@ class TestSmallNumbers:
         assert Cell(0.1, least=0.1).text(1) == "0.1"
 
     def test_on_a_page(self, tmp_path: Path) -> None:
-        for siunitx in (False, True):
-            text = typeset(latex(compared(), LatexStyle(siunitx, standalone=True)), tmp_path)
-            assert "<0.0001" in text.replace(" ", "")
+        text = typeset(document(latex(compared())), tmp_path)
+        assert "<0.0001" in text.replace(" ", "")
 
 
 class TestLeading:
@@ -95,12 +93,8 @@ class TestSides:
         assert '<th scope="col" align="left">Verdict</th>' in heads
         assert '<th scope="col" align="right">p</th>' in heads
 
-    def test_siunitx_leaves_words_alone(self) -> None:
-        text = latex(compared(), LatexStyle(siunitx=True))
-        assert r"\begin{tabular}{llS[table-format=2.2]S[table-format=1.4]l}" in text
-
     def test_on_a_page(self, tmp_path: Path) -> None:
-        typeset(latex(compared(), LatexStyle(standalone=True)), tmp_path)
+        typeset(document(latex(compared())), tmp_path)
         places = dict(words(tmp_path))
         assert places["better"] == pytest.approx(places["Verdict"], abs=0.5)
         assert places["mine"] == pytest.approx(places["Method"], abs=0.5)
@@ -119,9 +113,9 @@ def test_what_belongs_to_reported_rows_is_seen_on_the_page(
 ) -> None:
     options = ["--published", "--baseline", "SALAD", "--format", "latex"]
     assert run_main("table", *files, *options) == 0
-    comments = [line for line in capsys.readouterr().out.splitlines() if line.startswith("%")]
-    assert run_main("table", *files, *options, "--standalone") == 0
-    text = " ".join(typeset(capsys.readouterr().out, tmp_path).split())
+    printed = capsys.readouterr().out
+    comments = [line for line in printed.splitlines() if line.startswith("%")]
+    text = " ".join(typeset(document(printed), tmp_path).split())
     for note in NOTES:
         assert note in text
         assert not any(note in line for line in comments)
@@ -133,15 +127,15 @@ def test_what_belongs_to_reported_rows_is_seen_on_the_page(
 def test_notes_do_not_stretch_their_table(
     files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for option in ([], ["--layout", "scenes"], ["--all"], ["--siunitx"]):
-        options = ["--published", *option, "--format", "latex", "--standalone"]
+    for option in ([], ["--layout", "scenes"], ["--all"]):
+        options = ["--published", *option, "--format", "latex"]
         assert run_main("table", *files, *options) == 0
-        document = capsys.readouterr().out
+        printed = capsys.readouterr().out
         places = []
-        bare = [line for line in document.splitlines() if "footnotesize" not in line]
-        assert len(bare) == len(document.splitlines()) - 1
-        for source in (document, "\n".join(bare)):
-            typeset(source, tmp_path)
+        bare = [line for line in printed.splitlines() if "footnotesize" not in line]
+        assert len(bare) == len(printed.splitlines()) - 1
+        for source in (printed, "\n".join(bare)):
+            typeset(document(source), tmp_path)
             places.append([x for word, x in words(tmp_path) if word in ("R@1", "50.00", "42.50")])
         assert places[0] == pytest.approx(places[1], abs=0.5), option
 
@@ -264,16 +258,13 @@ class TestLargeNumbers:
     def test_in_every_format(self, form: str) -> None:
         rows = (Row((Cell("a"), Cell(1e200, gain=-9e199))), Row((Cell("b"), Cell(2.0))))
         table = Table("T", (Column("Method"), Column("Error", "m", False)), rows)
-        styles = [LatexStyle(siunitx) for siunitx in (False, True)]
-        for style in styles:
-            text = render(table, form, style=style)
-            assert "000000" not in text
-            assert "e+200" in text
-            assert "'" not in text
+        text = render(table, form)
+        assert "000000" not in text
+        assert "e+200" in text
+        assert "'" not in text
 
     def test_on_a_page(self, tmp_path: Path) -> None:
         rows = (Row((Cell("a"), Cell(1e200, gain=-9e199))), Row((Cell("b"), Cell(2.0))))
         table = Table("T", (Column("Method"), Column("Error", "m", False)), rows)
-        for siunitx in (False, True):
-            page = typeset(latex(table, LatexStyle(siunitx, standalone=True)), tmp_path)
-            assert "1.00e+200" in page
+        page = typeset(document(latex(table)), tmp_path)
+        assert "1.00e+200" in page

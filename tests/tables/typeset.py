@@ -14,6 +14,27 @@ from tests.support import HANGS_S
 
 MINUS = "\u2212"
 
+# On one large page. Here is no bibliography: keys are printed instead of numbers, and an underscore
+# is a rule, which the font lacks.
+_HEAD = r"""\documentclass{article}
+\usepackage[utf8]{inputenc}
+\usepackage[paperwidth=150cm,paperheight=80cm,margin=1cm]{geometry}
+\usepackage{graphicx}
+\usepackage{booktabs}
+\usepackage[table]{xcolor}
+\pagestyle{empty}
+\setlength{\parindent}{0pt}
+{\catcode`\_=12
+\gdef\keyparts#1_#2\keyend{#1\ifx\relax#2\relax\else\_\keyparts#2\keyend\fi}
+\gdef\cite#1{[\expandafter\keyparts\detokenize{#1}_\keyend]}}
+\begin{document}
+"""
+
+
+def document(table: str) -> str:
+    """Return a document that shows what a table is in LaTeX."""
+    return f"{_HEAD}{table}\n\\end{{document}}\n"
+
 
 def typeset(document: str, folder: Path) -> str:
     """Compile a document and return its text, a line of the table a line; skip without LaTeX."""
@@ -43,7 +64,6 @@ def bold_words(folder: Path) -> list[str]:
     for before, piece in itertools.pairwise([None, *pieces]):
         assert piece is not None
         text = "".join(piece.itertext())
-        # A number of siunitx comes in pieces: its point is of another font.
         if before is not None and _touch(before, piece):
             words[-1] += text
         else:

@@ -103,16 +103,7 @@ class PosedScene:
 
 
 def open_benchmark(place: Path) -> Benchmark:
-    """Open a benchmark folder, named by its path or by its name in the data root.
-
-    A folder of that path which holds no benchmark, such as one of the photos, is passed over for
-    the data root's.
-
-    Raises
-    ------
-    BenchmarkError
-        See `Benchmark.open`.
-    """
+    """Open a benchmark folder, named by its path or by its name in the data root."""
     named = data_root() / place
     passed_over = not (place / MARK).is_file() and (named / MARK).is_file()
     missing = not place.exists() and named.is_dir()
@@ -120,16 +111,7 @@ def open_benchmark(place: Path) -> Benchmark:
 
 
 def scenes_of_benchmark(benchmark: Benchmark, only: str | None = None) -> list[PosedScene]:
-    """Read the scenes of a benchmark, or one of them: all photos, queries of a track or not.
-
-    Raises
-    ------
-    UsageError
-        There is no scene `only`.
-    BenchmarkError
-        A photo lacks its camera or pose, or benchmark.toml does not say of the scene what the
-        files do that it was prepared from.
-    """
+    """Read the scenes of a benchmark, or one of them: all photos, queries of a track or not."""
     scenes = [scene for scene in benchmark.file.scenes if only in (None, scene.id)]
     if not scenes:
         raise UsageError(
@@ -143,22 +125,7 @@ def scenes_of_benchmark(benchmark: Benchmark, only: str | None = None) -> list[P
 def scene_from_poses(
     poses: Path, images: Path, crs: str | None, progress: Progress = silent
 ) -> PosedScene:
-    """Read a scene from a pose file and the folder of its photos, as `prepare photos` does.
-
-    Parameters
-    ----------
-    poses : Path
-        A JSON file (docs/benchmark-folder.md describes it), or the folder of a COLMAP model.
-    images : Path
-    crs : str or None
-        CRS of the poses; None for what their file says.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        See `datasets.sources.photo_sizes` and `datasets.poses.read_poses`.
-    """
+    """Read a scene from a pose file and the folder of its photos, as `prepare photos` does."""
     from airzoo_bench.datasets.poses import read_poses
     from airzoo_bench.datasets.sources import photo_sizes
 
@@ -235,25 +202,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
 
 
 def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
-    """Compare the parts of a prepared scene with each other, as `prepare photos` does.
-
-    Parameters
-    ----------
-    benchmark : Benchmark
-    scene : str
-        The scene's id.
-
-    Returns
-    -------
-    SceneFacts or None
-        None where a map or a surface model that benchmark.toml names is not there. Photos that
-        are not there have no metadata.
-
-    Raises
-    ------
-    UserError
-        What is there is damaged, or not what was prepared.
-    """
+    """Compare the parts of a prepared scene with each other, as `prepare photos` does."""
     import pandas as pd
 
     entry, home = benchmark.scene(scene), benchmark.scene_folder(scene)

@@ -56,13 +56,6 @@ class Comparison:
         Behind the target's surface.
     error : (M,) float64
         The signed relative error of those that are compared.
-    points : (M, 3) float64
-        These points in the camera frame of the source.
-    projected : (M, 3) float64
-        And in that of the target.
-    surface : (M, 3) float64
-        The plane n of the target's surface at each: n . X = 1 for its points X, so that
-        error = n . projected - 1.
     """
 
     sampled: int
@@ -70,22 +63,10 @@ class Comparison:
     no_surface: int
     hidden: int
     error: Floats
-    points: Floats
-    projected: Floats
-    surface: Floats
 
 
 def compare_depths(source: Frame, target: Frame) -> Comparison:
-    """Compare the sampled points of a source frame with the depth of a target frame.
-
-    Parameters
-    ----------
-    source, target : Frame
-
-    Returns
-    -------
-    Comparison
-    """
+    """Compare the sampled points of a source frame with the depth of a target frame."""
     turn = target.rotation @ source.rotation.T
     # Centres are subtracted first: they may be millions of metres, their difference is not.
     shift = apply_matrix(target.rotation, source.centre - target.centre)
@@ -95,18 +76,15 @@ def compare_depths(source: Frame, target: Frame) -> Comparison:
     surface, on_surface = _surface_planes(target, pixels[inside], projected[inside])
     rows = np.flatnonzero(inside)[on_surface]
     surface = surface[on_surface]
+    # The plane n of the surface holds n . X = 1 for its points X.
     error = (surface * projected[rows]).sum(axis=1) - 1.0
     seen = error <= OCCLUSION
-    rows = rows[seen]
     return Comparison(
         sampled=len(source.points),
         outside=int((~inside).sum()),
         no_surface=int((~on_surface).sum()),
         hidden=int((~seen).sum()),
         error=error[seen],
-        points=source.points[rows],
-        projected=projected[rows],
-        surface=surface[seen],
     )
 
 

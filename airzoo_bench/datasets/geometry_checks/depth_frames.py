@@ -97,13 +97,7 @@ class FrameStore:
         return FrameStore, (self.cameras, self.poses, self.depths, self.sampling)
 
     def frame(self, index: int) -> Frame:
-        """Return a frame, reading it unless it is cached.
-
-        Raises
-        ------
-        BenchmarkError
-            See `depth_maps.read_depth`.
-        """
+        """Return a frame, reading it unless it is cached."""
         frame = self._kept.pop(index, None) or self._read(index)
         self._kept[index] = frame
         sizes = [f.depth.nbytes + f.points.nbytes for f in self._kept.values()]
@@ -157,20 +151,7 @@ class PairRule(StrEnum):
 def choose_pairs(
     rule: PairRule, cameras: Cameras, poses: Poses, points: Floats
 ) -> NDArray[np.int64]:
-    """Choose the pairs of N frames.
-
-    Parameters
-    ----------
-    rule : PairRule
-    cameras, poses : Cameras, Poses
-    points : (N, P, 3) array
-        Some points that each frame sees, in the world; NaN where it has fewer.
-
-    Returns
-    -------
-    (K, 2) int64 array
-        Rows of frames, the first below the second, ascending, each pair once.
-    """
+    """Choose the pairs of N frames."""
     first = np.arange(len(poses) - 1)
     parts = [np.empty((0, 2), np.int64)]
     if rule in (PairRule.NEIGHBOURS, PairRule.ALL):
@@ -188,17 +169,7 @@ def choose_pairs(
 
 
 def shared_views(cameras: Cameras, poses: Poses, points: Floats) -> tuple[Ints, Floats]:
-    """Share of each frame's points that lie in the image of others, hidden or not.
-
-    The others are the 48 frames whose points have the nearest middle.
-
-    Returns
-    -------
-    other : (N, C) int64 array
-        Rows of frames.
-    share : (N, C) array
-        0 for the frame itself, and where a frame has no points.
-    """
+    """Share of each frame's points that lie in the image of others, hidden or not."""
     from scipy.spatial import cKDTree
 
     seen = np.asarray(np.isfinite(points).all(axis=2))

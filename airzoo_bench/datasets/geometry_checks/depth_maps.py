@@ -46,27 +46,7 @@ class DepthKind(StrEnum):
 
 
 def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
-    """Find the depth map of each photo: its name with another ending, in its own subfolder.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the depth maps.
-    images : sequence of N str
-        Names of the photos, relative to their folder.
-
-    Returns
-    -------
-    tuple of N Path or None
-        None where a photo has no depth map.
-
-    Raises
-    ------
-    BenchmarkError
-        No photo has one, or a photo has two.
-    UsageError
-        There is no such folder.
-    """
+    """Find the depth map of each photo: its name with another ending, in its own subfolder."""
     if not folder.is_dir():
         raise UsageError(
             "no such folder of depth maps",
@@ -97,27 +77,7 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
 
 
 def read_depth(path: Path, width: int, height: int, scale_m: float | None = None) -> Depths:
-    """Read a depth map.
-
-    Parameters
-    ----------
-    path : Path
-    width, height : int
-        The size that it must have: that of its photo.
-    scale_m : float, optional
-        Metres of a unit; whole numbers have none of their own, others are metres without it.
-
-    Returns
-    -------
-    (height, width) float32 array
-        Metres; NaN where there is no depth.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is damaged, not a depth map, of another size than the photo, or holds whole
-        numbers while no scale is known.
-    """
+    """Read a depth map."""
     readers = {".npy": _read_npy, ".npz": _read_npz}
     stored, nodata = readers.get(path.suffix.lower(), _read_raster)(path, (height, width))
     if stored.dtype.kind in "iu" and scale_m is None:

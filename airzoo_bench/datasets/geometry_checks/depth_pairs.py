@@ -13,10 +13,9 @@ from airzoo_bench.datasets.geometry_checks.depth_consistency import (
     Comparison,
     compare_depths,
 )
-from airzoo_bench.datasets.geometry_checks.depth_faults import design_rows
 from airzoo_bench.datasets.geometry_checks.depth_frames import FrameStore
 from airzoo_bench.engines.engine import Engine, runs
-from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["ComparedPair", "compared_pairs"]
 
@@ -24,23 +23,21 @@ _PAIRS_A_TASK = 64
 
 
 class ComparedPair(NamedTuple):
-    """Errors of a pair, some rows of its regression, counts, and the depth of a point or none."""
+    """Errors of a pair, and counts as in `Comparison`."""
 
     error: NDArray[np.float32]
-    design: tuple[Floats, Floats, Floats]
     counts: tuple[int, int, int, int]
-    near_m: list[float]
 
 
 def compared_pairs(
-    store: FrameStore, ordered: Ints, rows: int, engine: Engine, progress: Progress
+    store: FrameStore, ordered: Ints, engine: Engine, progress: Progress
 ) -> Iterator[ComparedPair]:
-    """Compare pairs (P, 2) in their order, with so many rows of a regression each."""
+    """Compare pairs (P, 2) in their order."""
     tasks = runs(len(ordered), _PAIRS_A_TASK)
     found = engine.map(
         _compare,
         tasks,
-        shared=(store, ordered, rows),
+        shared=(store, ordered),
         stage="pairs of frames",
         name=lambda run: f"pairs {run.start + 1:,} to {run.stop:,} of frames",
     )
@@ -48,19 +45,16 @@ def compared_pairs(
         yield from pairs
 
 
-def _compare(shared: tuple[FrameStore, Ints, int], run: slice) -> list[ComparedPair]:
-    store, ordered, rows = shared
-    return [_compared(store, source, target, rows) for source, target in ordered[run].tolist()]
+def _compare(shared: tuple[FrameStore, Ints], run: slice) -> list[ComparedPair]:
+    store, ordered = shared
+    return [_compared(store, source, target) for source, target in ordered[run].tolist()]
 
 
-def _compared(store: FrameStore, source: int, target: int, rows: int) -> ComparedPair:
-    a, b = store.frame(source), store.frame(target)
-    compared = compare_depths(a, b)
+def _compared(store: FrameStore, source: int, target: int) -> ComparedPair:
+    compared = compare_depths(store.frame(source), store.frame(target))
     return ComparedPair(
         compared.error.astype(np.float32),
-        design_rows(compared, b.rotation @ a.rotation.T, rows),
         _counts(compared),
-        compared.projected[:1, 2].tolist(),
     )
 
 

@@ -16,11 +16,6 @@ from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_consistency import (
     OCCLUSION,
 )
-from airzoo_bench.datasets.geometry_checks.depth_faults import (
-    COLUMNS,
-    Explanation,
-    explain,
-)
 from airzoo_bench.datasets.geometry_checks.depth_frames import (
     FrameStore,
     PairRule,
@@ -43,13 +38,9 @@ MEDIAN_BELOW = 0.00066
 FLOATING_BELOW = 0.1
 """The share of points in front of surfaces must be below this: leaves and wires are."""
 
-QUANTILES = (0.5, 0.9, 0.95)
-
 _POINTS_FOR_OVERLAP = 64
 _MOST_SAMPLES = 1 << 23  # of all ordered pairs together
 _LEAST_PIXELS = 64
-_MOST_ROWS = 1 << 20  # of regressions
-_ROWS_OF_A_PAIR = 128
 _FAR_ABOVE = 3.0
 _FLOATING_OF_A_FRAME = 0.25
 
@@ -63,16 +54,13 @@ class DepthConsistency:
     frames : DataFrame
         A row a frame with depth: id, median (of the error without sign, over all comparisons with
         the frame), ratio (the median by which its depths are longer than its partners' say, as a
-        share), floating (share of points that float, see `floating`), compared, and the explanation
-        of its errors, empty where there is none or `everywhere` is one. NaN where nothing was
-        compared.
+        share), floating (share of points that float, see `floating`), compared. NaN where nothing
+        was compared.
     pairs : DataFrame
         A row an ordered pair: source, target, counts as in `Comparison`, compared, median, signed
         median. NaN where nothing was compared.
     error : (M,) float32
         All relative errors, with sign.
-    everywhere : Explanation or None
-        A fault that all frames share.
     without_depth : tuple of str
         Ids of photos that have no depth map.
     median_below : float
@@ -82,7 +70,6 @@ class DepthConsistency:
     frames: pd.DataFrame
     pairs: pd.DataFrame
     error: NDArray[np.float32]
-    everywhere: Explanation | None
     without_depth: tuple[str, ...]
     median_below: float
 
@@ -102,7 +89,7 @@ class DepthConsistency:
 
     @property
     def floating(self) -> float:
-        """Share of the compared points that float before the surface, which nothing explains."""
+        """Share of the compared points that float before the surface."""
         return _floating(self.error)
 
     @property
@@ -117,22 +104,17 @@ class DepthConsistency:
 
     @property
     def bad_frames(self) -> pd.DataFrame:
-        """Frames that stand out, the worst first.
-
-        Their own median is not below the limit and three times that of all; or a quarter of their
-        points float, and three times the share of all; or a fault explains their errors.
-        """
+        """Frames that stand out, the worst first."""
         limit = max(self.median_below, _FAR_ABOVE * self.median)
         most = max(_FLOATING_OF_A_FRAME, _FAR_ABOVE * self.floating)
-        chosen = (self.frames["median"] >= limit) | (self.frames["explanation"] != "")
-        chosen |= self.frames["floating"] >= most
+        chosen = (self.frames["median"] >= limit) | (self.frames["floating"] >= most)
         return self.frames[chosen].sort_values("median", ascending=False, kind="stable")
 
     @property
     def passes(self) -> bool:
-        """Whether nothing is wrong with the median, single frames or all frames together."""
+        """Whether nothing is wrong with the median, the points that float, or single frames."""
         sound = self.median < self.median_below and self.floating < FLOATING_BELOW
-        return sound and self.everywhere is None and self.bad_frames.empty
+        return sound and self.bad_frames.empty
 
 
 def check_depth_consistency(
@@ -145,26 +127,7 @@ def check_depth_consistency(
     engine: Engine = HERE,
     progress: Progress = silent,
 ) -> DepthConsistency:
-    """Compare the depth maps of a scene with each other.
-
-    Parameters
-    ----------
-    scene : PosedScene
-    folder : Path
-        Of the depth maps; see `depth_maps.find_depths`.
-    sampling : Sampling
-        With very many pairs fewer pixels are sampled, so that all errors fit memory.
-    rule : PairRule
-    median_below : float
-    engine : Engine
-        Where pairs of frames are compared.
-    progress : Progress
-
-    Raises
-    ------
-    BenchmarkError
-        Fewer than two photos have depth, or a depth map is not as it should be.
-    """
+    """Compare the depth maps of a scene with each other."""
     paths = find_depths(folder, scene.images)
     rows = np.array([row for row, path in enumerate(paths) if path is not None])
     if len(rows) < 2:
@@ -193,39 +156,25 @@ def _seen_points(store: FrameStore, rule: PairRule, progress: Progress) -> Float
 
 @dataclass(frozen=True, eq=False)
 class _Collected:
-    """Errors, regressions and counts from the comparisons of all ordered pairs."""
+    """Errors and counts from the comparisons of all ordered pairs."""
 
     pairs: Ints
     errors: list[NDArray[np.float32]]
-    designs: list[tuple[Floats, Floats, Floats]]
     counts: list[tuple[int, int, int, int]]
-    typical_depth_m: float
-    typical_focal_px: float
 
     @classmethod
     def of(cls, store: FrameStore, chosen: Ints, engine: Engine, progress: Progress) -> _Collected:
-        count = max(1, min(_ROWS_OF_A_PAIR, _MOST_ROWS // max(2 * len(chosen), 1)))
         ordered = np.stack((chosen, chosen[:, ::-1]), axis=1).reshape(-1, 2)
-        focal = float(np.median(store.cameras.focal))
-        collected = cls(ordered, [], [], [], 0.0, focal)
-        depths = [np.nan]
-        for pair in compared_pairs(store, ordered, count, engine, progress):
-            collected.errors.append(pair.error)
-            collected.designs.append(pair.design)
-            collected.counts.append(pair.counts)
-            depths.extend(pair.near_m)
-        typical = float(np.nanmedian(depths)) if len(depths) > 1 else 1.0
-        return replace(collected, typical_depth_m=typical)
+        found = list(compared_pairs(store, ordered, engine, progress))
+        return cls(ordered, [pair.error for pair in found], [pair.counts for pair in found])
 
     def report(
         self, ids: Sequence[str], without: tuple[str, ...], median_below: float
     ) -> DepthConsistency:
-        everywhere = self._explained(range(len(self.pairs)), None)
         return DepthConsistency(
-            frames=self._frame_table(ids, explained=everywhere is not None),
+            frames=self._frame_table(ids),
             pairs=self._pair_table(ids),
             error=np.concatenate([np.empty(0, np.float32), *self.errors]),
-            everywhere=everywhere,
             without_depth=without,
             median_below=median_below,
         )
@@ -245,46 +194,27 @@ class _Collected:
             signed_median=[_median(error) for error in self.errors],
         )
 
-    def _frame_table(self, ids: Sequence[str], *, explained: bool) -> pd.DataFrame:
+    def _frame_table(self, ids: Sequence[str]) -> pd.DataFrame:
         import pandas as pd
 
         of_frame: list[list[int]] = [[] for _ in ids]
         for number, pair in enumerate(self.pairs.tolist()):
             for frame in pair:
                 of_frame[frame].append(number)
-        rows = [self._frame_row(frame, of_frame[frame], explained) for frame in range(len(ids))]
-        table = pd.DataFrame(
-            rows, columns=["median", "ratio", "floating", "compared", "explanation"]
-        )
+        rows = [self._frame_row(frame, of_frame[frame]) for frame in range(len(ids))]
+        table = pd.DataFrame(rows, columns=["median", "ratio", "floating", "compared"])
         table.insert(0, "id", list(ids))
         return table
 
-    def _frame_row(
-        self, frame: int, numbers: list[int], explained: bool
-    ) -> tuple[float, float, float, int, str]:
+    def _frame_row(self, frame: int, numbers: list[int]) -> tuple[float, float, float, int]:
         # Depths of the frame too long: its points lie behind, those of others in front.
         signed = [
             self.errors[number] if self.pairs[number, 0] == frame else -self.errors[number]
             for number in numbers
         ]
         error = np.concatenate([np.empty(0), *signed])
-        # What all share would be found in each of them again.
-        found = None if explained else self._explained(numbers, frame)
-        words = found.describe() if found else ""
         floats = _floating(np.concatenate([np.empty(0), *(self.errors[n] for n in numbers)]))
-        return _median(np.abs(error)), _median(error), floats, len(error), words
-
-    def _explained(self, numbers: Sequence[int], frame: int | None) -> Explanation | None:
-        """Explain the errors of some pairs by a fault of one frame, or of all alike."""
-        designs = [np.empty((0, COLUMNS))]
-        for number in numbers:
-            _, source, target = self.designs[number]
-            first, second = self.pairs[number]
-            designs.append(source * (frame in (None, first)) + target * (frame in (None, second)))
-        error = np.concatenate([np.empty(0), *(self.designs[n][0] for n in numbers)])
-        pair = np.repeat(np.array(numbers, np.int64), [len(self.designs[n][0]) for n in numbers])
-        design = np.concatenate(designs)
-        return explain(error, design, pair, self.typical_depth_m, self.typical_focal_px)
+        return _median(np.abs(error)), _median(error), floats, len(error)
 
 
 def _median(values: NDArray[Any]) -> float:

@@ -50,21 +50,7 @@ class NamedFootprints:
 
 
 def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
-    """Read a set of footprints.
-
-    Parameters
-    ----------
-    place : Path
-        A CSV with the columns ``id`` and `ANCHOR_COLUMNS`; or a benchmark folder, or its name in
-        the data root, all photos of which are cast onto their scene's plane.
-    max_range_m : float
-        See `cast_corners`.
-
-    Raises
-    ------
-    BenchmarkError
-        There is neither, or columns are missing, or coordinates are no degrees.
-    """
+    """Read a set of footprints."""
     if place.suffix.lower() == ".csv":
         return _read_csv(place)
     scenes = scenes_of_benchmark(open_benchmark(place))
@@ -80,19 +66,7 @@ def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
 def cast_corners(
     cameras: Cameras, poses: Poses, crs: Any, plane_height_m: float, max_range_m: float
 ) -> tuple[Floats, Bools]:
-    """Cast the corners of N photos onto a plane.
-
-    A ray that goes up, or meets the plane beyond `max_range_m`, is cut there, and counts with the
-    horizontal position of its end, as in the crops of the matching track.
-
-    Returns
-    -------
-    lonlat : (N, 4, 2) array
-        Degrees; NaN where all four rays go up: the photo sees no ground.
-    unknown : (N,) bool array
-        The camera is below the plane, a corner has no ray, the place is none of the CRS, or a pole
-        is inside, so that no polygon in degrees describes it.
-    """
+    """Cast the corners of N photos onto a plane."""
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, 0.0)))
     hits = intersect_plane(poses.centres, rays, plane_height_m, max_range_m)
     ends = poses.centres[:, None] + max_range_m * rays

@@ -75,27 +75,7 @@ class FrameChain:
 
 
 def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
-    """Send a grid of 5 x 5 pixels of each photo, borders included, through the chain and back.
-
-    The ray is turned from the axes of the grid to east, north and up by the convergence of the
-    meridians; points lie on it at `RANGES_M`. Heights are taken as above the WGS84 ellipsoid.
-
-    Parameters
-    ----------
-    cameras, poses : Cameras, Poses
-        Of N photos.
-    crs : Any
-        Projected CRS of the poses; see `crs.horizontal_crs`.
-
-    Returns
-    -------
-    FrameChain
-
-    Raises
-    ------
-    UserError
-        The CRS is unknown, or not projected.
-    """
+    """Send a grid of 5 x 5 pixels of each photo, borders included, through the chain and back."""
     parts = [
         _checked(cameras.take(part), poses.take(part), crs)
         for start in range(0, len(poses), _BLOCK)

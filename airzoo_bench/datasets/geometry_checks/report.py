@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OUTPUT_NAMES", "SceneGeometry", "geometry_table", "report_values", "save_report"]
 
-OUTPUT_NAMES = ("geometry.json", "photos.csv", "pairs.csv", "depth_errors.png")
+OUTPUT_NAMES = ("geometry.json", "photos.csv", "pairs.csv")
 
 _SHOWN = 3
 _CONVENTION = 0.02  # a median error that no small fault has
@@ -139,18 +139,14 @@ def _depth_failures(depth: DepthConsistency) -> list[str]:
     if depth.floating >= FLOATING_BELOW:
         share = f"{100 * depth.floating:.1f} % of the points float before the surface"
         failures.append(f"{share} that they should be on, where nothing can hide them")
-    if depth.everywhere is not None:
-        part = f"which explains {100 * depth.everywhere.explained:.0f} % of the errors"
-        failures.append(f"all frames are {depth.everywhere.describe()}, {part}")
     bad = depth.bad_frames
-    for _, frame in bad.head(_SHOWN).iterrows() if depth.everywhere is None else ():
-        why = f" ({frame['explanation']})" if frame["explanation"] else ""
+    for _, frame in bad.head(_SHOWN).iterrows():
         failures.append(
             f"{frame['id']}: median depth error {100 * frame['median']:.4f} %, depths "
             f"{100 * frame['ratio']:+.3f} % against its partners, {100 * frame['floating']:.0f} % "
-            f"of its points float{why}"
+            f"of its points float"
         )
-    if len(bad) > _SHOWN and depth.everywhere is None:
+    if len(bad) > _SHOWN:
         more = len(bad) - _SHOWN
         stand = f"{counted(more, 'more frame')} {agreeing(more, 'stands', 'stand')}"
         failures.append(f"{stand} out; photos.csv has all (--out)")
@@ -245,23 +241,15 @@ def _finite(value: float) -> float | None:
 
 
 def save_report(checked: list[SceneGeometry], folder: Path) -> list[Path]:
-    """Write `OUTPUT_NAMES` into a folder, and return what was written.
-
-    ``photos.csv`` has a row a photo, ``pairs.csv`` a row an ordered pair of frames; this and the
-    picture are left out where no depth was checked.
-    """
+    """Write `OUTPUT_NAMES` into a folder, and return what was written."""
     written = [folder / "geometry.json", folder / "photos.csv"]
     with atomic_write(written[0], "w") as stream:
         stream.write(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
     _write_csv([_photo_table(one) for one in checked], written[1])
-    depths = {one.scene.name: one.depth for one in checked if one.depth is not None}
+    depths = [one.depth for one in checked if one.depth is not None]
     if depths:
-        from airzoo_bench.datasets.geometry_checks.figure import draw_depth_errors
-        from airzoo_bench.report.figures import save_figure
-
-        written += [folder / "pairs.csv", folder / "depth_errors.png"]
-        _write_csv([depth.pairs for depth in depths.values()], written[2])
-        save_figure(draw_depth_errors(depths), written[3])
+        written.append(folder / "pairs.csv")
+        _write_csv([depth.pairs for depth in depths], written[2])
     return written
 
 

@@ -93,20 +93,7 @@ class SplitOverlap:
 
 
 def find_overlaps(train: Floats, test: Floats, progress: Progress = silent) -> Iterator[Overlaps]:
-    """Find the pairs of footprints that share an area, block by block of the test set.
-
-    Parameters
-    ----------
-    train, test : (N, 4, 2), (M, 4, 2) arrays
-        Degrees, corners in order; NaN for none. Footprints that cross themselves count as the
-        convex hull of their corners; they may lie across the 180th meridian.
-    progress : Progress
-
-    Yields
-    ------
-    Overlaps
-        Sorted by test, then train.
-    """
+    """Find the pairs of footprints that share an area, block by block of the test set."""
     from shapely import STRtree
 
     shapes, rows = _polygons(*_with_copies(train, test))
@@ -132,15 +119,7 @@ def compare_splits(
     csv: Path | None = None,
     progress: Progress = silent,
 ) -> SplitOverlap:
-    """Look for ground that both sets see.
-
-    Parameters
-    ----------
-    train, test : NamedFootprints
-    csv : Path, optional
-        Where to write all pairs that overlap, however many.
-    progress : Progress
-    """
+    """Look for ground that both sets see."""
     count, tainted = 0, np.zeros(len(test.ids), dtype=bool)
     first: list[tuple[str, str, float, float]] = []
     with nullcontext() if csv is None else atomic_write(csv, "w") as stream:

@@ -32,13 +32,7 @@ class MiniOptions:
 
     @property
     def source(self) -> int:
-        """What all randomness comes from: the seed, or the key.
-
-        Raises
-        ------
-        UsageError
-            The seed is too large, or the file holds no key.
-        """
+        """What all randomness comes from: the seed, or the key."""
         if self.key_file is not None:
             return _key_of(self.key_file, self.seed)
         if self.seed >> 64:

@@ -220,10 +220,7 @@ def floor_log2(values: Singles) -> NDArray[np.int64]:
 def volume_noise(
     xyz: tuple[Singles, Singles, Singles] | Singles, voxel_m: float, footprint_m: Singles
 ) -> Singles:
-    """Return the noise (N,), which all surfaces share, at points (3, N) in metres.
-
-    It is averaged over the pixels' size (N,); `voxel_m` is the size of the smallest grain.
-    """
+    """Return the noise (N,), which all surfaces share, at points (3, N) in metres."""
     values, offsets = _volume()
     inverse = np.float32(1.0 / voxel_m)
     level = floor_log2(footprint_m * inverse)
@@ -243,10 +240,7 @@ def volume_noise(
 
 @cache
 def _volume() -> tuple[Singles, NDArray[np.int64]]:
-    """Three octaves of hashed voxels and their halvings, level after level, and their offsets.
-
-    The noise repeats every 64 voxels; its mean is 0, its standard deviation 1 at the finest.
-    """
+    """Three octaves of hashed voxels and their halvings, level after level, and their offsets."""
     side = _VOLUME_SIDE
     volume = np.zeros((side, side, side), np.float32)
     for octave, weight in enumerate((1.0, 0.9, 0.8)):

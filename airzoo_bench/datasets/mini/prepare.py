@@ -88,12 +88,7 @@ class Photos:
 
 
 def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> Photos:
-    """Plan the photos of a region, above its surface model (H, W).
-
-    The seed is that of the barrel roll, the order of conditions, and the noise of the photos. A key
-    is that of the survey, too, of gusts that take every photo off the smooth line, and of names
-    that tell no order.
-    """
+    """Plan the photos of a region, above its surface model (H, W)."""
     own = derived(seed, f"photos of {region.name}")
     camera = default_camera()
     airspace = Airspace.over(region, dsm)
@@ -150,12 +145,7 @@ def _shuffled(seed: int, what: str) -> Callable[[object], int]:
 
 
 def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progress) -> Cloud:
-    """Return every surface that photos of the survey see, from exact depth, a point a voxel.
-
-    The photos were rendered to a folder, and the grid is empty at first. The cloud is in
-    `model.CRS`, to 0.1 mm, and without colours: those of photos depend on the processor in the last
-    bit, the points do not.
-    """
+    """Return every surface that photos of the survey see, from exact depth, a point a voxel."""
     frames = photos.frames
     rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
     for row in progress(rows, "true cloud", len(rows)):
@@ -185,22 +175,7 @@ def _protocol(track: str, kind: type[P], seed: int) -> P:
 
 
 def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
-    """Make worlds, fly over them, take photos and work out the truth of every track.
-
-    Worlds and photos are kept below the data root; what is there and sound is not made again, so
-    that a run that was stopped goes on where it was.
-
-    Parameters
-    ----------
-    seed : int
-        Of worlds, flights, photos and priors; or a key, see `keys.keyed`.
-    settings : PrepareSettings
-
-    Raises
-    ------
-    UserError
-        A folder cannot be written, or the disk is full.
-    """
+    """Make worlds, fly over them, take photos and work out the truth of every track."""
     protocols = mini_protocols(seed)
     regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
     worlds = make_worlds(

@@ -22,11 +22,7 @@ _BITS = 16
 
 
 def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
-    """Return what GPS and gimbal would have said of true poses, the same on every machine.
-
-    Each photo's noise depends on its name and the seed alone, not on the other photos; yaw is
-    counted from the grid's north.
-    """
+    """Return what GPS and gimbal would have said of true poses, the same on every machine."""
     unit = np.array([_normal_numbers(name, seed) for name in names]).reshape(-1, 6)
     centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
     turns = unit[:, 3:] * np.array(_ANGLES_DEG)

@@ -64,19 +64,7 @@ class LocalizationFiles:
 
 
 def localization_files(source: Path, reference: Reference) -> LocalizationFiles:
-    """Find the parts of the localisation set.
-
-    Parameters
-    ----------
-    source : Path
-        The folder that holds them, or the one that holds this one alone.
-    reference : {"hq", "lq"}
-
-    Raises
-    ------
-    BenchmarkError
-        A part is not there.
-    """
+    """Find the parts of the localisation set."""
     _refuse_pairs(source)
     home = find_home(source, ("gt_pose.txt", "rgb"), _LAYOUT)
     parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[reference])
@@ -108,22 +96,7 @@ def _refuse_pairs(source: Path) -> None:
 def read_localization(
     source: Path, reference: Reference, priors: Path | None, scene: str, progress: Progress
 ) -> NativeScene:
-    """Read photos, cameras, poses and references of the localisation set.
-
-    Parameters
-    ----------
-    source : Path
-    reference : {"hq", "lq"}
-    priors : Path or None
-        See `priors.read_prior_file`; goes before the photos' own metadata.
-    scene : str
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing, damaged, or not as the benchmark has it.
-    """
+    """Read photos, cameras, poses and references of the localisation set."""
     files = localization_files(source, reference)
     lenses = read_camera_lines(files.cameras, stem_key)
     photos = files_by_key(files.images, PHOTO_SUFFIXES)
@@ -164,10 +137,7 @@ def _references(folder: Path, reference: Reference, scene: str) -> tuple[Path, P
 
 
 def _check_sizes(posed: PosedFiles, lenses: CameraLines) -> None:
-    """Hold photos to their camera's size and to twice its principal point.
-
-    The benchmark's own code takes the latter for the size.
-    """
+    """Hold photos to their camera's size and to twice its principal point."""
     row = {key: place for place, key in enumerate(lenses.keys)}
     rows = [row[key] for key in posed.keys]
     size, stated, twice = np.array(posed.sizes), lenses.size[rows], 2.0 * lenses.lens[rows, 2:]

@@ -98,23 +98,7 @@ def region_home(source: Path, scene: str) -> Path | None:
 def region_files(
     source: Path, scene: str, options: RegionOptions, gsd: tuple[float, float]
 ) -> RegionFiles:
-    """Tell the files of a region by their kind.
-
-    Parameters
-    ----------
-    source : Path
-    scene : str
-        City or Rural.
-    options : RegionOptions
-    gsd : (float, float)
-        Metres per pixel of retrieval's map, and the share by which it may differ. Of several maps
-        those of that resolution are satellite maps, the others DOMs.
-
-    Raises
-    ------
-    UserError
-        There are no photos, or which raster is the map or the surface model is not clear.
-    """
+    """Tell the files of a region by their kind."""
     home = region_home(source, scene)
     if home is None:
         raise BenchmarkError(
@@ -162,21 +146,7 @@ def _maps(
 def read_region(
     files: RegionFiles, scene: str, options: RegionOptions, progress: Progress
 ) -> NativeScene:
-    """Read photos, cameras and true positions of a region.
-
-    Parameters
-    ----------
-    files : RegionFiles
-    scene : str
-    options : RegionOptions
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A photo is damaged, or neither its metadata nor an option state its camera; no photo has a
-        true position and angles.
-    """
+    """Read photos, cameras and true positions of a region."""
     shown = progress(files.photos, "photos", len(files.photos))
     sizes = {name: photo_size(files.home / name) for name in shown}
     metadata = photo_metadata(files.photos, files.home, options.priors, sizes, progress)

@@ -66,15 +66,7 @@ _LAYOUT = (
 
 
 def site_folder(source: Path, scene: str) -> Path | None:
-    """Return the folder of a scene such as "school-06-08"; None where it is not there.
-
-    Parameters
-    ----------
-    source : Path
-        The benchmark's folder, or airzoo_real_recon itself.
-    scene : str
-        One of `SITE_SCENES`.
-    """
+    """Return the folder of a scene such as "school-06-08"; None where it is not there."""
     site, hours = _site_and_hours(scene)
     home = sub_folder(source, _HOME) or source
     place = sub_folder(home, SITES[site])
@@ -105,24 +97,7 @@ def _site_and_hours(scene: str) -> tuple[str, str]:
 def read_site(
     source: Path, scene: str, cloud: Path | None, reach_m: float, progress: Progress
 ) -> NativeScene:
-    """Read the photos, cameras and poses of a scene, and its true cloud.
-
-    Parameters
-    ----------
-    source : Path
-    scene : str
-        One of `site_scenes`.
-    cloud : Path or None
-        The true cloud; None to make it of the surface model.
-    reach_m : float
-        So far around the cameras the surface model is taken.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing, damaged, or not as the benchmark has it.
-    """
+    """Read the photos, cameras and poses of a scene, and its true cloud."""
     home = site_folder(source, scene)
     if home is None:
         raise BenchmarkError(f"scene {scene} is not there", where=source, expected=_LAYOUT)
@@ -173,22 +148,7 @@ def _scaled(lenses: CameraLines, posed: PosedFiles) -> tuple[str, ...]:
 
 
 def surface_cloud(dsm: Path, centres: Floats, reach_m: float, scene: str) -> Path:
-    """Write the heights of a surface model around cameras as a cloud, one point a pixel.
-
-    Parameters
-    ----------
-    dsm : Path
-        In the CRS of the cameras.
-    centres : (N, 3) array
-    reach_m : float
-    scene : str
-        Names the file, which stands in the data root.
-
-    Raises
-    ------
-    UserError
-        The surface model has no height there, or cannot be read.
-    """
+    """Write the heights of a surface model around cameras as a cloud, one point a pixel."""
     low, high = centres[:, :2].min(axis=0) - reach_m, centres[:, :2].max(axis=0) + reach_m
     field = HeightField.read(dsm, (*low.tolist(), *high.tolist()))
     rows, columns = np.nonzero(np.isfinite(field.heights))

@@ -58,20 +58,7 @@ _APART_M, _APART_DEG = 1.0, 1.0
 
 
 def find_trajectories(source: Path, *, published: bool) -> dict[str, Path]:
-    """Return the folders of trajectories by scene id, in the order of their names: 2 before 10.
-
-    Parameters
-    ----------
-    source : Path
-        Of several trajectories, in it or in folders in it, or of one.
-    published : bool
-        Whether they are the trajectories of AirZoo-Test, which are numbered.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, two have one name, or these are not all that were published.
-    """
+    """Return the folders of trajectories by scene id, in the order of their names: 2 before 10."""
     patterns = (_TABLE, f"*/{_TABLE}", f"*/*/{_TABLE}")
     tables = [path for pattern in patterns for path in sorted(source.glob(pattern))]
     folders = sorted((path.resolve().parent for path in tables), key=name_order)
@@ -122,21 +109,7 @@ def trajectory_protocol(options: AirZooTestOptions, root: Path) -> Reconstructio
 
 
 def read_trajectory(options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
-    """Read a trajectory in a local frame of east, north and up, and make its true cloud.
-
-    Parameters
-    ----------
-    options : AirZooTestOptions
-        With a folder for the clouds.
-    scene : str
-        One of `find_trajectories`.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing or not as it should be, or two statements of a pose contradict.
-    """
+    """Read a trajectory in a local frame of east, north and up, and make its true cloud."""
     folder = find_trajectories(options.source, published=options.name == AIRZOO_TEST_NAME)[scene]
     table = read_table(folder / _TABLE, ("name", *_LENS, *_OPTIONAL), optional=_OPTIONAL)
     table.require_unique("name")
@@ -213,10 +186,7 @@ def _cameras(table: NativeTable, rows: Sequence[int], sizes: Sequence[tuple[int,
 
 
 def _ecef_poses(table: NativeTable) -> tuple[Floats, Floats]:
-    """Return centres (N, 3) and rotations (N, 3, 3) from ECEF, as the table states them.
-
-    Where it states them in WGS84 as well, the two must agree.
-    """
+    """Return centres (N, 3) and rotations (N, 3, 3) from ECEF, as the table states them."""
     stated = [all(name in table.columns for name in part) for part in (ECEF_COLUMNS, PLACE_COLUMNS)]
     if not any(stated):
         raise BenchmarkError(

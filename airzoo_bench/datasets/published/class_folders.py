@@ -42,23 +42,7 @@ class ClassImage:
 def find_root(
     source: Path, places: Sequence[str], is_root: Callable[[Path], bool], layout: str
 ) -> Path:
-    """Find a benchmark at a place below the source, or below a folder in it.
-
-    Parameters
-    ----------
-    source : Path
-    places : sequence of str
-        Relative to the benchmark's own folder, such as "test"; "" for itself.
-    is_root : callable
-        Tells whether a folder is the one.
-    layout : str
-        For the message.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, or several.
-    """
+    """Find a benchmark at a place below the source, or below a folder in it."""
     if not source.is_dir():
         raise BenchmarkError(
             "no such folder" if not source.exists() else "a file, not a folder",
@@ -101,20 +85,7 @@ def _fix_for(folder: Path) -> str:
 
 
 def class_images(folder: Path, below: str = "") -> list[ClassImage]:
-    """List the images of all class folders, sorted by class and name.
-
-    Parameters
-    ----------
-    folder : Path
-    below : str
-        A folder in each class folder that holds the images, where that is so.
-
-    Raises
-    ------
-    BenchmarkError
-        The folder is missing, holds no class folder or one whose name is no whole number, a
-        class is empty, or a file is half downloaded.
-    """
+    """List the images of all class folders, sorted by class and name."""
     if not folder.is_dir():
         there = next(parent for parent in folder.parents if parent.is_dir())
         raise BenchmarkError(
@@ -186,18 +157,13 @@ def _images(folder: Path) -> list[str]:
     return images
 
 
-def image_set(
-    images: Sequence[ClassImage],
-    positions: Floats | None = None,
-    conditions: dict[str, list[float]] | None = None,
-) -> ImageSet:
+def image_set(images: Sequence[ClassImage], positions: Floats | None = None) -> ImageSet:
     """Return listed images as a set."""
     return ImageSet(
         [image.name for image in images],
         [image.image for image in images],
         positions,
         degrees=positions is not None,
-        conditions=conditions or {},
     )
 
 
@@ -205,13 +171,7 @@ def scene_of_classes(
     queries: tuple[Path, Sequence[ClassImage], ImageSet],
     gallery: tuple[Path, Sequence[ClassImage], ImageSet],
 ) -> ImageScene:
-    """Pair queries and gallery, each a folder with what was listed there, by their classes.
-
-    Raises
-    ------
-    BenchmarkError
-        A class of the queries has no image in the gallery.
-    """
+    """Pair queries and gallery, each a folder with what was listed there, by their classes."""
     labels = [[image.label for image in images] for _, images, _ in (queries, gallery)]
     lacking = sorted(set(labels[0]) - set(labels[1]), key=int)
     if lacking:

@@ -95,19 +95,7 @@ class DenseUav(ImageBenchmark):
 
 
 def class_positions(path: Path) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Read longitude and latitude of each class, and which classes have several.
-
-    Parameters
-    ----------
-    path : Path
-        With a line an image: its path, E and the longitude, N and the latitude, the height. Of
-        the lines of a class the last counts, as in the authors' code.
-
-    Raises
-    ------
-    BenchmarkError
-        The file is missing, or a line is none of these.
-    """
+    """Read longitude and latitude of each class, and which classes have several."""
     from airzoo_bench.core.files import read_text
 
     text = read_text(path, BenchmarkError, "list of positions", _MOST_BYTES)

@@ -54,26 +54,7 @@ class DepthFrames:
     voxel_m: float
 
     def cloud(self, folder: Path, label: str, progress: Progress) -> Path:
-        """Make the cloud, unless one of the same frames stands in the folder.
-
-        Parameters
-        ----------
-        folder : Path
-            For clouds of any frames.
-        label : str
-            Begins the file's name.
-        progress : Progress
-
-        Returns
-        -------
-        Path
-            A PLY, in the frame of the poses, to 0.1 mm.
-
-        Raises
-        ------
-        BenchmarkError
-            A depth map is missing or damaged, or none of them has a depth.
-        """
+        """Make the cloud, unless one of the same frames stands in the folder."""
         paths = self._paths()
         kept = folder / f"{label}-{self._key(paths)[:16]}.ply"
         if kept.is_file():

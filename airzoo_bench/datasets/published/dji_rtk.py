@@ -47,26 +47,7 @@ def true_positions(
     tables: Sequence[Path],
     given: Path | None,
 ) -> TruePositions:
-    """Return true positions: those of a file, else of RTK tables, else of the photos themselves.
-
-    Tables count where they have a fixed solution for every photo, told by the number in its name;
-    of the photos' own positions those that say that they are fixed RTK. Sources are not mixed.
-
-    Parameters
-    ----------
-    metadata : mapping of str to PhotoPrior
-        By the photos' names.
-    tags : mapping of str to DjiTags
-    tables : sequence of Path
-        DJI's time stamps (.MRK).
-    given : Path or None
-        A CSV, see `priors.read_prior_file`.
-
-    Raises
-    ------
-    BenchmarkError
-        A file is damaged.
-    """
+    """Return true positions: those of a file, else of RTK tables, else of the photos themselves."""
     if given is not None:
         rows = read_prior_file(given, metadata)
         found = {name: replace(metadata[name], **values) for name, values in rows.items()}

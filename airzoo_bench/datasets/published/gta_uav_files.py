@@ -54,13 +54,7 @@ class DroneImage:
 
 
 def read_pairs(path: Path) -> list[DroneImage]:
-    """Read a list of drone images.
-
-    Raises
-    ------
-    BenchmarkError
-        It is missing, cut short, or an entry is not as the benchmark has it.
-    """
+    """Read a list of drone images."""
     if not path.is_file():
         raise BenchmarkError(
             "no such list of pairs",

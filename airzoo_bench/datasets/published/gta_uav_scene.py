@@ -25,18 +25,7 @@ _NEAR_M = 0.01
 
 
 def tile_centre(name: str) -> tuple[float, float]:
-    """Return where the centre of a tile is, in metres, by its name ``zoom_offset_x_y.png``.
-
-    Raises
-    ------
-    ValueError
-        The name is none of a tile.
-
-    Examples
-    --------
-    >>> [round(axis, 6) for axis in tile_centre("4_0_6_13.png")]
-    [4492.8, 9331.2]
-    """
+    """Return where the centre of a tile is, in metres, by its name ``zoom_offset_x_y.png``."""
     found = _TILE_NAME.fullmatch(name)
     if found is None:
         raise ValueError(name)
@@ -47,16 +36,7 @@ def tile_centre(name: str) -> tuple[float, float]:
 
 
 def scene_of_pairs(root: Path, entries: Sequence[DroneImage], *, backwards: bool) -> ImageScene:
-    """Lay out a list as a scene: drone images ask for tiles, or tiles for drone images.
-
-    As Game4Loc does it, images without a positive tile ask nothing, all tiles there are the
-    gallery, and backwards only the tiles that answer an image ask.
-
-    Raises
-    ------
-    BenchmarkError
-        Images or tiles of the list are missing, or a tile is not where its name says.
-    """
+    """Lay out a list as a scene: drone images ask for tiles, or tiles for drone images."""
     drones = sorted((e for e in entries if e.positive), key=lambda e: e.name)
     if not drones:
         raise BenchmarkError("no entry of the list has a positive tile", where=root)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress, shown, silent
@@ -41,20 +41,8 @@ __all__ = ["is_prepared", "prepare_images"]
 def prepare_images(
     dataset: ImageLayout, options: NativeOptions, settings: PrepareSettings
 ) -> Prepared:
-    """Make the benchmark folder, with each protocol whose scenes are there.
-
-    Raises
-    ------
-    UserError
-        No scene can be read, or, without ``--keep-going``, one cannot.
-    """
+    """Make the benchmark folder, with each protocol whose scenes are there."""
     check_target((options.source,), settings.folder)
-    if settings.add_to is not None:
-        raise UsageError(
-            "the scenes of a published benchmark of images are not added to a folder",
-            where="--add-to",
-            fix="leave it out",
-        )
     root = dataset.root(options.source)
     if root != options.source:
         settings.note(f"taken from {root}")
@@ -84,13 +72,7 @@ def prepare_images(
 
 
 def is_prepared(dataset: ImageLayout, options: NativeOptions, settings: PrepareSettings) -> bool:
-    """Whether the folder holds the truth that would be made now.
-
-    Raises
-    ------
-    UserError
-        The data are not there, or the folder is damaged.
-    """
+    """Whether the folder holds the truth that would be made now."""
     if not (settings.folder / "benchmark.toml").is_file():
         return False
     benchmark = Benchmark.open(settings.folder)

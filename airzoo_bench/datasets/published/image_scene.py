@@ -53,20 +53,8 @@ class ImageLayout(ABC):
 
     @abstractmethod
     def root(self, source: Path) -> Path:
-        """Find the benchmark at the source, or in a folder of it.
-
-        Raises
-        ------
-        UserError
-            It is not there; the message says what was found and what the layout is.
-        """
+        """Find the benchmark at the source, or in a folder of it."""
 
     @abstractmethod
     def read(self, root: Path, scene: str) -> ImageScene:
-        """Read a scene's native files.
-
-        Raises
-        ------
-        UserError
-            A file is missing, half there or not as the benchmark has it.
-        """
+        """Read a scene's native files."""

@@ -35,20 +35,7 @@ _TO_OPENCV = np.array([1.0, -1.0, -1.0])
 
 
 def mega_nerf_photos(folder: Path) -> dict[str, Path]:
-    """Return the file of each photo, by the photo's path relative to the folder.
-
-    Photos without such a file are left out.
-
-    Parameters
-    ----------
-    folder : Path
-        With coordinates.pt.
-
-    Raises
-    ------
-    BenchmarkError
-        A part is missing, or has files without photos.
-    """
+    """Return the file of each photo, by the photo's path relative to the folder."""
     found: dict[str, Path] = {}
     for part in _PARTS:
         home = folder / part / "metadata"
@@ -75,23 +62,7 @@ def mega_nerf_photos(folder: Path) -> dict[str, Path]:
 def read_mega_nerf(
     folder: Path, photos: dict[str, Path], names: Iterable[str], progress: Progress
 ) -> PosedPhotos:
-    """Read the cameras and poses of some photos, in metres and the axes of the COLMAP model.
-
-    Parameters
-    ----------
-    folder : Path
-    photos : dict of str to Path
-        As `mega_nerf_photos` returns it.
-    names : iterable of str
-        Of photos.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing or damaged, lacks a value or has one of another shape, or a camera or
-        pose is none.
-    """
+    """Read the cameras and poses of some photos, in metres and the axes of the COLMAP model."""
     chosen = tuple(names)
     stated = read_tensors(folder / COORDINATES)
     where = folder / COORDINATES
@@ -138,7 +109,7 @@ def _array(
     """Return a value as numbers of a shape; a number in a row of one is a number."""
     if key not in stated:
         raise BenchmarkError(
-            f"lacks {key!r}; it has {', '.join(stated)[:200]}",
+            f"lacks {key!r}; it has {', '.join(map(str, stated))[:200]}",
             where=path,
             expected="what Mega-NeRF's README names",
         )

@@ -54,13 +54,7 @@ class _Sample:
 
 
 def find_sets(source: Path) -> dict[str, Path]:
-    """Return the folders of the test sets: the source, or below it, or below its ``full``.
-
-    Raises
-    ------
-    BenchmarkError
-        None is there.
-    """
+    """Return the folders of the test sets: the source, or below it, or below its ``full``."""
     if source.name in SETS and source.is_dir():
         return {source.name: source}
     for home in (source, source / "full"):
@@ -77,13 +71,7 @@ def find_sets(source: Path) -> dict[str, Path]:
 
 
 def read_set(source: Path, scene: str, progress: Progress) -> NativeScene:
-    """Read a set's samples, and write the files of those that were not written before.
-
-    Raises
-    ------
-    BenchmarkError
-        There is no sample, or one is damaged or not as OrthoLoC's loader has it.
-    """
+    """Read a set's samples, and write the files of those that were not written before."""
     folder = find_sets(source)[scene]
     paths = _samples(folder)
     made = data_root() / "made" / "ortholoc" / f"{scene}-{_key(paths)}"

@@ -23,13 +23,7 @@ _ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz")
 
 
 def folder_content(folder: Path) -> str:
-    """Say what stands in a folder, unfinished downloads and archives first, for messages.
-
-    Parameters
-    ----------
-    folder : Path
-        It need not exist.
-    """
+    """Say what stands in a folder, unfinished downloads and archives first, for messages."""
     if not folder.is_dir():
         return "there is no such folder"
     names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
@@ -44,14 +38,7 @@ def folder_content(folder: Path) -> str:
 
 
 def sub_folder(folder: Path, name: str) -> Path | None:
-    """Return a folder's part of that name, in letters of either case; None where it lacks it.
-
-    Parameters
-    ----------
-    folder : Path
-    name : str
-        Of a file or folder.
-    """
+    """Return a folder's part of that name, in letters of either case; None where it lacks it."""
     if (folder / name).exists():
         return folder / name
     if not folder.is_dir():
@@ -61,21 +48,7 @@ def sub_folder(folder: Path, name: str) -> Path | None:
 
 
 def find_home(source: Path, parts: Sequence[str], layout: str) -> Path:
-    """Return the folder that holds a benchmark's parts: the one named, or the only one in it.
-
-    Parameters
-    ----------
-    source : Path
-    parts : sequence of str
-        Files and folders, one of which tells the folder; case does not matter.
-    layout : str
-        For the message.
-
-    Raises
-    ------
-    BenchmarkError
-        Neither it nor a folder in it holds one, or several do.
-    """
+    """Return the folder that holds a benchmark's parts: the one named, or the only one in it."""
     inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
     if _holds(source, parts):
         return source
@@ -100,12 +73,7 @@ def _holds(folder: Path, parts: Iterable[str]) -> bool:
 
 
 def name_order(path: Path) -> list[tuple[str, int]]:
-    """Return what sorts names with the numbers in them as numbers: 2 before 10.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Return what sorts names with the numbers in them as numbers: 2 before 10."""
     return [(text, int(n or 0)) for text, n in re.findall(r"([^0-9]*)([0-9]*)", path.name)]
 
 
@@ -115,19 +83,7 @@ def stem_key(name: str) -> str:
 
 
 def files_by_key(folder: Path, suffixes: Sequence[str]) -> dict[str, str]:
-    """Return the files of a folder by `stem_key`.
-
-    Parameters
-    ----------
-    folder : Path
-    suffixes : sequence of str
-        In lower case.
-
-    Raises
-    ------
-    BenchmarkError
-        The folder is not there or holds none, or two files have one key.
-    """
+    """Return the files of a folder by `stem_key`."""
     there = sorted(folder.iterdir()) if folder.is_dir() else []
     names = [p.name for p in there if p.suffix.lower() in suffixes and not p.name.startswith(".")]
     twice = [key for key, count in Counter(map(stem_key, names)).items() if count > 1]

@@ -95,19 +95,7 @@ class CameraLines:
     lens: Floats
 
     def cameras(self, keys: Sequence[str], sizes: Sequence[tuple[int, int]]) -> Cameras:
-        """Return the cameras of some images, scaled to the size that these have.
-
-        Parameters
-        ----------
-        keys : sequence of M str
-            Of images that have a line.
-        sizes : sequence of (width, height)
-
-        Raises
-        ------
-        CameraError
-            The image is no copy of what the camera is for, at a smaller or larger scale.
-        """
+        """Return the cameras of some images, scaled to the size that these have."""
         place = {key: row for row, key in enumerate(self.keys)}
         rows = [place[key] for key in keys]
         size = np.array(sizes, dtype=np.int64).reshape(-1, 2)
@@ -135,22 +123,7 @@ class CameraLines:
 
 
 def read_pose_lines(path: Path, key: Key, axes: Sequence[float] = (1.0, 1.0, 1.0)) -> PoseLines:
-    """Read ``name qw qx qy qz tx ty tz``, world-to-camera.
-
-    Parameters
-    ----------
-    path : Path
-    key : callable
-        Makes of a name what images are found by.
-    axes : sequence of 3 float
-        Signs that turn the file's camera axes to OpenCV's; (1, -1, -1) for OpenGL's.
-
-    Raises
-    ------
-    UserError
-        See `read_lines`; a value is no number, a quaternion not of unit norm, an image has two
-        lines.
-    """
+    """Read ``name qw qx qy qz tx ty tz``, world-to-camera."""
     table = read_lines(path, ("name", *_QUATERNION, *_TRANSLATION))
     keys = _keys(table, key)
     wxyz = _columns(table, _QUATERNION, -2.0, 2.0)
@@ -166,20 +139,7 @@ def read_pose_lines(path: Path, key: Key, axes: Sequence[float] = (1.0, 1.0, 1.0
 
 
 def read_camera_lines(path: Path, key: Key) -> CameraLines:
-    """Read ``name PINHOLE width height fx fy cx cy``.
-
-    Parameters
-    ----------
-    path : Path
-    key : callable
-        Makes of a name what images are found by.
-
-    Raises
-    ------
-    UserError
-        See `read_lines`; another camera model, a value is no number or not above 0, an image has
-        two lines.
-    """
+    """Read ``name PINHOLE width height fx fy cx cy``."""
     table = read_lines(path, ("name", "model", *_SIZE, *_LENS))
     other = sorted({model for model in table.texts("model") if model != "PINHOLE"})
     if other:
@@ -226,23 +186,7 @@ def posed_files(
     lenses: CameraLines,
     progress: Progress,
 ) -> PosedFiles:
-    """Put photos, poses and cameras together by their keys.
-
-    Parameters
-    ----------
-    images : Path
-    photos : mapping of str to str
-        Names of files by key.
-    lines : PoseLines
-    lenses : CameraLines
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        More than one in a hundred poses has no photo, or a pose no camera; or see
-        `CameraLines.cameras`.
-    """
+    """Put photos, poses and cameras together by their keys."""
     row = {key: place for place, key in enumerate(lines.keys)}
     keys = tuple(key for key in photos if key in row)
     absent = [key for key in lines.keys if key not in photos]

@@ -29,14 +29,7 @@ _ENDING = re.compile("|".join(rf"\{suffix}$" for suffix in PHOTO_SUFFIXES), re.I
 
 
 def reconstruction_protocol(benchmark: str, root: Path) -> ReconstructionProtocol:
-    """Return a benchmark's own protocol.
-
-    Parameters
-    ----------
-    benchmark : str
-    root : Path
-        The data root.
-    """
+    """Return a benchmark's own protocol."""
     return protocol_of_track(f"{benchmark}-reconstruction", root, ReconstructionProtocol)
 
 
@@ -48,21 +41,7 @@ def published_scenes(benchmark: str) -> list[str]:
 def files_by_scene(
     given: Iterable[str] | None, option: str, scenes: Sequence[str]
 ) -> dict[str, Path]:
-    """Read an option that is given as SCENE=FILE; with one scene only, FILE will do.
-
-    Parameters
-    ----------
-    given : iterable of str or None
-    option : str
-        Such as "scan", for messages.
-    scenes : sequence of str
-        The ids that there are.
-
-    Raises
-    ------
-    UsageError
-        A scene is unknown or named twice, or there is no such file.
-    """
+    """Read an option that is given as SCENE=FILE; with one scene only, FILE will do."""
     found: dict[str, Path] = {}
     for text in given or ():
         scene, equals, name = text.partition("=")
@@ -83,21 +62,7 @@ def files_by_scene(
 
 
 def photos_by_stem(folder: Path, expected: str) -> dict[str, str]:
-    """Return the photos of a folder by their names without the ending, in that order.
-
-    Underscores in these names become points: time stamps are written with either.
-
-    Parameters
-    ----------
-    folder : Path
-    expected : str
-        For the message.
-
-    Raises
-    ------
-    BenchmarkError
-        There is no such folder, it holds no photo, or two have one name.
-    """
+    """Return the photos of a folder by their names without the ending, in that order."""
     there = [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else []
     names = sorted(
         path.name
@@ -127,19 +92,7 @@ def stem_of(name: str) -> str:
 
 
 def chosen_photos(photos: Sequence[T], every: int) -> tuple[list[T], tuple[str, ...]]:
-    """Choose every Nth photo, starting with the first, and say so.
-
-    Parameters
-    ----------
-    photos : sequence of N
-    every : int
-
-    Returns
-    -------
-    chosen : list
-    notes : tuple of str
-        Empty where all are chosen.
-    """
+    """Choose every Nth photo, starting with the first, and say so."""
     chosen = list(photos[::every])
     said = f"one photo in {every} is taken, {len(chosen)} of {len(photos):,} (--every)"
     return chosen, (said,) if every > 1 else ()

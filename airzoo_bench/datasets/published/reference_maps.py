@@ -47,17 +47,7 @@ class MapFiles:
 
 
 def find_maps(folder: Path) -> MapFiles:
-    """Sort the GeoTIFFs below a folder into maps and surface models.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    RasterError
-        One cannot be read.
-    """
+    """Sort the GeoTIFFs below a folder into maps and surface models."""
     found = (p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
     maps, surfaces = [], []
     for path in sorted(path for path in found if not path.name.startswith(".")):
@@ -71,23 +61,7 @@ def find_maps(folder: Path) -> MapFiles:
 
 
 def only_one(files: Sequence[Path], what: str, folder: Path, option: str) -> Path:
-    """Return the one file of a kind, or say which there are and how to name one.
-
-    Parameters
-    ----------
-    files : sequence of Path
-    what : str
-        Such as "map".
-    folder : Path
-        Where they were sought.
-    option : str
-        That names one.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, or more than one.
-    """
+    """Return the one file of a kind, or say which there are and how to name one."""
     if len(files) == 1:
         return files[0]
     names = [file.relative_to(folder).as_posix() for file in files]
@@ -101,30 +75,7 @@ def only_one(files: Sequence[Path], what: str, folder: Path, option: str) -> Pat
 
 
 def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple[Path, list[str]]:
-    """Return a raster that states its CRS and, for heights, which number means none.
-
-    A GeoTIFF that lacks the CRS takes it from the ``.prj`` next to it; a surface model without a
-    nodata value whose lowest number is 0 or less takes that for none. Nothing is written next
-    to the data: what has to be stated stands in a small virtual raster (VRT) of the file.
-
-    Parameters
-    ----------
-    path : Path
-    home : Path
-        Folder for virtual rasters, made where it is missing.
-    heights : bool
-        Whether it is a surface model.
-
-    Returns
-    -------
-    (Path, list of str)
-        The file itself where it says all, and what was added, in sentences.
-
-    Raises
-    ------
-    RasterError
-        There is no CRS or no geotransform anywhere.
-    """
+    """Return a raster that states its CRS and, for heights, which number means none."""
     with opened(path) as dataset:
         crs, nodata, masked = dataset.crs, dataset.nodata, dataset.mask_flag_enums[0]
         placed = not dataset.transform.is_identity

@@ -43,16 +43,10 @@ class UavVisLoc(NativeDataset[UavVisLocOptions]):
             "(--height-above-ground).",
             "Positions are taken as they are; a user found some 24 to 48 m off "
             "(IntelliSensing/UAV-VisLoc#5).",
-            "Ranges for `airzoo-bench sensitivity`: fields of view 8 %, above the 7 % between "
+            "How far they may be off: fields of view 8 %, above the 7 % between "
             "Game4Loc's two pairs of values; positions 30 m, within the 24 to 48 m that a user "
             "found; heading 5 degrees and height 30 m, for which there is no source: a drone's "
             "compass, and the relief below a flight that is taken for a plane.",
-        ),
-        ranges={"field_of_view": 0.08, "heading_deg": 5.0, "height_m": 30.0, "position_m": 30.0},
-        without_range=(
-            "the heading convention (--heading, --heading-column)",
-            "that cameras look straight down",
-            "whether heights are above the ground or the sea (--plane-height)",
         ),
         unverified=(
             "The columns of the CSV files, flight 09 in four tiles and 07.csv without a heading "

@@ -63,21 +63,7 @@ class _Rows:
 
 
 def read_flight(options: UavVisLocOptions, flight: str, progress: Progress) -> NativeScene:
-    """Read a flight of UAV-VisLoc.
-
-    Parameters
-    ----------
-    options : UavVisLocOptions
-    flight : str
-        "01" to "11".
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing or not as UAV-VisLoc has it, a photo of the table is not there, or an
-        option cannot be used.
-    """
+    """Read a flight of UAV-VisLoc."""
     root = found_root(options.source)
     folders = flight_folders(root)
     folder = folders[flight]

@@ -27,13 +27,7 @@ _NOT_UNPACKED = (".zip", ".rar", ".7z", ".tar", ".gz", ".part", ".crdownload", "
 
 
 def found_root(source: Path) -> Path:
-    """Return the folder with the flights: the source, or the only folder in it that has some.
-
-    Raises
-    ------
-    UserError
-        There is none or more than one; what was found is shown.
-    """
+    """Return the folder with the flights: the source, or the only folder in it that has some."""
     if not source.is_dir():
         raise UsageError(
             "no such folder" if not source.exists() else "a file, not a folder",
@@ -65,13 +59,7 @@ def found_root(source: Path) -> Path:
 
 
 def flight_folders(root: Path) -> dict[str, Path]:
-    """Return the folders of the flights that are there, by flight, in order.
-
-    Raises
-    ------
-    BenchmarkError
-        Two folders are of one flight.
-    """
+    """Return the folders of the flights that are there, by flight, in order."""
     found: dict[str, Path] = {}
     for flight, folder in _numbered(root):
         if flight in found:
@@ -112,13 +100,7 @@ def flight_table(folder: Path, flight: str) -> Path:
 
 
 def drone_photos(folder: Path) -> tuple[Path, dict[str, str]]:
-    """Return the folder of a flight's photos, and their names by their names in lower case.
-
-    Raises
-    ------
-    BenchmarkError
-        It is missing or empty, or two names differ in case only.
-    """
+    """Return the folder of a flight's photos, and their names by their names in lower case."""
     drone = only(folder, "drone", "drone")
     names: dict[str, str] = {}
     for path in sorted(drone.iterdir() if drone.is_dir() else ()):
@@ -142,13 +124,7 @@ def drone_photos(folder: Path) -> tuple[Path, dict[str, str]]:
 
 
 def only(folder: Path, pattern: str, name: str) -> Path:
-    """Return the one entry of a folder that matches, whatever its case.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, or more than one; what is there is shown.
-    """
+    """Return the one entry of a folder that matches, whatever its case."""
     found = sorted(p for p in folder.iterdir() if re.fullmatch(pattern, p.name, re.IGNORECASE))
     if len(found) == 1:
         return found[0]

@@ -29,22 +29,7 @@ class FlightMap:
 
 
 def flight_map(root: Path, folder: Path, flight: str, joined: Path | None) -> FlightMap:
-    """Find a flight's map; write a virtual one over tiles, or where it has no georeference.
-
-    Parameters
-    ----------
-    root, folder : Path
-        Of all flights, and of this one.
-    flight : str
-    joined : Path, optional
-        Where a virtual map is written; by default into `folder`.
-
-    Raises
-    ------
-    UserError
-        It is missing, tiles do not fit together, neither map nor range table says where it lies,
-        or they contradict each other.
-    """
+    """Find a flight's map; write a virtual one over tiles, or where it has no georeference."""
     whole = rf"(?:satellite)?0?{int(flight)}"
     tiles = {
         (int(found[1]), int(found[2])): map_tile(path)

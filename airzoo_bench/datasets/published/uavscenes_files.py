@@ -38,20 +38,7 @@ _LAYOUT = "interval5_CAM_LIDAR/interval5_<run>/ with interval5_CAM/ and " + _POS
 
 
 def find_runs(source: Path, interval: int) -> dict[str, Path]:
-    """Return the folders of the runs below a source, in the order of the protocol.
-
-    Parameters
-    ----------
-    source : Path
-        What was downloaded, a bundle in it, or the folder of one run.
-    interval : int
-        Of the photos: 1 or 5.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, one that the protocol does not know, or two of one name.
-    """
+    """Return the folders of the runs below a source, in the order of the protocol."""
     source, prefix = source.resolve(), f"interval{interval}_"
     pack = f"{prefix}CAM_LIDAR"
     inside = [source, source / pack, source / pack / pack]
@@ -96,14 +83,7 @@ def _known(source: Path, pack: str, found: dict[str, Path]) -> dict[str, Path]:
 
 
 def files_of_run(options: UavScenesOptions, run: str) -> list[Path]:
-    """Return the folder of a run and the clouds that could be its own.
-
-    Parameters
-    ----------
-    options : UavScenesOptions
-    run : str
-        One of `find_runs`.
-    """
+    """Return the folder of a run and the clouds that could be its own."""
     runs = find_runs(options.source, options.interval)
     given = files_by_scene(options.cloud, "cloud", list(runs))
     clouds = [cloud for place in _places(run) for cloud in _clouds_of(place, options.source)]
@@ -111,20 +91,7 @@ def files_of_run(options: UavScenesOptions, run: str) -> list[Path]:
 
 
 def read_run(options: UavScenesOptions, run: str, progress: Progress) -> NativeScene:
-    """Read a run: its photos, their cameras and poses, and where its cloud is.
-
-    Parameters
-    ----------
-    options : UavScenesOptions
-    run : str
-        One of `find_runs`.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing, damaged or ambiguous, or a pose is none.
-    """
+    """Read a run: its photos, their cameras and poses, and where its cloud is."""
     runs = find_runs(options.source, options.interval)
     folder = runs[run] / f"interval{options.interval}_CAM"
     photos = photos_by_stem(folder, _LAYOUT)
@@ -202,9 +169,6 @@ def _cloud_folders(source: Path) -> list[Path]:
 
 
 def _places(run: str) -> list[str]:
-    """Return the names that a run's cloud may be under, the most special first.
-
-    Of HKairport_GNSS01 these are itself, HKairport_GNSS and HKairport.
-    """
+    """Return the names that a run's cloud may be under, the most special first."""
     place = re.sub(r"(\d+|_Evening)$", "", run)
     return list(dict.fromkeys((run, place, place.partition("_")[0])))

@@ -53,18 +53,7 @@ _SAMPLES = TypeAdapter(Annotated[list[Sample], Field(min_length=1, max_length=_M
 
 
 def read_samples(path: Path) -> dict[str, Sample]:
-    """Read a run's poses, by time stamp with a point.
-
-    Parameters
-    ----------
-    path : Path
-        JSON of at most 128 MiB.
-
-    Raises
-    ------
-    BenchmarkError
-        It is missing, damaged or no such file, or has two poses of one image.
-    """
+    """Read a run's poses, by time stamp with a point."""
     text = read_text(path, BenchmarkError, "file of poses", _LIMIT_BYTES)
     try:
         samples = _SAMPLES.validate_json(text.removeprefix("\ufeff"))
@@ -87,13 +76,7 @@ def read_samples(path: Path) -> dict[str, Sample]:
 
 
 def sample_poses(samples: Sequence[Sample], path: Path) -> Poses:
-    """Return the poses of images, world-to-camera.
-
-    Raises
-    ------
-    CameraError
-        A matrix is no pose, or stands columns first.
-    """
+    """Return the poses of images, world-to-camera."""
     matrices = np.array([sample.to_world for sample in samples])
     names = [sample.name for sample in samples]
     last = (0.0, 0.0, 0.0, 1.0)
@@ -117,13 +100,7 @@ def sample_poses(samples: Sequence[Sample], path: Path) -> Poses:
 def sample_cameras(
     samples: Sequence[Sample], sizes: Sequence[tuple[int, int]], lens: str, path: Path
 ) -> Cameras:
-    """Return the cameras of images, whose lens is that of the file or "none".
-
-    Raises
-    ------
-    CameraError
-        A matrix is none, or a photo is of another size (width, height) than the file states.
-    """
+    """Return the cameras of images, whose lens is that of the file or "none"."""
     names = [sample.name for sample in samples]
     stated = [(sample.width, sample.height) for sample in samples]
     other = [

@@ -45,18 +45,7 @@ _MODEL_FILES = ("cameras.bin", "cameras.txt")
 
 
 def find_scenes(source: Path) -> dict[str, Path]:
-    """Return the folders of scenes by id, in the order of the protocol.
-
-    Parameters
-    ----------
-    source : Path
-        Of several scenes, or of one.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, or two folders are of one scene.
-    """
+    """Return the folders of scenes by id, in the order of the protocol."""
     inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
     found: dict[str, list[Path]] = {}
     for folder in (source.resolve(), *inside):
@@ -100,14 +89,7 @@ def _model(folder: Path) -> Path | None:
 
 
 def files_of_scene(options: UrbanScene3DOptions, scene: str) -> list[Path]:
-    """Return a scene's folder, and its scan and transform where they are named.
-
-    Parameters
-    ----------
-    options : UrbanScene3DOptions
-    scene : str
-        One of `find_scenes`.
-    """
+    """Return a scene's folder, and its scan and transform where they are named."""
     scenes = find_scenes(options.source)
     named = (("scan", options.scan), ("transform", options.transform))
     given = [files_by_scene(texts, option, list(scenes)) for option, texts in named]
@@ -115,21 +97,7 @@ def files_of_scene(options: UrbanScene3DOptions, scene: str) -> list[Path]:
 
 
 def read_scene(options: UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
-    """Read a scene's poses, and take them to the frame of its scan.
-
-    Parameters
-    ----------
-    options : UrbanScene3DOptions
-    scene : str
-        One of `find_scenes`.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A file is missing or damaged, the scene has poses of two kinds, or it is not said how the
-        frames of poses and scan lie to each other.
-    """
+    """Read a scene's poses, and take them to the frame of its scan."""
     scenes = find_scenes(options.source)
     folder = scenes[scene]
     scan = _scan(options, scene, list(scenes))

@@ -13,16 +13,7 @@ P = TypeVar("P", bound=Protocol)
 
 
 def variant_of(base: P, benchmark: str, changes: Mapping[str, Mapping[str, Any]]) -> P:
-    """Return a protocol with some values changed; the base itself where its benchmark is that.
-
-    Parameters
-    ----------
-    base : Protocol
-    benchmark : str
-        The benchmark's name: protocols of other settings are of another benchmark.
-    changes : mapping of str to mapping
-        New values by section and key.
-    """
+    """Return a protocol with some values changed; the base itself where its benchmark is that."""
     if benchmark == base.benchmark:
         return base
     values = base.model_dump(by_alias=True)

@@ -34,22 +34,7 @@ _BELOW = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
 def attitudes_to_rotations(
     convention: Convention, angles_deg: ArrayLike, *, convergence_deg: ArrayLike
 ) -> Floats:
-    """Turn angles into world-to-camera rotations.
-
-    Parameters
-    ----------
-    convention : Convention
-    angles_deg : (N, 3) array
-        Yaw, pitch, roll, or omega, phi, kappa.
-    convergence_deg : (N,) array or scalar
-        See `geometry.units.grid_convergence_deg`; 0 where the angles are relative to the grid's
-        north.
-
-    Returns
-    -------
-    (N, 3, 3) array
-        OpenCV axes, the world in projected coordinates with z up.
-    """
+    """Turn angles into world-to-camera rotations."""
     first, second, third = np.moveaxis(np.asarray(angles_deg, dtype=np.float64), -1, 0)
     if convention == "omega-phi-kappa":
         found = omega_phi_kappa_to_rotations(first, second, third)
@@ -61,19 +46,7 @@ def attitudes_to_rotations(
 def omega_phi_kappa_to_rotations(
     omega_deg: ArrayLike, phi_deg: ArrayLike, kappa_deg: ArrayLike
 ) -> Floats:
-    """Turn photogrammetric angles into world-to-camera rotations.
-
-    Parameters
-    ----------
-    omega_deg, phi_deg, kappa_deg : (...) array or scalar
-        Degrees; the three broadcast.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        OpenCV axes; the rows are the columns of Rx(omega) Ry(phi) Rz(kappa), the second and third
-        with the other sign.
-    """
+    """Turn photogrammetric angles into world-to-camera rotations."""
     given = np.broadcast_arrays(omega_deg, phi_deg, kappa_deg)
     omega, phi, kappa = (np.radians(np.asarray(angle, dtype=np.float64)) for angle in given)
     (so, co), (sp, cp), (sk, ck) = ((np.sin(a), np.cos(a)) for a in (omega, phi, kappa))

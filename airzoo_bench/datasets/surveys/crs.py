@@ -19,13 +19,7 @@ def stated_crs(options: SurveyOptions) -> CRS | None:
 
 
 def map_crs(options: SurveyOptions) -> CRS:
-    """Return the projected CRS of the surface model, or of the map where there is none.
-
-    Raises
-    ------
-    UserError
-        There is neither, or it is not projected.
-    """
+    """Return the projected CRS of the surface model, or of the map where there is none."""
     path = options.dsm or options.dom
     if path is None:
         raise UsageError("no map is given", where=options.source, fix="give --dom and --dsm")

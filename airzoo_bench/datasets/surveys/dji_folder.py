@@ -39,13 +39,7 @@ _SAME_DATUM_M = 5.0  # two receivers are nearer, geoid and ellipsoid as a rule f
 
 
 def read_folder(options: DjiOptions, scene: str, dom: Path, progress: Progress) -> NativeScene:
-    """Read a folder of photos.
-
-    Raises
-    ------
-    UserError
-        Photos say too little, tables of time stamps belong to others, or priors are the truth.
-    """
+    """Read a folder of photos."""
     check_accuracy(options)
     images = options.images or options.source
     sizes = photo_sizes(images, progress)

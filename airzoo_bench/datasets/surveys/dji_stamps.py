@@ -49,17 +49,7 @@ class TimeStamp:
 
 
 def read_time_stamps(path: Path) -> list[TimeStamp]:
-    """Read a table of time stamps, its numbers by their order.
-
-    A line holds the photo's number, time and week, the antenna's offsets to the north, east and
-    down in mm, latitude, longitude, height, standard deviations to the north, east and up, and
-    the flag; letters between them are passed over.
-
-    Raises
-    ------
-    BenchmarkError
-        A line holds other numbers.
-    """
+    """Read a table of time stamps, its numbers by their order."""
     stamps = []
     for number, line in enumerate(read_native_text(path).splitlines(), 1):
         if not line.strip():

@@ -66,13 +66,7 @@ class DjiTags:
 
 
 def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
-    """Read the quality of a photo's position, and its lens.
-
-    Raises
-    ------
-    BenchmarkError
-        The photo's metadata are damaged.
-    """
+    """Read the quality of a photo's position, and its lens."""
     texts = read_dji_texts(path)
     try:
         flag = _numbers(texts, "RtkFlag", 1)
@@ -93,14 +87,7 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
 
 
 def turned_note(priors: Mapping[str, PhotoPrior], tags: Mapping[str, DjiTags]) -> list[str]:
-    """Warn where most photos have gimbal angles that turn them about against the drone's nose.
-
-    Parameters
-    ----------
-    priors : mapping of str to PhotoPrior
-        With all angles. Where a photo does not say FlightYawDegree, its roll alone is looked at.
-    tags : mapping of str to DjiTags
-    """
+    """Warn where most photos have gimbal angles that turn them about against the drone's nose."""
     angles = np.array([(p.yaw_deg, p.pitch_deg, p.roll_deg) for p in priors.values()], np.float64)
     yaw, pitch, roll = angles.T
     stated = [tags[name].flight_yaw_deg for name in priors]
@@ -206,22 +193,7 @@ def photo_cameras(
 def check_focal_lengths(
     images: Path, focal_px: Mapping[str, float], sizes: Mapping[str, tuple[int, int]], where: Path
 ) -> str:
-    """Hold focal lengths in pixels to those of 35 mm film in EXIF; return a note on the size.
-
-    Parameters
-    ----------
-    images : Path
-    focal_px : mapping of str to float
-        By the photo's name, as a camera says it that does not say the size of its photos.
-    sizes : mapping of str to (width, height)
-    where : Path
-        What the focal lengths are from.
-
-    Raises
-    ------
-    CameraError
-        They are of photos of another size.
-    """
+    """Hold focal lengths in pixels to those of 35 mm film in EXIF; return a note on the size."""
     film = {name: _film(images / name, sizes[name])[0].get("fx") for name in focal_px}
     pairs = {name: (focal_px[name], fx) for name, fx in film.items() if fx is not None}
     off = [name for name, pair in pairs.items() if not _alike(*pair)]
@@ -271,13 +243,7 @@ def _film(path: Path, size: tuple[int, int]) -> tuple[dict[str, float], str]:
 def stated_accuracy(
     stated: Sequence[tuple[float, float, float] | None],
 ) -> tuple[str, float | None]:
-    """Say how good positions are stated to be; in metres of all three axes too, if they are.
-
-    Parameters
-    ----------
-    stated : sequence of (3,) float or None
-        Standard deviations of each photo's position.
-    """
+    """Say how good positions are stated to be; in metres of all three axes too, if they are."""
     stds = np.array([std for std in stated if std is not None])
     if not len(stds):
         return "photos do not state how good their positions are", None

@@ -47,13 +47,7 @@ class PlacedPhotos:
 
 
 def georeferenced(options: ColmapOptions, photos: PosedPhotos) -> PlacedPhotos:
-    """Bring the photos to a projected CRS.
-
-    Raises
-    ------
-    UserError
-        Nothing says where the model is, or too few positions agree with it.
-    """
+    """Bring the photos to a projected CRS."""
     if options.georeference is not None and options.from_exif:
         raise UsageError("--georeference and --from-exif exclude each other")
     stated = stated_crs(options)

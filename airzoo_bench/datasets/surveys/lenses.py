@@ -37,18 +37,7 @@ _EXPECTED = (
 
 
 def read_camera_file(path: Path) -> dict[str, float]:
-    """Read a camera from JSON: an object of numbers.
-
-    Parameters
-    ----------
-    path : Path
-        With keys of `LENS_KEYS`, and perhaps width and height of its photos.
-
-    Raises
-    ------
-    BenchmarkError
-        It is no such file, or has a key that is not known.
-    """
+    """Read a camera from JSON: an object of numbers."""
     text = read_text(path, BenchmarkError, "camera file")
     try:
         values: Any = unambiguous_json(text)
@@ -70,31 +59,7 @@ def read_camera_file(path: Path) -> dict[str, float]:
 
 
 def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -> Lens:
-    """Return a camera's matrix and distortion.
-
-    Parameters
-    ----------
-    values : mapping of str to float
-        By `LENS_KEYS`, and perhaps width and height of its photos, which are then held to them.
-        The focal length in one way; fy is fx, and the principal point the middle of the photo, and
-        distortion none, where not given.
-    size : (width, height)
-        Of the photo.
-    where : object
-        The file that the values are from.
-
-    Returns
-    -------
-    K : (3, 3) list
-        In pixels, the image's corner being (0, 0).
-    distortion : tuple
-        k1 k2 p1 p2 k3.
-
-    Raises
-    ------
-    CameraError
-        No focal length or two, or photos of another size.
-    """
+    """Return a camera's matrix and distortion."""
     width, height = size
     of_width, of_height = values.get("width", width), values.get("height", height)
     if of_width != width or of_height != height:
@@ -113,20 +78,7 @@ def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -
 def cameras_of_lenses(
     lenses: Sequence[Lens], names: Sequence[str], sizes: Mapping[str, tuple[int, int]]
 ) -> Cameras:
-    """Return the cameras of photos, each with its lens.
-
-    Parameters
-    ----------
-    lenses : sequence of N (K, distortion)
-        See `lens_of`.
-    names : sequence of N str
-    sizes : mapping of str to (width, height)
-
-    Raises
-    ------
-    CameraError
-        A matrix is none of a camera.
-    """
+    """Return the cameras of photos, each with its lens."""
     width, height = np.array([sizes[name] for name in names]).T
     matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
     return Cameras.from_matrices(matrices, width, height, distortion, names=names)

@@ -28,30 +28,7 @@ _FORMS: tuple[Callable[[str], str], ...] = (str, _path, _base, _stem)
 
 
 def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> dict[str, str]:
-    """Find the photo that each name means.
-
-    A name means the photo of the same path; else of the same path but for case; else of the same
-    file name, with or without its ending, where only one photo has it.
-
-    Parameters
-    ----------
-    given : iterable of str
-        As another program wrote them.
-    photos : iterable of str
-        Relative to the folder of the photos.
-    where : object
-        The file that `given` is from.
-
-    Returns
-    -------
-    dict of str to str
-        The photo of each name that has one.
-
-    Raises
-    ------
-    BenchmarkError
-        None has one, or two names mean one photo.
-    """
+    """Find the photo that each name means."""
     names, there = list(given), list(photos)
     tables = [_unique(form, there) for form in _FORMS]
     found = {}

@@ -34,13 +34,7 @@ _LIMIT_BYTES = 1 << 30
 
 
 def find_project(source: Path) -> Path:
-    """Return the project's folder: the source, or the one project in it.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none, or more than one.
-    """
+    """Return the project's folder: the source, or the one project in it."""
     if not source.is_dir():
         raise BenchmarkError("no such folder", where=source, expected="an OpenDroneMap project")
     if find_parts(source):
@@ -78,13 +72,7 @@ def _has(folder: Path, *files: Path) -> bool:
 
 
 def part_crs(folder: Path) -> CRS:
-    """Return the projected CRS of a project or submodel.
-
-    Raises
-    ------
-    UserError
-        No file states it, or two files state different ones.
-    """
+    """Return the projected CRS of a project or submodel."""
     stated = {}
     if (folder / COORDS).is_file():
         line = odm_text(folder / COORDS).strip().partition("\n")[0]
@@ -124,13 +112,7 @@ def odm_text(path: Path) -> str:
 
 
 def odm_json(path: Path, kind: Any) -> Any:
-    """Read a JSON file of a project as `kind`, a type that pydantic knows.
-
-    Raises
-    ------
-    BenchmarkError
-        It is missing, too large, no JSON, or of another form.
-    """
+    """Read a JSON file of a project as `kind`, a type that pydantic knows."""
     text = read_text(path, BenchmarkError, "file of OpenDroneMap", _LIMIT_BYTES)
     try:
         return TypeAdapter(kind).validate_json(text)

@@ -12,30 +12,7 @@ __all__ = ["lens_of_camera"]
 
 
 def lens_of_camera(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> Lens:
-    """Return matrix and distortion of an OpenSfM camera for a photo.
-
-    With m the longer side: fx = focal_x m, cx = c_x m + W / 2, the image's corner being (0, 0).
-
-    Parameters
-    ----------
-    camera : mapping
-        Of reconstruction.json or cameras.json.
-    size : (width, height)
-        Of the photo; only its shape must be the camera's.
-    where : object
-        The file, for messages.
-
-    Returns
-    -------
-    K : (3, 3) list
-    distortion : tuple
-        k1 k2 p1 p2 k3.
-
-    Raises
-    ------
-    CameraError
-        Another projection, a value that is missing, or a photo of another shape.
-    """
+    """Return matrix and distortion of an OpenSfM camera for a photo."""
     kind = str(camera.get("projection_type", "perspective"))
     keys = {
         "perspective": ("focal", "k1", "k2"),

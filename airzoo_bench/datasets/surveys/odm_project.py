@@ -43,13 +43,7 @@ _Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 def read_project(options: OdmOptions, progress: Progress) -> FoundPhotos:
-    """Read a project, and grid its clouds where it has no surface model.
-
-    Raises
-    ------
-    UserError
-        It is no project, a file is missing or damaged, or submodels differ in CRS.
-    """
+    """Read a project, and grid its clouds where it has no surface model."""
     project = find_project(options.source)
     folders = find_parts(project)
     crs = _crs(folders)
@@ -71,6 +65,9 @@ def read_project(options: OdmOptions, progress: Progress) -> FoundPhotos:
     if dsm is None and options.plane_height is None:
         dsm, said = _gridded(options, project, folders, crs)
         notes += said
+    cloud = next(filter(Path.is_file, _clouds(project)), None)
+    if cloud is not None and options.cloud is None:
+        notes.append(f"it serves reconstruction too with the project's own cloud: --cloud {cloud}")
     accuracy = round(max(apart, left), 4) or None
     return FoundPhotos(images, sizes, photos, parts[0].poses_from, dom, dsm, tuple(notes), accuracy)
 
@@ -89,13 +86,7 @@ def _crs(folders: list[Path]) -> CRS:
 
 
 def map_of_project(options: OdmOptions) -> Path:
-    """Return the map that was given, or the project's.
-
-    Raises
-    ------
-    BenchmarkError
-        There is none.
-    """
+    """Return the map that was given, or the project's."""
     if options.dom is not None:
         return options.dom
     project = find_project(options.source)
@@ -143,10 +134,7 @@ def _clouds(folder: Path) -> list[Path]:
 def _joined(
     parts: list[OdmPart], sizes: dict[str, tuple[int, int]], crs: CRS
 ) -> tuple[PosedPhotos, list[str], float]:
-    """Put the parts' photos together; one of several parts has the pose of the first.
-
-    The third value is how far, in metres, the poses of photos in two parts differ; 0 without any.
-    """
+    """Put the parts' photos together; one of several parts has the pose of the first."""
     first: dict[str, tuple[OdmPart, int]] = {}
     twice: list[np.ndarray] = []
     for part in parts:

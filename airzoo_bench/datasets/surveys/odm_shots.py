@@ -96,15 +96,7 @@ class OdmPart:
 
 
 def read_part(folder: Path) -> OdmPart:
-    """Read the shots of a project or submodel.
-
-    Where both files of shots are there, they must agree.
-
-    Raises
-    ------
-    UserError
-        A file is missing or not as OpenDroneMap writes it, or two files disagree.
-    """
+    """Read the shots of a project or submodel."""
     found = _from_reconstruction(folder)
     if not (folder / SHOTS).is_file():
         if found is None:

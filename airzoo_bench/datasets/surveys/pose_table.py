@@ -49,6 +49,12 @@ _RADIANS = ("rad", "rads", "radian", "radians")
 _FOUND = "est"
 _POSE = ("lat", "lon", "x", "y", "height", "yaw", "pitch", "roll", "omega", "phi", "kappa")
 _HEADINGS = ("heading", "azimuth", "bearing", "course")  # which people write for yaw
+# Columns that may name a lens, beside bodies such as FC6310, and lenses that are not computed.
+_LENS_NAMES = ("model", "cameramodel", "lensmodel", "distortionmodel", "projectiontype")
+_OTHER_LENSES = {
+    *("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"),
+    *("FULL_OPENCV", "FOV", "FISHEYE", "FISHEYE_OPENCV", "EQUIRECTANGULAR", "SPHERICAL"),
+}
 _SEPARATORS = (",", ";", "\t", None)  # None: blanks
 _HEADER_LINES = 20  # within which the header is looked for
 _LEAST_COLUMNS = 4
@@ -93,19 +99,7 @@ class PoseTable:
 
 
 def read_pose_table(path: Path) -> PoseTable:
-    """Read a table of poses; commas, semicolons, tabs or blanks separate its values.
-
-    Parameters
-    ----------
-    path : Path
-        The first lines may be remarks that begin with #, and so may the line of the columns.
-
-    Raises
-    ------
-    BenchmarkError
-        It is missing or no text, no line names known columns, or a line has another number of
-        values.
-    """
+    """Read a table of poses; commas, semicolons, tabs or blanks separate its values."""
     lines = read_native_text(path).splitlines()
     try:
         start, separator, names = _header(path, lines)
@@ -122,6 +116,7 @@ def read_pose_table(path: Path) -> PoseTable:
         _check_width(path, number, row, names)
     if not numbered:
         raise BenchmarkError("has no row of a photo", where=path, expected="a row for each photo")
+    _refuse_other_lenses(path, names, [row for _, row in numbered])
     table = NativeTable(
         path,
         tuple(places),
@@ -183,6 +178,19 @@ def _check_units(path: Path, header: Mapping[str, str]) -> None:
             expected="lengths in metres, angles in degrees or radians",
             fix="convert them, and name the columns by the new unit",
         )
+
+
+def _refuse_other_lenses(path: Path, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    for place, name in enumerate(names):
+        stated = {row[place].strip() for row in rows} if _plain(name) in _LENS_NAMES else set()
+        other = sorted(one for one in stated if one.upper() in _OTHER_LENSES)
+        if other:
+            raise BenchmarkError(
+                f"camera models that are not computed: {', '.join(other)}",
+                where=f"{path}, column {name!r}",
+                expected="a pinhole camera with k1 k2 p1 p2 k3",
+                fix="undistort the photos and give that camera",
+            )
 
 
 def _column(name: str) -> str | None:

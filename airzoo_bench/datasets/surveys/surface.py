@@ -50,24 +50,7 @@ class GriddedSurface:
 def grid_surface(
     clouds: Sequence[Path], crs: CRS, folder: Path, cell_m: float | None
 ) -> GriddedSurface:
-    """Grid clouds: the highest point of each cell, nothing where a cell has none.
-
-    Parameters
-    ----------
-    clouds : sequence of Path
-        In `crs`.
-    crs : CRS
-    folder : Path
-        Where the surface is kept; one made before of the same clouds is not made again.
-    cell_m : float or None
-        Side of a cell. None takes what holds four points on average of the sparsest cloud's box,
-        rounded up to 5 cm.
-
-    Raises
-    ------
-    UserError
-        A cloud is damaged or empty, or the grid would be too large.
-    """
+    """Grid clouds: the highest point of each cell, nothing where a cell has none."""
     opened = [open_cloud(path, limit_bytes=_MEMORY_BYTES, sampling=None) for path in clouds]
     boxes = [_box(cloud) for cloud in opened]
     cell = cell_m or max(map(_cell, opened, boxes))

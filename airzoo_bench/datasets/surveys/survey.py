@@ -88,13 +88,7 @@ class Survey(NativeDataset[OptionsT]):
 
 
 def given(path: Path | None, field: str) -> Path:
-    """Return a path that the user must give.
-
-    Raises
-    ------
-    UsageError
-        It was not given.
-    """
+    """Return a path that the user must give."""
     if path is None:
         raise UsageError(f"--{field} must be given")
     return path

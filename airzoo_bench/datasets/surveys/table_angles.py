@@ -47,28 +47,7 @@ class AngleSettings:
 def table_rotations(
     given: PoseTable, rows: list[int], angles: AngleSettings, convergence_deg: Floats
 ) -> tuple[Floats, str]:
-    """Return the rotations of some rows of a table, and a sentence on how they were read.
-
-    Parameters
-    ----------
-    given : PoseTable
-    rows : list of N int
-    angles : AngleSettings
-    convergence_deg : (N,) array
-        See `geometry.units.grid_convergence_deg`.
-
-    Returns
-    -------
-    rotations : (N, 3, 3) array
-        World-to-camera, in the grid's axes.
-    note : str
-
-    Raises
-    ------
-    UserError
-        What the angles mean is not known, they look like radians, or the cameras do not look at
-        the ground.
-    """
+    """Return the rotations of some rows of a table, and a sentence on how they were read."""
     convention = _convention(given, angles.convention)
     degrees = _degrees(given, rows, convention, angles.unit)
     north = angles.north or ("grid" if convention == "omega-phi-kappa" else "true")

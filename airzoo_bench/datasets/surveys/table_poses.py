@@ -59,29 +59,7 @@ def read_table_poses(
     angles: AngleSettings,
     camera: Path | None,
 ) -> TablePoses:
-    """Read cameras and poses from a table.
-
-    Parameters
-    ----------
-    path : Path
-        See `pose_table.read_pose_table`.
-    images : Path
-        Folder of the photos.
-    sizes : dict of str to (width, height)
-        The photos that there are.
-    crs : CRS
-        Projected: that the poses are wanted in.
-    stated : CRS or None
-        That of easting and northing, as the user says it; where it is None these are refused.
-    angles : AngleSettings
-    camera : Path or None
-        Camera of all photos (`lenses.read_camera_file`), where no columns give it.
-
-    Raises
-    ------
-    UserError
-        The table is not as described, names no photo, or leaves open what an option must settle.
-    """
+    """Read cameras and poses from a table."""
     given = read_pose_table(path)
     found = match_names(given.table.texts("image"), sizes, path)
     notes = [_columns_note(given)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from airzoo_bench.formats.clouds.cloud import (
     FileCloud,
     as_colours,
     as_confidence,
-    read_records,
     refusal,
     uncounted,
 )
@@ -37,20 +36,7 @@ _SAMPLE = 1000
 
 
 def open_npz(path: Path, limit_bytes: int) -> FileCloud:
-    """Open an npz file with ``points`` (N, 3), ``colours`` (N, 3) and ``confidence`` (N,).
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the arrays may take in memory together; points that
-        `numpy.savez` wrote are mapped and may be larger.
-
-    Raises
-    ------
-    PredictionError
-        Another kind of file, a field of another name, type or shape.
-    """
+    """Open an npz file with ``points`` (N, 3), ``colours`` (N, 3) and ``confidence`` (N,)."""
     arrays = open_arrays(path, limit_bytes)
     check_fields(arrays, ("points",), _ALLOWED, _EXPECTED)
     for names in (_COLOURS, _CONFIDENCE):
@@ -70,15 +56,7 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
 
 
 def open_npy(path: Path) -> FileCloud:
-    """Open an npy file of points (N, 3), or of points with up to three columns more (N, 4 to 6).
-
-    A fourth and fifth column are passed over; three are colours where they look so, see `columns`.
-
-    Raises
-    ------
-    PredictionError
-        Another kind of array, or a file that holds less than its header says.
-    """
+    """Open an npy file of points (N, 3), or of points with up to three columns more (N, 4 to 6)."""
     try:
         with path.open("rb") as stream:
             shape, fortran, dtype = read_header(stream)
@@ -86,20 +64,19 @@ def open_npy(path: Path) -> FileCloud:
     except ValueError as error:
         raise refusal(path, "the npy header is damaged", fix=FIX_COPY) from error
     plain = dtype.kind in _NUMBERS and not dtype.hasobject and dtype.itemsize <= 8
-    if not plain or len(shape) != 2 or not 3 <= shape[1] <= 6 or shape[0] < 0 or fortran:
+    if not plain or len(shape) != 2 or not 3 <= shape[1] <= 6 or shape[0] < 0:
         raise refusal(
             path,
-            f"an array of {str(dtype)[:40]} and shape {str(shape)[:40]}"
-            + (" in Fortran's order" if fortran else ""),
+            f"an array of {str(dtype)[:40]} and shape {str(shape)[:40]}",
             expected="points (N, 3), or with colours (N, 6), numbers of at most 64 bits",
-            fix="np.save(file, np.ascontiguousarray(points, dtype=np.float64))",
+            fix="np.save(file, np.asarray(points, dtype=np.float64))",
         )
     left = path.stat().st_size - start - math.prod(shape) * dtype.itemsize
     if left < 0:
         raise refusal(path, f"ends before {counted(shape[0], 'point')}", fix=FIX_COPY)
-    record = np.dtype((dtype, (shape[1],)))
-    columns = columns_of_sample(_first_rows(path, record, start, shape[0]))
-    read = partial(_stream, path, record, start, shape[0], columns)
+    rows = partial(np.memmap, path, dtype, "r", start, shape, "F" if fortran else "C")
+    columns = columns_of_sample(rows()[:_SAMPLE] if shape[0] else np.empty(shape))
+    read = partial(_stream, rows, shape[0], columns)
     notes = uncounted(left, "bytes", shape[0])
     notes += (columns.note(),) if shape[1] > 3 else ()
     return FileCloud(path, "npy", shape[0], read, dtype, notes)
@@ -114,8 +91,9 @@ def _optional(arrays: Arrays, names: tuple[str, str], width: int) -> NDArray[Any
 
 def _column(arrays: Arrays, name: str, width: int) -> NDArray[Any]:
     values = arrays.map(name)
-    shape = values.shape[1:] if width > 1 else (*values.shape[1:], 1)
-    if values.dtype.kind not in _NUMBERS or values.dtype.itemsize > 8 or shape != (width,):
+    row = (width,) if width > 1 else ()
+    is_plain = values.dtype.kind in _NUMBERS and values.dtype.itemsize <= 8
+    if not is_plain or values.ndim != 1 + len(row) or values.shape[1:] != row:
         raise wrong_type(
             arrays.path,
             name,
@@ -141,13 +119,9 @@ def _slices(
         )
 
 
-def _first_rows(path: Path, record: np.dtype[Any], start: int, count: int) -> NDArray[Any]:
-    rows = min(count, _SAMPLE)
-    return next(read_records(path, record, start, rows, _SAMPLE), np.empty(0, record))
-
-
 def _stream(
-    path: Path, record: np.dtype[Any], start: int, count: int, columns: Columns, points: int
+    rows: Callable[[], NDArray[Any]], count: int, columns: Columns, points: int
 ) -> Iterator[Cloud]:
-    for block in read_records(path, record, start, count, points):
-        yield columns.cloud(block)
+    """Yield the points of a file that is mapped by `rows`, which is small to send."""
+    for first in range(0, count, points):
+        yield columns.cloud(np.asarray(rows()[first : first + points]))

@@ -144,13 +144,7 @@ class FileCloud:
         )
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, at most that many at a time.
-
-        Raises
-        ------
-        PredictionError
-            The body of the file is damaged or cut off.
-        """
+        """Yield all points, at most that many at a time."""
         return self.read(points)
 
 
@@ -170,11 +164,7 @@ def columns_to_points(*columns: NDArray[Any]) -> Floats:
 
 
 def as_colours(*columns: NDArray[Any]) -> NDArray[np.uint8]:
-    """Put three columns (N,) of colour side by side, (N, 3) uint8.
-
-    Bytes are kept, 16-bit integers lose their lower byte, floating point is taken as 0 to 1; other
-    integers are cut to 0 to 255.
-    """
+    """Put three columns (N,) of colour side by side, (N, 3) uint8."""
     colours = np.empty((len(columns[0]), 3), np.uint8)
     for axis, column in enumerate(columns):
         colours[:, axis] = _bytes_of(column)
@@ -208,13 +198,7 @@ def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
 def read_records(
     path: Path, record: np.dtype[Any], start: int, count: int, size: int
 ) -> Iterator[NDArray[Any]]:
-    """Yield records from a byte of a file on, at most `size` at a time.
-
-    Raises
-    ------
-    PredictionError
-        The file ends before they do.
-    """
+    """Yield records from a byte of a file on, at most `size` at a time."""
     with path.open("rb", buffering=0) as stream:
         stream.seek(start)
         for done in range(0, count, size):

@@ -78,12 +78,7 @@ def columns_by_name(names: list[str], sample: NDArray[Any]) -> Columns | None:
 
 
 def columns_of_sample(sample: NDArray[Any], *, intensity_first: bool = False) -> Columns:
-    """Guess the columns of rows (N, width) without names: x, y, z, perhaps intensity, colours.
-
-    Three columns behind the coordinates, or of seven those behind an intensity, are colours where
-    all are whole numbers from 0 to 255; else they may be normals, and are passed over. Where both
-    could be, `intensity_first` decides.
-    """
+    """Guess the columns of rows (N, width) without names: x, y, z, perhaps intensity, colours."""
     width = sample.shape[1]
     behind = [3, 4] if width == 7 else [3] if width >= 6 else []
     for first in reversed(behind) if intensity_first else behind:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds import arrays, e57, glb, las, obj, off, pcd, ply, stl, xyz
+from airzoo_bench.formats.clouds import arrays, glb, las, obj, off, pcd, ply, stl, xyz
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.gzipped import Unpacked
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
@@ -24,7 +24,6 @@ _MAGIC = (
     (b"PK\x03\x04", "npz or zip", (".npz",)),
     (b"PK\x05\x06", "npz or zip", (".npz",)),
     (b"glTF", "GLB", (".glb",)),
-    (b"ASTM-E57", "E57", (".e57",)),
     (b"# .PCD", "PCD", (".pcd",)),
     (b"VERSION", "PCD", (".pcd",)),
 )
@@ -35,6 +34,7 @@ _OTHERS = (
     (b"\x89PNG", "a PNG image"),
     (b"\xff\xd8\xff", "a JPEG image"),
     (b"\x89HDF", "an HDF5 file"),
+    (b"ASTM-E57", "an E57 file"),
     (b"%PDF", "a PDF"),
     (b"\x80\x04\x95", "a Python pickle"),
     (b"<", "HTML or XML"),
@@ -50,28 +50,7 @@ def stem_of(name: str) -> str:
 
 
 def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -> FileCloud:
-    """Open a cloud, or a mesh as points on its surface.
-
-    Parameters
-    ----------
-    path : Path
-        With one of `SUFFIXES`.
-    limit_bytes : int
-        The most that what cannot be read in pieces may take in memory.
-    sampling : MeshSampling or None
-        How meshes are sampled; where None, they are refused.
-
-    Returns
-    -------
-    FileCloud
-        Files with points only are read when the pieces are asked for.
-
-    Raises
-    ------
-    PredictionError
-        It is no such file, has the ending of another kind, is damaged or cut off, or a mesh that
-        may not be sampled.
-    """
+    """Open a cloud, or a mesh as points on its surface."""
     if not (path.is_file() and path.name.lower().endswith(GZIPPED_SUFFIXES)):
         return _open_plain(path, limit_bytes, sampling)
     unpacked = Unpacked(path)
@@ -102,7 +81,6 @@ def _open(path: Path, kind: str, limit_bytes: int) -> FileCloud | Mesh:
         "LAS or LAZ": las.open_las,
         "npy": arrays.open_npy,
         "text": xyz.open_text,
-        "E57": e57.open_e57,
     }
     if kind in in_pieces:
         return in_pieces[kind](path)

@@ -31,22 +31,7 @@ _REFUSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshop
 
 
 def open_glb(path: Path, limit_bytes: int) -> Mesh:
-    """Read a GLB or glTF file: all triangles and points of its scene, each moved by its nodes.
-
-    A file that holds triangles gives these alone; one that holds points only is a mesh without
-    faces. Colours of vertices (``COLOR_0``) are kept where all parts have them.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the file and the mesh may take in memory.
-
-    Raises
-    ------
-    PredictionError
-        It is damaged, compressed in a way that is not read here, or points outside of itself.
-    """
+    """Read a GLB or glTF file: all triangles and points of its scene, each moved by its nodes."""
     document, body = _chunks(path, limit_bytes)
     used = [name for name in _REFUSED if name in str(document.get("extensionsRequired", ""))]
     if used:

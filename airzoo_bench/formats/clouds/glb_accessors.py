@@ -19,13 +19,7 @@ _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 
 def item(document: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
-    """Return an entry of a list of the document.
-
-    Raises
-    ------
-    ValueError
-        The index is none, or the entry is no object.
-    """
+    """Return an entry of a list of the document."""
     entries = document.get(key, [])
     if not isinstance(index, int) or not 0 <= index < len(entries):
         raise ValueError(f"no {key} of that number")
@@ -36,13 +30,7 @@ def item(document: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
 
 
 def numbers_of(values: Any, count: int) -> Floats:
-    """Return a number of finite numbers of the document.
-
-    Raises
-    ------
-    ValueError, TypeError
-        They are something else.
-    """
+    """Return a number of finite numbers of the document."""
     numbers = np.array(values, np.float64)
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
         raise ValueError(f"a transform is not {count} finite numbers")
@@ -72,13 +60,7 @@ class Accessors:
             )
 
     def read(self, index: Any, *shapes: str) -> NDArray[Any]:
-        """Return an array (N, width).
-
-        Raises
-        ------
-        ValueError
-            It is of another shape, or reaches beyond the file.
-        """
+        """Return an array (N, width)."""
         entry = item(self._document, "accessors", index)
         if entry.get("type") not in shapes or entry.get("componentType") not in _TYPES:
             raise ValueError("an array of another type or shape")

@@ -94,16 +94,7 @@ class LasHeader:
 
 
 def open_las(path: Path) -> FileCloud:
-    """Open a LAS or LAZ file.
-
-    Colours of 16 bits are cut to 8. Some writers put 8 bits into them: where none of the first
-    50,000 points has a colour above 255, they are taken as they are.
-
-    Raises
-    ------
-    PredictionError
-        The header is not one, or promises more than the file holds.
-    """
+    """Open a LAS or LAZ file."""
     header = read_header(path)
     kind = "LAZ" if header.compressed else "LAS"
     shift = _colour_shift(path, header)

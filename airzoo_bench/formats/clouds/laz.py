@@ -63,14 +63,7 @@ class LazBody:
     count: int
 
     def records(self, points: int) -> Iterator[NDArray[np.uint8]]:
-        """Yield the points as bytes, at most that many points at a time.
-
-        Raises
-        ------
-        PredictionError
-            Its tables do not fit the file, the compression is not a known one, or the data are
-            damaged or cut off.
-        """
+        """Yield the points as bytes, at most that many points at a time."""
         try:
             self._checked_chunks()
             self.stream.seek(self.start)
@@ -90,23 +83,7 @@ class LazBody:
             yield block
 
     def beyond_count(self) -> tuple[int, str]:
-        """Return how much the points hold beyond those that the header counts, and of what.
-
-        Layered chunks say how many points they hold. Of others the last is decoded: what it did not
-        take of its bytes are further points.
-
-        Returns
-        -------
-        left : int
-            At most 0 where there is nothing.
-        what : str
-            ``"points"`` or ``"compressed bytes"``.
-
-        Raises
-        ------
-        PredictionError
-            See `records`.
-        """
+        """Return how much the points hold beyond those that the header counts, and of what."""
         try:
             chunks = self._checked_chunks()
             if not chunks:
@@ -155,7 +132,7 @@ class LazBody:
         vlr = lazrs.LazVlr(self.laszip)
         self._check_chunk_count(vlr)
         self.stream.seek(self.start)
-        # Writers of chunks of any size, as of COPC, may end with one of nothing.
+        # Writers of chunks of any size may end with one of nothing.
         chunks: Chunks = [some for some in lazrs.read_chunk_table(self.stream, vlr) if any(some)]
         self._check_chunks(chunks)
         return chunks

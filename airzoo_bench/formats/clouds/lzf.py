@@ -8,23 +8,7 @@ _LONGEST_LITERAL = 32
 
 
 def decompress(data: bytes, size: int) -> bytearray | None:
-    """Undo Marc Lehmann's LZF.
-
-    A control byte below 32 announces that many literal bytes plus one; any other a copy of what
-    has been written: its upper three bits are the length less two (7: a byte more follows), its
-    lower five and the next byte the distance less one.
-
-    Parameters
-    ----------
-    data : bytes
-    size : int
-        How many bytes must come out; never more are made.
-
-    Returns
-    -------
-    bytearray or None
-        None where the data are damaged or of another size.
-    """
+    """Undo Marc Lehmann's LZF."""
     out = bytearray()
     place, end = 0, len(data)
     try:

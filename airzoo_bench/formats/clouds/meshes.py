@@ -119,18 +119,7 @@ def triangles_of(polygons: Sequence[Sequence[int]]) -> Ints:
 
 
 def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
-    """Sample a mesh's surface uniformly by area, piece by piece when points are asked for.
-
-    The surface is cut into parts of the same area, in the order of the faces, and one point is
-    drawn in each. A point follows from the seed and its index alone, by integers and by single IEEE
-    operations, so that the bytes are the same on every machine and for every block.
-
-    Raises
-    ------
-    PredictionError
-        Faces name vertices that are not there or not finite, the surface has no area, or more
-        points are asked for than the protocol allows.
-    """
+    """Sample a mesh's surface uniformly by area, piece by piece when points are asked for."""
     ends = _checked_ends(mesh)
     total = float(ends[-1])
     wanted = sampling.count

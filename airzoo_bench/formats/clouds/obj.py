@@ -46,19 +46,7 @@ class _Pending:
 
 
 def open_obj(path: Path, limit_bytes: int) -> Mesh:
-    """Read an OBJ file: ``v`` with or without colours from 0 to 1, and ``f``.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the mesh may take in memory.
-
-    Raises
-    ------
-    PredictionError
-        A vertex or face cannot be read (the line is named), there is none, or it is too large.
-    """
+    """Read an OBJ file: ``v`` with or without colours from 0 to 1, and ``f``."""
     pending = _Pending(path, limit_bytes)
     with opened_text(path) as text:
         number = 0

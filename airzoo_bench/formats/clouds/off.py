@@ -20,19 +20,7 @@ _EXPECTED = "OFF, then the numbers of vertices, faces and edges"
 
 
 def open_off(path: Path, limit_bytes: int) -> Mesh:
-    """Read an OFF file, as text.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the mesh may take in memory.
-
-    Raises
-    ------
-    PredictionError
-        It is binary, cut off or too large, or a line cannot be read (it is named).
-    """
+    """Read an OFF file, as text."""
     with opened_text(path) as text:
         vertices, faces = _counts(text)
         if 2 * (vertices + faces) > path.stat().st_size:

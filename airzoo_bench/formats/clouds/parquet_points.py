@@ -32,13 +32,7 @@ _LEAST_BYTES = 36
 
 
 def open_parquet(path: Path, limit_bytes: int) -> FileCloud:
-    """Open a parquet file of points, whose pages may state so many bytes.
-
-    Raises
-    ------
-    PredictionError
-        It is none, damaged, too large, or its columns are others.
-    """
+    """Open a parquet file of points, whose pages may state so many bytes."""
     with _readable(path) as arrow:
         stated = claimed_bytes(path)
         Budget(limit_bytes).hold(path, "its pages", stated, "write smaller shards")

@@ -34,7 +34,6 @@ _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _MOST_REPEATS = 1 << 16
 _PACKED = ("rgb", "rgba")
 _CONFIDENCE = ("confidence", "conf")
-_KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "DATA")
 
 
 @dataclass(frozen=True)
@@ -66,22 +65,7 @@ class _Header:
 
 
 def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
-    """Open a PCD file.
-
-    Read are x, y, z; rgb or rgba, packed; confidence or conf. VIEWPOINT is passed over, as PCL's
-    own readers do.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that a compressed body may take in memory; others are read in pieces.
-
-    Raises
-    ------
-    PredictionError
-        The header is not one, lacks coordinates, or promises more than the file holds.
-    """
+    """Open a PCD file."""
     header = _read_header(path)
     names = [field.name for field in header.fields]
     if not {"x", "y", "z"} <= set(names):

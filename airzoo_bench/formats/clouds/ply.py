@@ -40,22 +40,7 @@ _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colou
 
 
 def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
-    """Open a PLY file: a mesh where it has faces, else a cloud.
-
-    Read from ``vertex``: x, y, z; red, green, blue; confidence or conf. Other columns are passed
-    over.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that a mesh may take in memory; clouds are read in pieces.
-
-    Raises
-    ------
-    PredictionError
-        The header is not one, lacks coordinates, or promises more than the file holds.
-    """
+    """Open a PLY file: a mesh where it has faces, else a cloud."""
     header = read_header(path)
     vertex = header.element("vertex")
     if vertex is None or not {"x", "y", "z"} <= set(vertex.names):
@@ -210,19 +195,7 @@ def _triangles(path: Path, header: PlyHeader, faces: Element, name: str, limit_b
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:
-    """Write a cloud, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-    cloud : Cloud
-        Coordinates are kept to the last bit; colours and confidence go along where there are any.
-
-    Raises
-    ------
-    UserError
-        The file cannot be written, or the disk is full.
-    """
+    """Write a cloud, whole or not at all."""
     columns = [(name, "<f8", column) for name, column in zip("xyz", cloud.points.T, strict=True)]
     if cloud.colours is not None:
         columns += [(name, "u1", c) for name, c in zip(_COLOURS, cloud.colours.T, strict=True)]

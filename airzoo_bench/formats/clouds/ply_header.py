@@ -83,13 +83,7 @@ class PlyHeader:
 
 
 def read_header(path: Path) -> PlyHeader:
-    """Read and check the header of a PLY file.
-
-    Raises
-    ------
-    PredictionError
-        A line of it is not PLY, it names something twice, or does not end.
-    """
+    """Read and check the header of a PLY file."""
     lines, size = _header_lines(path)
     order: str | None = None
     elements: list[Element] = []

@@ -23,13 +23,7 @@ _LINES = 1 << 16
 
 
 def end_of_element(path: Path, element: Element, order: str, start: int) -> int:
-    """Return the byte at which an element of a binary file ends.
-
-    Raises
-    ------
-    PredictionError
-        The file ends before it does.
-    """
+    """Return the byte at which an element of a binary file ends."""
     if not element.has_lists:
         end = start + element.count * element.record(order).itemsize
         if end > path.stat().st_size:
@@ -43,13 +37,7 @@ def end_of_element(path: Path, element: Element, order: str, start: int) -> int:
 def binary_polygons(
     path: Path, element: Element, name: str, order: str, start: int, limit_bytes: int
 ) -> Ints:
-    """Read the faces of a binary file as triangles (F, 3), polygons as fans.
-
-    Raises
-    ------
-    PredictionError
-        The file ends before they do, a list has a negative length, or they take too much memory.
-    """
+    """Read the faces of a binary file as triangles (F, 3), polygons as fans."""
     parts, total = [np.empty((0, 3), np.int64)], 0
     for rows, _ in _runs(path, element, order, start):
         parts.append(fans(np.asarray(rows[name]).astype(np.int64)))
@@ -59,13 +47,7 @@ def binary_polygons(
 
 
 def text_polygons(text: TextLines, element: Element, name: str, limit_bytes: int) -> Ints:
-    """Read the faces of a text file as triangles (F, 3), polygons as fans.
-
-    Raises
-    ------
-    PredictionError
-        The file ends early, a line is no face (the line is named), or they take too much memory.
-    """
+    """Read the faces of a text file as triangles (F, 3), polygons as fans."""
     parts, total = [np.empty((0, 3), np.int64)], 0
     for done in range(0, element.count, _LINES):
         polygons = []

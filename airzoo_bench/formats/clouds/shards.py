@@ -1,8 +1,4 @@
-"""A cloud in a folder of shards: LAS, LAZ (COPC too) or parquet files, each of some of its points.
-
-A COPC file is read as the LAZ file that it also is: all points of all levels of its octree, whose
-index is not looked at, so that nothing in it can mislead.
-"""
+"""A cloud in a folder of shards: LAS, LAZ or parquet files, each of some of its points."""
 
 from __future__ import annotations
 
@@ -33,23 +29,7 @@ _LOOK_BYTES = 1 << 12
 
 
 def open_shards(folder: Path, paths: Sequence[Path], limit_bytes: int) -> FileCloud:
-    """Open the shards of a cloud as one cloud, in the order that they are given in.
-
-    Parameters
-    ----------
-    folder : Path
-        For messages: what the user calls the cloud.
-    paths : sequence of Path
-        At least one, with one of `SHARD_SUFFIXES`. One without points is fine.
-    limit_bytes : int
-        The most that a shard may take in memory where it cannot be read in pieces.
-
-    Raises
-    ------
-    PredictionError
-        A shard is damaged or cut off, its CRS is not that of the first that states one, or it is
-        there twice.
-    """
+    """Open the shards of a cloud as one cloud, in the order that they are given in."""
     files = tuple(_opened(path, limit_bytes) for path in paths)
     _check_once([file.path for file in files if file.count])
     _check_same_crs([path for path in paths if path.suffix.lower() != ".parquet"])
@@ -66,13 +46,7 @@ def open_shards(folder: Path, paths: Sequence[Path], limit_bytes: int) -> FileCl
 
 
 def shards_in(folder: Path) -> list[Path]:
-    """Return the files of a folder that can be shards, by name.
-
-    Raises
-    ------
-    PredictionError
-        There are none.
-    """
+    """Return the files of a folder that can be shards, by name."""
     found = (path for path in folder.iterdir() if path.name.lower().endswith(SHARD_SUFFIXES))
     paths = sorted(path for path in found if not path.name.startswith("."))
     if not paths:
@@ -119,9 +93,8 @@ def _check_once(paths: list[Path]) -> None:
     begun: dict[tuple[int, bytes], list[Path]] = {}
     names: dict[str, Path] = {}
     for path in paths:
-        stem = path.stem.removesuffix(".copc")
-        if names.setdefault(stem, path) is not path:
-            raise _twice(path, f"has the name of {names[stem].name}, but for its ending")
+        if names.setdefault(path.stem, path) is not path:
+            raise _twice(path, f"has the name of {names[path.stem].name}, but for its ending")
         alike = begun.setdefault((path.stat().st_size, first_bytes(path, _LOOK_BYTES)), [])
         for other in alike:
             if sha256_of(other) == sha256_of(path):

@@ -35,19 +35,7 @@ def _is_text(head: bytes) -> bool:
 
 
 def open_stl(path: Path, limit_bytes: int) -> Mesh:
-    """Read an STL file; corners that triangles share stand in it once for each.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the mesh may take in memory.
-
-    Raises
-    ------
-    PredictionError
-        It is cut off or too large, or a line of its text cannot be read (it is named).
-    """
+    """Read an STL file; corners that triangles share stand in it once for each."""
     with path.open("rb") as stream:
         head = stream.read(_HEADER + 4)
         rest = stream.read(1 << 12)

@@ -6,8 +6,8 @@ __all__ = ["GZIPPED_SUFFIXES", "KINDS", "SUFFIXES", "TEXT_SUFFIXES"]
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _MESHES = (".obj", ".stl", ".off", ".gltf", ".glb")
-_PLAIN = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".npy", *TEXT_SUFFIXES, *_MESHES)
-_UNZIPPED = (".laz", ".npz", ".e57")
+_PLAIN = (".ply", ".pcd", ".las", ".laz", ".npz", ".npy", *TEXT_SUFFIXES, *_MESHES)
+_UNZIPPED = (".laz", ".npz")
 GZIPPED_SUFFIXES = tuple(f"{suffix}.gz" for suffix in _PLAIN if suffix not in _UNZIPPED)
 SUFFIXES = (*_PLAIN, *GZIPPED_SUFFIXES)
 """All of them."""

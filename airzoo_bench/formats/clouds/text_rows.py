@@ -88,30 +88,7 @@ def lines_beyond(path: Path, offset: int, count: int) -> int:
 def parse_rows(
     text: TextLines, count: int, columns: int, of: int, what: str, separator: str = ""
 ) -> Floats:
-    """Read a number of rows, each of a number of columns.
-
-    Parameters
-    ----------
-    text : TextLines
-    count, columns : int
-        Shape of the answer.
-    of : int
-        How many rows the header promises in all, for messages.
-    what : str
-        What a row is, in the plural: ``"points"``.
-    separator : str
-        What stands between numbers besides blanks.
-
-    Returns
-    -------
-    (count, columns) float64 array
-        Rounded correctly; nan and inf as they stand.
-
-    Raises
-    ------
-    PredictionError
-        The file ends early, or a line holds something else; the line is named.
-    """
+    """Read a number of rows, each of a number of columns."""
     lines, numbers = text.take(count, of, what)
     if not lines:
         return np.empty((0, columns))

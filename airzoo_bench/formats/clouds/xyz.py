@@ -55,14 +55,7 @@ def looks_like_text(head: bytes) -> bool:
 
 
 def open_text(path: Path) -> FileCloud:
-    """Open a cloud in a text file.
-
-    Raises
-    ------
-    PredictionError
-        There are no points; the first lines have decimal commas, another number of columns each,
-        or fewer than 3; they are camera poses; or fewer points follow than the file says.
-    """
+    """Open a cloud in a text file."""
     start = _find_start(path)
     count = lines_beyond(path, start.offset, 0)
     if start.promised is not None and count != start.promised:

@@ -127,13 +127,7 @@ class Artifact(Strict):
 
     @property
     def place(self) -> Place:
-        """The folder of the submission.
-
-        Raises
-        ------
-        SubmissionError
-            It is about none.
-        """
+        """The folder of the submission."""
         if self.benchmark is None or self.track is None or self.folder is None:
             raise SubmissionError("the artifact is not about a submission")
         return Place(self.benchmark, self.track, self.folder)
@@ -151,13 +145,7 @@ def write_artifact(path: Path, artifact: Artifact) -> None:
 
 
 def read_artifact(path: Path) -> Artifact:
-    """Read an artifact that another job of the same run has written.
-
-    Raises
-    ------
-    SubmissionError
-        It is missing, or is none.
-    """
+    """Read an artifact that another job of the same run has written."""
     text = read_text(path, SubmissionError, "artifact")
     try:
         return Artifact.model_validate_json(text)

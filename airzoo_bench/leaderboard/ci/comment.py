@@ -1,7 +1,7 @@
 """The comment on a pull request: Markdown, made of the artifact alone, bounded, without markup.
 
-Whatever strangers wrote stands in code spans and blocks without backticks: there, GitHub and
-GitLab render no link, no image, no mention and no reference.
+Whatever strangers wrote stands in code spans and blocks without backticks: there, GitHub
+renders no link, no image, no mention and no reference.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _NO_TRY = "Nothing of this counts as a try.\n"
 _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
 
 
-def comment_on(artifact: Artifact, *, gitlab: bool = False) -> str:
-    """Return the comment's text, at most `MOST_BYTES` long, in the words of its host."""
-    parts = [f"{MARK}\n", *_PARTS[artifact.kind](artifact), _scored_commit(artifact, gitlab)]
+def comment_on(artifact: Artifact) -> str:
+    """Return the comment's text, at most `MOST_BYTES` long."""
+    parts = [f"{MARK}\n", *_PARTS[artifact.kind](artifact), _scored_commit(artifact)]
     return _bounded([part for part in parts if part])
 
 
@@ -45,11 +45,9 @@ def _bounded(parts: Sequence[str]) -> str:
     return "\n".join([*kept, last])
 
 
-def _scored_commit(artifact: Artifact, gitlab: bool) -> str:
+def _scored_commit(artifact: Artifact) -> str:
     head, number = artifact.head, artifact.pull_request
     merge = f"gh pr merge {number} --squash --match-head-commit {head}"
-    if gitlab:
-        merge = f"glab mr merge {number} --squash --auto-merge=false --sha {head}"
     lines = [f"\nThis is about commit {head[:12]} alone; another push is looked at anew."]
     if artifact.kind in ("scored", "sealed", "withdrawn"):
         lines.append(f"Maintainers: `{merge}` merges it and nothing that was pushed later.")

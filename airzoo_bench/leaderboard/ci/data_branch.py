@@ -60,17 +60,7 @@ class DataBranch:
         check: Callable[[list[Line]], None] = lambda _: None,
         files: Mapping[str, bytes] | None = None,
     ) -> None:
-        """Add a line to the ledger, after what others have added meanwhile.
-
-        Parameters
-        ----------
-        line : Line
-        check : callable
-            Refuses, of the lines before it, what must not be added: it is asked again on what
-            others have pushed, so that two jobs at once cannot both have the last try.
-        files : mapping of str to bytes, optional
-            Other files that come in the same commit.
-        """
+        """Add a line to the ledger, after what others have added meanwhile."""
 
         def change(branch: DataBranch) -> Mapping[str, bytes]:
             lines = branch.ledger()
@@ -80,19 +70,7 @@ class DataBranch:
         self.write(change, f"{line.outcome}: {line.place.path}")
 
     def write(self, change: Callable[[DataBranch], Mapping[str, bytes]], message: str) -> None:
-        """Commit files and push them; where somebody else was faster, again on top of that.
-
-        Parameters
-        ----------
-        change : callable
-            Makes the files, by path, from the branch as it is; none where nothing is to be done.
-        message : str
-
-        Raises
-        ------
-        BoardError
-            The branch cannot be pushed to.
-        """
+        """Commit files and push them; where somebody else was faster, again on top of that."""
         for number in range(_TRIES):
             files = change(self)
             if not files:

@@ -25,24 +25,7 @@ def answer_path(tree: str) -> str:
 
 
 def enter(found: Artifact, outcome: Outcome, remote: str, root: Path) -> Artifact:
-    """Add a line on a try to the ledger, and with it the answer of a sealed truth.
-
-    Parameters
-    ----------
-    found : Artifact
-    outcome : str
-        What was found with the truth open is never entered as failed, as where the run was stopped
-        after it: whoever can see the run's files has it.
-    remote : str
-        URL or folder of the repository.
-    root : Path
-        A checkout of the board's branch.
-
-    Returns
-    -------
-    Artifact
-        The same, or refused where the account has no try left.
-    """
+    """Add a line on a try to the ledger, and with it the answer of a sealed truth."""
     limits = read_board(root / BOARD_FILE).limits
     outcome = "scored" if outcome == "failed" and found.truth else outcome
     line = _line(found, outcome)

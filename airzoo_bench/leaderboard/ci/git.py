@@ -52,13 +52,7 @@ class Repository:
 
     @classmethod
     def create(cls, folder: Path, remote: str) -> Repository:
-        """Make an empty one.
-
-        Raises
-        ------
-        BoardError
-            Git is not installed, or the folder cannot be made.
-        """
+        """Make an empty one."""
         folder.parent.mkdir(parents=True, exist_ok=True)
         made = cls(GitProcess(folder, remote))
         made.git.run("init", "--quiet", "--bare", "--template=")
@@ -66,22 +60,7 @@ class Repository:
         return made
 
     def fetch(self, refs: Mapping[str, str], *, blobs: bool, depth: int | None = None) -> None:
-        """Fetch refs of the remote under names of our own.
-
-        Parameters
-        ----------
-        refs : mapping of str to str
-            The remote's name of each of ours, such as ``{"refs/pull/1/head": "refs/heads/head"}``.
-        blobs : bool
-            Whether the files' content comes along; else each file's when it is read.
-        depth : int, optional
-            How many commits; all where it is not given.
-
-        Raises
-        ------
-        BoardError
-            The remote cannot be reached, or lacks one of them.
-        """
+        """Fetch refs of the remote under names of our own."""
         options = [] if blobs else ["--filter=blob:none"]
         options += [] if depth is None else [f"--depth={depth}"]
         pairs = [f"+{theirs}:{ours}" for theirs, ours in refs.items()]
@@ -125,17 +104,7 @@ class Repository:
         return done.stdout.decode("ascii").split() if done.returncode == 0 else []
 
     def changes(self, old: str, new: str, most: int) -> list[Change]:
-        """Return the paths that differ between two commits, at most so many.
-
-        Folders are compared by their ids, so one also differs where no file in it does (it has
-        empty folders in it). Git's own comparison would hold every path in memory, and a few small
-        trees, each many times in the next, are more paths than there is memory.
-
-        Raises
-        ------
-        RefusedError
-            A folder has too many entries, or git cannot read it.
-        """
+        """Return the paths that differ between two commits, at most so many."""
         return [*islice(self._changes(old, new), most)]
 
     def _changes(self, old: str | None, new: str | None, path: bytes = b"") -> Iterator[Change]:
@@ -159,13 +128,7 @@ class Repository:
         return {one.path: one for one in map(_entry, text.split(b"\0")[:-1])}
 
     def entries(self, commit: str, folder: str, most: int) -> list[Entry]:
-        """Return all files below a folder of a commit, and the folders without any.
-
-        Raises
-        ------
-        RefusedError
-            They are more than `most`, or git cannot read the trees.
-        """
+        """Return all files below a folder of a commit, and the folders without any."""
         # With folders (-t), so that a tree of empty ones is cut off as one of files is.
         text = self._bounded(
             most, "ls-tree", "-r", "-t", "-z", "--full-tree", commit, "--", f"{folder}/"
@@ -207,16 +170,7 @@ class Repository:
         check(done, "cat-file")
 
     def commit(self, parent: str | None, files: Mapping[str, bytes], message: str) -> str:
-        """Make a commit that adds or replaces files; there is no work tree.
-
-        Parameters
-        ----------
-        parent : str or None
-            None for the first commit of a branch.
-        files : mapping of str to bytes
-            By path.
-        message : str
-        """
+        """Make a commit that adds or replaces files; there is no work tree."""
         index = {"GIT_INDEX_FILE": str(self.git.folder / "index.new")}
         (self.git.folder / "index.new").unlink(missing_ok=True)
         if parent is not None:
@@ -239,13 +193,7 @@ class Repository:
         return made.decode("ascii").strip()
 
     def push(self, commit: str, ref: str) -> bool:
-        """Push a commit; False where the remote has moved on meanwhile.
-
-        Raises
-        ------
-        BoardError
-            The remote refuses it for another reason.
-        """
+        """Push a commit; False where the remote has moved on meanwhile."""
         done = self.git.call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
         if done.returncode and any(said in done.stdout for said in _OVERTAKEN):
             return False

@@ -11,13 +11,10 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import SubmissionError
 
-__all__ = ["TOKEN_VARIABLE", "USER_VARIABLE", "BoardError", "GitProcess"]
+__all__ = ["TOKEN_VARIABLE", "BoardError", "GitProcess"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
-
-USER_VARIABLE = "GIT_USER"
-"""The variable with the token's user, where GitHub's will not do: GitLab's job token has one."""
 
 _KEPT = ("PATH", "HOME", "SSL_CERT_FILE", "GIT_SSL_CAINFO", "HTTPS_PROXY", "https_proxy", "TMPDIR")
 _SETTINGS = {
@@ -53,13 +50,7 @@ class GitProcess:
     def run(
         self, *arguments: str, stdin: bytes = b"", more: Mapping[str, str] | None = None
     ) -> bytes:
-        """Return what a command prints.
-
-        Raises
-        ------
-        BoardError
-            It fails.
-        """
+        """Return what a command prints."""
         done = self.call(*arguments, stdin=stdin, more=more)
         check(done, arguments[0])
         return done.stdout or b""
@@ -103,8 +94,7 @@ class GitProcess:
         token = os.environ.get(TOKEN_VARIABLE)
         if not token or not self.remote.startswith("https://"):
             return kept | _SETTINGS
-        user = os.environ.get(USER_VARIABLE, "x-access-token")
-        basic = base64.b64encode(f"{user}:{token}".encode()).decode("ascii")
+        basic = base64.b64encode(f"x-access-token:{token}".encode()).decode("ascii")
         for_remote = {
             "GIT_CONFIG_COUNT": "1",
             "GIT_CONFIG_KEY_0": f"http.{self.remote}.extraHeader",
@@ -114,13 +104,7 @@ class GitProcess:
 
 
 def check(done: subprocess.CompletedProcess[bytes], name: str) -> None:
-    """Raise what git says of a command that failed.
-
-    Raises
-    ------
-    BoardError
-        It failed.
-    """
+    """Raise what git says of a command that failed."""
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip()[-500:]
         raise BoardError(f"git {name} failed: {said or f'exit code {done.returncode}'}")

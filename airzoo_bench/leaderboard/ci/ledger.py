@@ -85,13 +85,7 @@ def written_time(now: datetime.datetime) -> str:
 
 
 def parse_ledger(content: bytes | None) -> list[Line]:
-    """Read a ledger; none has no lines.
-
-    Raises
-    ------
-    SubmissionError
-        It is not as CI writes it.
-    """
+    """Read a ledger; none has no lines."""
     if content is None:
         return []
     try:
@@ -133,17 +127,7 @@ def owner(lines: Sequence[Line], place: Place) -> int | None:
 
 
 def check_tries(lines: Sequence[Line], new: Line, limits: Limits) -> None:
-    """Refuse one more try than an account has on a sealed benchmark.
-
-    The same commit counts once: it gets the same answer. A try that failed by no fault of the
-    submission does not count, unless another run of the same commit is under way or has given the
-    answer.
-
-    Raises
-    ------
-    RefusedError
-        With the time from which there is another one.
-    """
+    """Refuse one more try than an account has on a sealed benchmark."""
     since = new.when - datetime.timedelta(days=limits.days)
     those = [ln for ln in lines if ln.account == new.account and ln.benchmark == new.benchmark]
     begun: dict[str, datetime.datetime] = {}

@@ -7,8 +7,9 @@ a sealed truth nothing is scored here, so the run of an earlier one stays, in a 
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from itertools import chain
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from airzoo_bench.leaderboard.runs import (
 
 __all__ = ["record_runs", "score_merged"]
 
+_FETCHING_S = 3600.0
 _NEW_TRY = "a new commit of the submission is a try at it"
 
 
@@ -60,27 +62,7 @@ class Scored:
 
 
 def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
-    """Score what stands on the board's branch and has no run that counts.
-
-    Parameters
-    ----------
-    remote : str
-        URL or folder of the repository.
-    rules : Rules
-    out : Path
-        A folder that is empty or does not exist: the runs of all that stands on the branch, old
-        and new, as ``out/runs/...``.
-
-    Yields
-    ------
-    Scored
-        Of each that was new or outdated. A faulty one keeps none of the others from being scored.
-
-    Raises
-    ------
-    UserError
-        The board or its data are not as they must be.
-    """
+    """Score what stands on the board's branch and has no run that counts."""
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         repository = Repository.create(work / "board.git", remote)
@@ -89,11 +71,13 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
         (out / "runs").mkdir(parents=True, exist_ok=True)
         commit = repository.resolve(BASE) or ""
         benchmarks = [one.name for one in rules.board.benchmarks]
-        places = [*chain.from_iterable(submitted(repository, name) for name in benchmarks)]
+        places = [
+            *chain.from_iterable(submitted(repository, name, rules.note) for name in benchmarks)
+        ]
         for place in places:
             # Runs of what was withdrawn stay on the branch, and leave the board.
             branch.export(out, f"runs/{place.benchmark}/{place.track}/{place.folder}")
-        measures = Measures(rules.data)
+        measures, until = Measures(rules.data), time.monotonic() + _FETCHING_S
         for place in places:
             tree = repository.resolve(f"{commit}:{place.path}") or ""
             run = _same_files(out, place, tree)
@@ -102,7 +86,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[Scored]:
                 if why:
                     yield Scored(place, run, f"not scored again: {why}; {_NEW_TRY}")
                 continue
-            new = _New(place, tree, commit, repository, branch, rules, work)
+            new = _New(place, tree, commit, repository, branch, rules, work, until)
             try:
                 yield Scored(place, new.score(out), f"scored again: {why}" if why else "scored")
             except UserError as fault:
@@ -138,6 +122,7 @@ class _New:
     branch: DataBranch
     rules: Rules
     work: Path
+    until: float
 
     def score(self, out: Path) -> Path:
         """Write the run's folder."""
@@ -161,7 +146,9 @@ class _New:
         faults = read_files(self.repository, self.commit, self.place, limits, self.work)
         if not faults:
             folder = self.work / self.place.path
-            checked = check_submission(folder, self.rules.board, self.rules.data, fetch=True)
+            checked = check_submission(
+                folder, self.rules.board, self.rules.data, fetch=True, until=self.until
+            )
             faults = [*checked.errors, *self._faults_of_names(checked, out)]
         if faults:
             raise SubmissionError(faults[0].what, where=self.place.path, fix=faults[0].fix)
@@ -173,12 +160,8 @@ class _New:
         if given is None:
             return []
         scored = {path.parts[-4:-1] for path in out.glob("runs/*/*/*/*")}
-        merged = known_submissions(self.rules.root)
-        old = replace(self.place, folder=given.supersedes or "")
-        if old not in [one.place for one in merged]:  # withdrawn since
-            given = given.model_copy(update={"supersedes": None})
-        known = [one for one in merged if one.place == old or astuple(one.place) in scored]
-        found = check_names(given, self.place, known)
+        known = [one for one in known_submissions(self.rules.root) if astuple(one.place) in scored]
+        found = (*check_names(given, self.place, known), *_check_case(self.place, scored))
         return [one for one in found if isinstance(one, UserError)]
 
     def _rescored(self, checked: CheckedSubmission, run: Path) -> Rescored:
@@ -211,6 +194,16 @@ class _New:
         return content
 
 
+def _check_case(place: Place, scored: set[tuple[str, ...]]) -> Iterator[UserError]:
+    own = astuple(place)
+    for other in scored - {own}:
+        if [part.casefold() for part in other] == [part.casefold() for part in own]:
+            yield SubmissionError(
+                f"differs from the folder {other[-1]} of the board only in case",
+                fix="choose another name",
+            )
+
+
 def _claimed(found: Rescored | None) -> Claimed | None:
     if found is None or found.claimed is None:
         return None
@@ -227,14 +220,7 @@ def _made_again(found: Rescored | None) -> MadeAgain | None:
 
 
 def record_runs(branch: DataBranch, root: Path) -> list[str]:
-    """Put runs onto the data branch that are not on it, and return their paths.
-
-    Parameters
-    ----------
-    branch : DataBranch
-    root : Path
-        As `score_merged` filled it.
-    """
+    """Put runs onto the data branch that are not on it, and return their paths."""
     runs = sorted(path.parent for path in root.glob(f"runs/*/*/*/*/{RUN_FILE}"))
 
     def change(now: DataBranch) -> Mapping[str, bytes]:

@@ -39,11 +39,6 @@ class Others:
     board: Board
     known: Sequence[Known]
 
-    def errors(self, given: Submission, place: Place) -> Iterator[UserError]:
-        """Yield why the account may not have this submission at its place."""
-        yield from self._foreign(given, place)
-        yield from self._crowd(given, place)
-
     def strange_team(self, given: Submission) -> Iterator[str]:
         """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
         theirs = [one for one in self.known if one.team == given.team]
@@ -55,15 +50,7 @@ class Others:
             )
 
     def copied(self, team: str, place: Place, newest: Mapping[str, Path]) -> Iterator[str]:
-        """Warn of answers that are another team's, whatever file they came in.
-
-        Parameters
-        ----------
-        team : str
-        place : Place
-        newest : mapping of str to Path
-            The newest run of each folder of the table, with that of the place.
-        """
+        """Warn of answers that are another team's, whatever file they came in."""
         records = {name: records_path(run / "result.json") for name, run in newest.items()}
         own = records.pop(place.folder)
         for one in self._table(place):
@@ -77,34 +64,17 @@ class Others:
     def _table(self, place: Place) -> list[Known]:
         return [one for one in self.known if replace(one.place, folder=place.folder) == place]
 
-    def _crowd(self, given: Submission, place: Place) -> Iterator[UserError]:
+    def crowd(self, place: Place) -> Iterator[UserError]:
         """Refuse one more than an account may show: clones would widen everybody's rank range."""
         if self.pull.account in self.board.maintainers:
             return
         table, most = self._table(place), self.board.limits.entries
-        gone = {place.folder, given.supersedes, *(one.supersedes for one in table)}
-        shown = [one for one in table if one.folder not in gone]
-        own = [one for one in shown if owner(self.ledger, one.place) == self.pull.account]
+        others = [one.place for one in table if one.place != place]
+        own = [one for one in others if owner(self.ledger, one) == self.pull.account]
         if len(own) >= most:
             yield RefusedError(
                 f"this account has {counted(len(own), 'submission')} in this table already",
                 where=f"{place.path}/{SUBMISSION_FILE}",
                 expected=f"at most {most} that are shown at once",
-                fix="let it supersede one of them, or withdraw one",
+                fix="withdraw one of them, or put the new version into its folder",
             )
-
-    def _foreign(self, given: Submission, place: Place) -> Iterator[UserError]:
-        """Refuse to supersede what another account has submitted."""
-        old = replace(place, folder=given.supersedes or "")
-        there = given.supersedes is None or any(one.place == old for one in self.known)
-        whose = owner(self.ledger, old)
-        allowed = given.supersedes is None or self.pull.account in (whose, *self.board.maintainers)
-        if there and allowed:
-            return
-        what = "belongs to another account" if there else "is not on the board"
-        yield RefusedError(
-            f"supersedes {old.folder}, which {what}",
-            where=f"{place.path}/{SUBMISSION_FILE}",
-            expected="a folder of the same benchmark and track that this account has submitted",
-            fix="leave supersedes out",
-        )

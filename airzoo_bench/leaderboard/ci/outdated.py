@@ -35,13 +35,7 @@ class Measure:
 
 
 def measure_of(run: Path) -> Measure:
-    """Read what a run was measured with.
-
-    Raises
-    ------
-    UserError
-        Its result is damaged.
-    """
+    """Read what a run was measured with."""
     sealed = run / "answer.json"
     if sealed.is_file():
         answer = SealedAnswer.model_validate_json(sealed.read_bytes())
@@ -66,13 +60,7 @@ class Measures:
     _known: dict[tuple[str, bool], Measure] = field(default_factory=dict)
 
     def of(self, protocol: str, *, sealed: bool) -> Measure:
-        """Read a protocol and the fingerprint of its truth.
-
-        Raises
-        ------
-        ProtocolError, BenchmarkError
-            They are not there, or not as they must be.
-        """
+        """Read a protocol and the fingerprint of its truth."""
         if (protocol, sealed) not in self._known:
             self._known[protocol, sealed] = self._read(protocol, sealed=sealed)
         return self._known[protocol, sealed]

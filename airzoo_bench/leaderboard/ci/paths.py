@@ -29,13 +29,7 @@ def shown_path(path: bytes) -> str:
 
 
 def checked_path(path: bytes) -> str:
-    """Return a path as text.
-
-    Raises
-    ------
-    RefusedError
-        It is not UTF-8, not in normal form, or a part of it is no plain name.
-    """
+    """Return a path as text."""
     try:
         text = path.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -54,13 +48,7 @@ def _fault_of_whole(text: str, parts: Sequence[str]) -> str:
 
 
 def check_entries(entries: Sequence[Entry]) -> list[RefusedError]:
-    """Return what is wrong with names and kinds of files, a message each, at most 20.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-        All files of a submission.
-    """
+    """Return what is wrong with names and kinds of files, a message each, at most 20."""
     found = [fault for entry in entries if (fault := _fault(entry)) is not None]
     if not found:
         found += _alike(entries)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,23 +53,28 @@ class Touched:
     base: str
 
 
-def submitted(repository: Repository, benchmark: str) -> Iterator[Place]:
+def submitted(
+    repository: Repository, benchmark: str, note: Callable[[str], None]
+) -> Iterator[Place]:
     """Yield the submissions to a benchmark that stand on the board's branch."""
-    for track in repository.folders(BASE, f"submissions/{benchmark}"):
-        for folder in repository.folders(BASE, checked_path(track)):
-            parts = checked_path(folder).split("/")
-            if repository.resolve(f"{BASE}:{checked_path(folder)}/{SUBMISSION_FILE}"):
-                yield Place(*parts[1:])
+    for track in _plain(repository.folders(BASE, f"submissions/{benchmark}"), note):
+        for folder in _plain(repository.folders(BASE, track), note):
+            if repository.resolve(f"{BASE}:{folder}/{SUBMISSION_FILE}"):
+                yield Place(*folder.split("/")[1:])
+            else:
+                note(f"{folder}: no submission, and skipped: it has no {SUBMISSION_FILE}")
+
+
+def _plain(paths: Iterable[bytes], note: Callable[[str], None]) -> Iterator[str]:
+    for path in paths:
+        try:
+            yield checked_path(path)
+        except RefusedError as fault:
+            note(f"{shown_path(path)}: no submission, and skipped: {fault.what}")
 
 
 def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
-    """Fetch head and base, without the files' content.
-
-    Raises
-    ------
-    BoardError
-        The event's commit is not there any more: a newer push has its own run.
-    """
+    """Fetch head and base, without the files' content."""
     refs = {pull.ref: HEAD, f"refs/heads/{pull.base}": BASE}
     repository.fetch(refs, blobs=False)
     if not repository.contains(HEAD, pull.head):
@@ -82,14 +87,7 @@ def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
 def touched(
     repository: Repository, pull: PullRequest, board: Board, ledger: Sequence[Line]
 ) -> Touched | None:
-    """Return the submission that a pull request changes; None where it changes none.
-
-    Raises
-    ------
-    RefusedError
-        It changes more than one submission, or something else besides, or a folder that is not
-        its author's.
-    """
+    """Return the submission that a pull request changes; None where it changes none."""
     base = _merge_base(repository, pull)
     now, before = (repository.resolve(f"{commit}:submissions") for commit in (pull.head, base))
     if now == before:  # whatever else it changes is none of a board's business
@@ -103,10 +101,7 @@ def touched(
 
 
 def _merge_base(repository: Repository, pull: PullRequest) -> str:
-    """Return the one commit from which a pull request went apart.
-
-    Against one of several, a folder could look untouched that a merge sets back.
-    """
+    """Return the one commit from which a pull request went apart."""
     bases = repository.merge_bases(BASE, pull.head)
     if not bases:
         raise RefusedError(
@@ -220,23 +215,7 @@ def _check_base(repository: Repository, place: Place, base: str) -> None:
 def read_files(
     repository: Repository, head: str, place: Place, limits: Limits, into: Path
 ) -> list[UserError]:
-    """Write the files of a submission into a fresh folder, if names, kinds and sizes are right.
-
-    Parameters
-    ----------
-    repository : Repository
-    head : str
-        The commit.
-    place : Place
-    limits : Limits
-    into : Path
-        The root below which the submission's own path is made.
-
-    Returns
-    -------
-    list of UserError
-        What is wrong; then what was written is of no use.
-    """
+    """Write the files of a submission into a fresh folder, if names, kinds and sizes are right."""
     entries = repository.entries(head, place.path, MOST_FILES)
     faults: list[UserError] = [*check_entries(entries)]
     faults = faults or _faults_of_sizes(repository, entries, place, limits)

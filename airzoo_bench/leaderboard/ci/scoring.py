@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ from airzoo_bench.leaderboard.ci.rules import (
     touched,
 )
 from airzoo_bench.leaderboard.ci.standing import standing_of
-from airzoo_bench.leaderboard.known import Place, check_brought_back, known_submissions
+from airzoo_bench.leaderboard.known import Place, known_submissions
 from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.leaderboard.rescoring import rescore
 from airzoo_bench.leaderboard.runs import newest_runs, write_facts
@@ -54,6 +54,8 @@ class Rules:
         The one that submissions are merged into.
     data : Path
         Where benchmark folders lie.
+    note : callable
+        Takes sentences for the maintainer.
     """
 
     board: Board
@@ -61,31 +63,11 @@ class Rules:
     branch: str
     data: Path
     resources: Resources
+    note: Callable[[str], None]
 
 
 def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Artifact:
-    """Check a pull request and score it where the truth is public.
-
-    Parameters
-    ----------
-    pull : PullRequest
-    remote : str
-        URL or folder of the repository.
-    rules : Rules
-    work : Path
-        A folder that is empty or does not exist: git's objects, then the submission's files, at
-        their place below it.
-
-    Returns
-    -------
-    Artifact
-        Also where it is refused, with the reasons.
-
-    Raises
-    ------
-    UserError
-        The event, the board or its data are not as they must be: no fault of the submission.
-    """
+    """Check a pull request and score it where the truth is public."""
     if pull.base != rules.branch:
         return _artifact(pull, "nothing")
     repository = Repository.create(work / "pull.git", remote)
@@ -98,7 +80,7 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
         if found is None:
             return _artifact(pull, "nothing")
         if not found.tree:
-            return _withdrawn(pull, found, rules, work)
+            return _artifact(pull, "withdrawn", **_of(found))
         return _Submitted(pull, repository, branch, ledger, found, rules, work).artifact()
     except UserError as error:
         return _refused(pull, found, [error], work)
@@ -130,7 +112,7 @@ class _Submitted:
             fetch=True,
         )
         given, others = checked.submission, Others(self.pull, self.ledger, board, known)
-        faults = [*checked.errors, *(others.errors(given, place) if given else ())]
+        faults = [*checked.errors, *others.crowd(place)]
         if faults:
             return _refused(self.pull, self.found, faults, self.work)
         assert given is not None  # what has no errors was read
@@ -170,7 +152,7 @@ class _Submitted:
         """Place it among the runs of what stands on the board, as the board would after a merge."""
         assert checked.submission is not None  # what has no errors was read
         home, place = self.work / "board", self.found.place
-        for one in {place, *submitted(self.repository, place.benchmark)}:
+        for one in {place, *submitted(self.repository, place.benchmark, self.rules.note)}:
             if one.track == place.track:
                 self.branch.export(home, f"runs/{one.benchmark}/{one.track}/{one.folder}")
         folder = home / "runs" / place.benchmark / place.track / place.folder
@@ -179,13 +161,6 @@ class _Submitted:
         save(evaluation, run)
         write_facts(run, checked.submission, self.pull.head, self.found.tree)
         return standing_of(place, home / "runs", self.work / "cache")
-
-
-def _withdrawn(pull: PullRequest, found: Touched, rules: Rules, work: Path) -> Artifact:
-    faults = [*check_brought_back(known_submissions(rules.root), found.place)]
-    if faults:
-        return _refused(pull, found, faults, work)
-    return _artifact(pull, "withdrawn", **_of(found))
 
 
 def is_sealed(board: Board, place: Place) -> bool:

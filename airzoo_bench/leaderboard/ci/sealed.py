@@ -18,13 +18,7 @@ __all__ = ["check_no_network", "score_against_truth"]
 
 
 def check_no_network() -> None:
-    """Refuse to open a truth where anything could carry it away.
-
-    Raises
-    ------
-    UsageError
-        The process has another network interface than the loopback.
-    """
+    """Refuse to open a truth where anything could carry it away."""
     others = [name for _, name in socket.if_nameindex() if name != "lo"]
     if others:
         raise UsageError(
@@ -34,27 +28,7 @@ def check_no_network() -> None:
 
 
 def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) -> Artifact:
-    """Score a submission that an earlier job has checked.
-
-    Parameters
-    ----------
-    artifact : Artifact
-        Of the earlier job.
-    work : Path
-        With the files that the earlier job has read: the submission's, and what was fetched.
-    rules : Rules
-    key : pyrage.x25519.Identity
-
-    Returns
-    -------
-    Artifact
-        With the answer; or refused for what only the open truth could show, which is a try.
-
-    Raises
-    ------
-    UserError
-        The files are not what was checked, or the board's archive or key are not right.
-    """
+    """Score a submission that an earlier job has checked."""
     place = artifact.place
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)

@@ -21,22 +21,7 @@ __all__ = ["standing_of"]
 
 
 def standing_of(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
-    """Return the rows and the standing of a method, as an artifact has them.
-
-    Parameters
-    ----------
-    place : Place
-        The submission's.
-    runs : Path
-        With its run, and the runs of all that it shares a table with.
-    cache : Path
-        A folder for what is computed of each; made where it is missing.
-
-    Raises
-    ------
-    BoardError
-        A run cannot stand on the board.
-    """
+    """Return the rows and the standing of a method, as an artifact has them."""
     cache.mkdir(parents=True, exist_ok=True)
     try:
         shown, versions = _read(place, runs)
@@ -53,7 +38,7 @@ def standing_of(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
     before = older[0] if older and older[0].measures == measured.measures else None
     return {
         "rows": tuple(_rows(measured, before)),
-        "standing": _standing(methods, place.folder, cache),
+        "standing": _standing(methods, place.folder),
     }
 
 
@@ -63,10 +48,8 @@ def _read(place: Place, runs: Path) -> tuple[list[Entry], list[Entry]]:
     shown = sorted(read_entries(runs, faults), key=lambda entry: (entry.name, entry.digest))
     faults.refuse()
     for entry in shown:
-        versions = [entry, *entry.older]
-        names = [one.name for one in versions]
-        if place.folder in names:
-            return shown, versions[names.index(place.folder) :][:2]
+        if entry.name == place.folder:
+            return shown, [entry, *entry.older][:2]
     raise BoardError(f"no run of {place.path}")
 
 
@@ -97,14 +80,11 @@ def _rows(measured: Measured, before: Measured | None) -> Iterator[SceneScores]:
         yield SceneScores(title=title, queries=queries, scores=scores)
 
 
-def _standing(methods: Sequence[Scored], folder: str, cache: Path) -> Standing | None:
-    """Rank a method as the board does; not one that another submission supersedes."""
-    ids = [one.id for one in methods]
-    if folder not in ids:
-        return None
-    own = ids.index(folder)
+def _standing(methods: Sequence[Scored], folder: str) -> Standing:
+    """Rank a method as the board does."""
+    own = [one.id for one in methods].index(folder)
     column = headline_first(methods)[0]
-    ranked = rank(methods, [column], cache)[column.key]
+    ranked = rank(methods, column)
     first, last = ranked.ranges[own].tolist()
     others = [n for n in range(len(methods)) if n != own and not ranked.apart[own, n]]
     return Standing(

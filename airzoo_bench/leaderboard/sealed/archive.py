@@ -56,15 +56,7 @@ def read_pieces(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 def write_archive(stream: IO[bytes], members: Iterable[Member], recipient: Any) -> None:
-    """Write files, encrypted to a recipient.
-
-    Raises
-    ------
-    BenchmarkError
-        A file has another size than it had.
-    OSError
-        A file cannot be read, or the disk is full.
-    """
+    """Write files, encrypted to a recipient."""
     pyrage = load_pyrage()
     source, sink = _Source(_tar(members)), _Sink(stream)
     try:
@@ -79,21 +71,7 @@ def write_archive(stream: IO[bytes], members: Iterable[Member], recipient: Any) 
 
 @contextmanager
 def opened_archive(path: Path, key: Any) -> Iterator[Iterator[tuple[str, IO[bytes]]]]:
-    """Read an archive from its beginning to its end.
-
-    Nothing that is read counts before the block has ended without an error: only the last piece
-    tells that none is missing.
-
-    Yields
-    ------
-    iterator of (str, file object)
-        Name and content of each file, which is to be read before the next is asked for.
-
-    Raises
-    ------
-    BenchmarkError
-        There is no such file, it is damaged or cut off, or sealed to another key.
-    """
+    """Read an archive from its beginning to its end."""
     if not path.is_file():
         raise BenchmarkError(
             "no such archive", where=path, expected="what `airzoo-bench seal` wrote"

@@ -32,10 +32,10 @@ class SealedFile(Strict):
     Attributes
     ----------
     how : {"public", "sealed", "cut"}
-        Whether it stands in the public folder as it was, in the archive, or is the public file
-        with `cuts` filled by what the archive has of it.
+        Whether it stands in the public folder as it was, in the archive, or in the public folder
+        without its metadata.
     cuts : tuple of (int, int)
-        Offset in the original, and length.
+        Of earlier archives, without use: what they hold of photos.
     """
 
     sha256: Sha256

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import importlib
 import os
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import read_text
 
-__all__ = ["KEY_VARIABLE", "load_pyrage", "new_key", "read_key", "recipient"]
+__all__ = ["KEY_VARIABLE", "load_pyrage", "read_key", "recipient"]
 
 KEY_VARIABLE = "AIRZOO_BENCH_KEY"
 """The variable of the environment that holds a key."""
@@ -21,13 +20,7 @@ _SECRET, _PUBLIC = "AGE-SECRET-KEY-1", "age1"
 
 
 def load_pyrage() -> Any:
-    """Import pyrage and return the module.
-
-    Raises
-    ------
-    UsageError
-        It is not installed.
-    """
+    """Import pyrage and return the module."""
     try:
         return importlib.import_module("pyrage")
     except ImportError:
@@ -38,22 +31,7 @@ def load_pyrage() -> Any:
 
 
 def read_key(file: Path | None = None) -> Any:
-    """Read the key that opens an archive.
-
-    Parameters
-    ----------
-    file : Path, optional
-        As ``age-keygen`` writes it; by default the environment's variable holds its content.
-
-    Returns
-    -------
-    pyrage.x25519.Identity
-
-    Raises
-    ------
-    UsageError
-        There is none, or not exactly one.
-    """
+    """Read the key that opens an archive."""
     text = os.environ.get(KEY_VARIABLE) if file is None else _text_of(file)
     where = f"${KEY_VARIABLE}" if file is None else str(file)
     if text is None:
@@ -78,13 +56,7 @@ def read_key(file: Path | None = None) -> Any:
 
 
 def recipient(text: str) -> Any:
-    """Return whom an archive is sealed to.
-
-    Raises
-    ------
-    UsageError
-        It is no X25519 recipient; a secret key is not repeated in the message.
-    """
+    """Return whom an archive is sealed to."""
     pyrage = load_pyrage()
     if text.strip().upper().startswith(_SECRET):
         raise UsageError(
@@ -101,28 +73,6 @@ def recipient(text: str) -> Any:
             where="--to",
             expected=f"a public key as age-keygen prints it, which begins with {_PUBLIC}",
         ) from None
-
-
-def new_key(file: Path) -> str:
-    """Write a new key, for its owner alone to read, and return the recipient.
-
-    Raises
-    ------
-    UsageError
-        Something stands there already, or it cannot be written.
-    """
-    identity = load_pyrage().x25519.Identity.generate()
-    public = str(identity.to_public())
-    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    try:
-        handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError:
-        raise UsageError(
-            "is there already, and a key is not replaced", where=file, fix="name another file"
-        ) from None
-    with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        stream.write(f"# created: {now}\n# public key: {public}\n{identity}\n")
-    return public
 
 
 def _text_of(file: Path) -> str:

@@ -99,10 +99,7 @@ def public_parts(benchmark: Benchmark) -> dict[str, Part]:
 
 
 def public_entry(scene: SceneFile, tracks: Sequence[str]) -> SceneFile:
-    """Return what benchmark.toml says of a scene in public.
-
-    The surface model is given to methods of matching; without that track it is sealed.
-    """
+    """Return what benchmark.toml says of a scene in public."""
     sealed: dict[str, None] = dict.fromkeys(("cloud", "cloud_sha256", "truth_accuracy_m"))
     if "matching" not in tracks:
         sealed |= dict.fromkeys(("dsm", "dsm_sha256", "plane_height_m", "maps"))
@@ -110,15 +107,7 @@ def public_entry(scene: SceneFile, tracks: Sequence[str]) -> SceneFile:
 
 
 def public_table(path: Path, columns: Sequence[str]) -> bytes:
-    """Return a table with its public columns alone, in the order of its ids.
-
-    Of a CSV, the texts of the cells are kept as they are.
-
-    Raises
-    ------
-    BenchmarkError
-        It has no ids, or rows of other lengths than its head.
-    """
+    """Return a table with its public columns alone, in the order of its ids."""
     if path.suffix == ".parquet":
         return _public_parquet(path, columns)
     with path.open(encoding="utf-8-sig", newline="") as stream:

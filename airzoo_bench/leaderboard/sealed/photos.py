@@ -1,7 +1,7 @@
 """Photos without metadata, which carry the true pose: EXIF, XMP, notes of the maker, previews.
 
 JPEG and PNG are cut, not encoded again: what is no part of the picture is left out byte for byte,
-so that the pixels stay and the cuts alone bring the original back. Kept is what an allow list
+so that the pixels stay. Kept is what an allow list
 names. Another reader, Pillow, then says whether anything is left.
 """
 
@@ -45,25 +45,7 @@ _TIFF_KEPT = frozenset(
 
 
 def cuts_of(data: bytes, where: Path) -> list[Cut]:
-    """Find what of a JPEG or PNG is no part of the picture.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    where : Path
-        For messages.
-
-    Returns
-    -------
-    list of (int, int)
-        Offset and length of each part to leave out, ascending; parts do not touch.
-
-    Raises
-    ------
-    BenchmarkError
-        It is neither, or its parts do not follow each other to the end.
-    """
+    """Find what of a JPEG or PNG is no part of the picture."""
     if data.startswith(_PNG):
         parts = _png_parts(data)
     elif data.startswith(_JPEG):
@@ -82,13 +64,7 @@ def is_tiff(data: bytes) -> bool:
 
 
 def pixels_alone(path: Path) -> bytes:
-    """Return a TIFF of the first picture of a TIFF, with its pixels and nothing else.
-
-    Raises
-    ------
-    BenchmarkError
-        It cannot be read.
-    """
+    """Return a TIFF of the first picture of a TIFF, with its pixels and nothing else."""
     from PIL import Image
 
     with opened_photo(path) as image:
@@ -102,13 +78,7 @@ def pixels_alone(path: Path) -> bytes:
 
 
 def refuse_leftovers(path: Path) -> None:
-    """Refuse a photo that still holds something beside the picture.
-
-    Raises
-    ------
-    BenchmarkError
-        It names what Pillow, or a search for the marks of metadata, found.
-    """
+    """Refuse a photo that still holds something beside the picture."""
     found = leftovers(path)
     if found:
         raise BenchmarkError(

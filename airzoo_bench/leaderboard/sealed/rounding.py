@@ -133,17 +133,7 @@ def told_alone(value: float, column: ScoreColumn, error: float | None = None) ->
 
 
 def drawn(salt: str, name: str, values: Floats) -> float:
-    """Draw a number from 0 to 1 for a score, from a secret salt and what the score is made of.
-
-    Parameters
-    ----------
-    salt : str
-        256 bits, in hexadecimal.
-    name : str
-        Of scene and score.
-    values : (N,) array
-        Of the queries; what differs by the processor alone is rounded away.
-    """
+    """Draw a number from 0 to 1 for a score, from a secret salt and what the score is made of."""
     digest = hashlib.blake2b(name.encode() + b"\0", digest_size=7, key=bytes.fromhex(salt))
     digest.update((np.round(values, 6) + 0.0).astype("<f8").tobytes())
     return int.from_bytes(digest.digest(), "big") / (1 << 56)

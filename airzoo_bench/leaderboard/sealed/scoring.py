@@ -66,29 +66,7 @@ def score_sealed(
     data: Path,
     resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> SealedAnswer:
-    """Score a submission, and tell of it what does not tell the truth.
-
-    The truth is open while this runs, in memory where the system has files there, and is removed
-    however it ends; see `unsealing.opened_truth`.
-
-    Parameters
-    ----------
-    checked : CheckedSubmission
-        Without errors, and with its predictions.
-    archive : Path
-        Of the truth, as `airzoo-bench seal` wrote it.
-    key : pyrage.x25519.Identity
-        See `keys.read_key`.
-    data : Path
-        The public benchmark folder that belongs to the archive, or the folder that holds it.
-    resources : Resources
-
-    Raises
-    ------
-    UserError
-        The predictions are not as they must be, or not of the class that is stated, the key is
-        not the archive's, the archive is damaged, or belongs to another public folder.
-    """
+    """Score a submission, and tell of it what does not tell the truth."""
     submission, predictions = checked.submission, checked.predictions
     if submission is None or predictions is None:
         raise SubmissionError("there are no predictions to score")
@@ -117,27 +95,7 @@ def score_predictions(
     resources: Resources = Resources(),  # noqa: B008 - frozen
     stated: Submission | None = None,
 ) -> SealedAnswer:
-    """Score predictions that need not belong to a submission; see `score_sealed`.
-
-    Parameters
-    ----------
-    predictions : Path
-    protocol, method : str
-        The protocol's name, and what the method is called.
-    archive : Path
-    key : pyrage.x25519.Identity
-    data : Path
-    read_by : ReadBy
-        How the predictions are to be read.
-    resources : Resources
-    stated : Submission, optional
-        What is said of the method's class is held to the predictions.
-
-    Raises
-    ------
-    UserError
-        See `score_sealed`.
-    """
+    """Score predictions that need not belong to a submission; see `score_sealed`."""
     public = find_benchmark(find_protocol(protocol, data).benchmark, data, sealed=True)
     clear_truth()
     # What can be said of predictions without the truth is said before it is opened.
@@ -152,7 +110,7 @@ def score_predictions(
             raise OpenedTruthError(
                 "cannot be scored, for a reason that only the truth shows, and that is not told",
                 where=predictions,
-                fix="ask the host, who can unseal the truth and score it by `airzoo-bench eval`",
+                fix="ask the host, who has the truth and can score it by `airzoo-bench eval`",
             ) from None
         for error in () if stated is None else pipeline_errors(stated, evaluation.result):
             raise OpenedTruthError(error.what, expected=error.expected, fix=error.fix)
@@ -184,23 +142,7 @@ def _answer(evaluation: Evaluation, public: Benchmark, salt: str) -> SealedAnswe
 
 
 def told_of(evaluation: Evaluation, columns: tuple[ScoreColumn, ...], salt: str) -> _Told:
-    """Round the scores of scenes and overall.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        With its records.
-    columns : tuple of ScoreColumn
-        The scores to tell.
-    salt : str
-        See `rounding.drawn`.
-
-    Returns
-    -------
-    scenes : dict of str to dict of str to Estimate
-        By scene and score; scenes of few queries are left out.
-    overall : dict of str to Estimate
-    """
+    """Round the scores of scenes and overall."""
     if TRACKS.get(evaluation.result.track).unit == "scene":
         return _told_scenes(evaluation, columns)
     records = evaluation.records

@@ -75,27 +75,7 @@ def seal(
     make_salt: Callable[[], str] = _new_salt,
     progress: Progress = silent,
 ) -> Sealed:
-    """Write a public folder without the truth, and an archive of the truth, both or neither.
-
-    Parameters
-    ----------
-    folder : Path
-        A benchmark folder with all its data in it.
-    public, archive : Path
-        What to write, in one folder, so that both appear in one step.
-    to : pyrage.x25519.Recipient
-        See `keys.recipient`.
-    replace : bool
-        Whether what stands there is replaced.
-    make_salt : callable
-        Returns 256 bits that nobody knows, in hexadecimal.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        The folder cannot be sealed, or the files not be written.
-    """
+    """Write a public folder without the truth, and an archive of the truth, both or neither."""
     _check_places(folder, public, archive, replace=replace)
     benchmark = Benchmark.open(folder, sealed=True)
     if benchmark.is_sealed:
@@ -115,7 +95,7 @@ def seal(
         }
         contents = Contents(format=1, salt=make_salt(), files=files)
         _write_benchmark(benchmark, target, commitment(contents))
-        _check_public(benchmark, target)
+        _check_public(target)
         with (staged / archive.name).open("wb") as stream:
             write_archive(stream, _members(folder, contents), to)
         _set_times(target)
@@ -188,24 +168,23 @@ def _refuse_told(benchmark: Benchmark) -> None:
 
 
 def _publish(folder: Path, target: Path, name: str, part: Part | None) -> SealedFile:
-    """Write the public version of a file, if it has one, and say how the original comes back."""
+    """Write the public version of a file, if it has one, and say where the original is."""
     source = folder / name
     size, digest = source.stat().st_size, sha256_of(source)
     if part is None:
         return SealedFile(sha256=digest, size=size, how="sealed")
     place = target / name
     place.parent.mkdir(parents=True, exist_ok=True)
-    cuts: list[tuple[int, int]] = []
     if part.kind is Kind.PHOTO:
-        cuts = _write_photo(source, place)
+        _write_photo(source, place)
     elif part.kind is Kind.TABLE:
         place.write_bytes(public_table(source, part.columns))
     else:
         _copy(source, place)
-    if cuts:
-        return SealedFile(sha256=digest, size=size, how="cut", cuts=tuple(cuts))
     if sha256_of(place) == digest:
         return SealedFile(sha256=digest, size=size, how="public")
+    if part.kind is Kind.PHOTO:
+        return SealedFile(sha256=digest, size=size, how="cut")
     return SealedFile(sha256=digest, size=size, how="sealed")
 
 
@@ -215,17 +194,14 @@ def _copy(source: Path, place: Path) -> None:
             stream.write(piece)
 
 
-def _write_photo(source: Path, place: Path) -> list[tuple[int, int]]:
-    """Write a photo without metadata, and return what was cut out; nothing of a TIFF."""
+def _write_photo(source: Path, place: Path) -> None:
+    """Write a photo without metadata."""
     data = source.read_bytes()
-    cuts: list[tuple[int, int]] = []
     if is_tiff(data):
         place.write_bytes(pixels_alone(source))
     else:
-        cuts = cuts_of(data, source)
-        place.write_bytes(b"".join(_between(data, cuts)))
+        place.write_bytes(b"".join(_between(data, cuts_of(data, source))))
     refuse_leftovers(place)
-    return cuts
 
 
 def _between(data: bytes, cuts: list[tuple[int, int]]) -> Iterator[bytes]:
@@ -244,7 +220,7 @@ def _write_benchmark(benchmark: Benchmark, target: Path, committed: str) -> None
     write_benchmark_file(target, benchmark.file.model_copy(update=update))
 
 
-def _check_public(benchmark: Benchmark, target: Path) -> None:
+def _check_public(target: Path) -> None:
     """Hold the public folder to what submitters do with it: every protocol's questions are read."""
     for path in sorted((target / "protocols").glob("*.toml")):
         protocol = load_protocol(path)
@@ -257,8 +233,6 @@ def _members(folder: Path, contents: Contents) -> Iterator[Member]:
     for name, file in contents.files.items():
         if file.how == "sealed":
             yield Member(f"files/{name}", file.size, _checked(folder / name, file.sha256))
-        elif file.how == "cut":
-            yield Member(f"files/{name}", sum(n for _, n in file.cuts), _cut(folder / name, file))
 
 
 def _checked(path: Path, expected: str) -> Callable[[], Iterator[bytes]]:
@@ -269,16 +243,6 @@ def _checked(path: Path, expected: str) -> Callable[[], Iterator[bytes]]:
             yield piece
         if digest.hexdigest() != expected:
             raise BenchmarkError("was changed while it was sealed", where=path, fix="seal again")
-
-    return pieces
-
-
-def _cut(path: Path, file: SealedFile) -> Callable[[], Iterator[bytes]]:
-    def pieces() -> Iterator[bytes]:
-        with path.open("rb") as stream:
-            for offset, length in file.cuts:
-                stream.seek(offset)
-                yield stream.read(length)
 
     return pieces
 

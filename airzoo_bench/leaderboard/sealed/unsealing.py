@@ -1,11 +1,11 @@
-"""Unsealing: the folder that was sealed, byte for byte, or as much of it as scoring needs."""
+"""Opening a sealed truth: as much of the folder that was sealed as scoring needs."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +15,11 @@ from pydantic import ValidationError
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.temporaries import clear_abandoned, temporary_folder
-from airzoo_bench.leaderboard.sealed.archive import opened_archive, pieces_of, read_pieces
+from airzoo_bench.leaderboard.sealed.archive import opened_archive, read_pieces
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
 
-__all__ = ["OpenTruth", "clear_truth", "memory_folder", "opened_truth", "unseal"]
+__all__ = ["OpenTruth", "clear_truth", "memory_folder", "opened_truth"]
 
 _MANIFEST_BYTES = 1 << 30
 _MEMORY = Path("/dev/shm")  # files in memory, on Linux
@@ -44,65 +42,14 @@ class OpenTruth:
     salt: str
 
 
-def unseal(
-    public: Path,
-    archive: Path,
-    key: Any,
-    out: Path,
-    *,
-    replace: bool = False,
-    progress: Progress = silent,
-) -> None:
-    """Write the folder that was sealed, the same to the last byte of every file.
-
-    Parameters
-    ----------
-    public, archive : Path
-        As `sealing.seal` wrote them.
-    key : pyrage.x25519.Identity
-        See `keys.read_key`.
-    out : Path
-        The folder to write.
-    replace : bool
-        Whether a folder that stands there is replaced.
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        The archive is damaged, sealed to another key or of another public folder, a public file
-        was changed, or the folder cannot be written.
-    """
-    committed = _commitment_of(public)
-    with atomic_folder(out, replace=replace) as staged:
-        contents = _extract(archive, key, committed, staged, _filled(public), progress)
-        for name, file in contents.files.items():
-            if file.how == "public":
-                _write(staged / name, pieces_of(_there(public / name)), file, public / name)
-
-
 @contextmanager
 def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[OpenTruth]:
-    """Open the truth for scoring, in memory where the system has files there.
-
-    The folder is private to its owner. It is removed however the block ends, by SIGTERM too; what
-    SIGKILL leaves is removed by the next call, and by a restart of the machine where it was in
-    memory.
-
-    Yields
-    ------
-    OpenTruth
-
-    Raises
-    ------
-    UserError
-        See `unseal`.
-    """
+    """Open the truth for scoring, in memory where the system has files there."""
     committed = _commitment_of(public)
     home = memory_folder()
     try:
         with temporary_folder(home, _NAME) as folder:
-            contents = _extract(archive, key, committed, folder, None, silent)
+            contents = _extract(archive, key, committed, folder)
             for name, file in contents.files.items():
                 if file.how == "public":
                     (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -125,16 +72,11 @@ def memory_folder() -> Path:
 
 def clear_truth() -> None:
     """Remove what a killed run has left of a truth that was open."""
-    clear_abandoned(memory_folder())
+    clear_abandoned(memory_folder() / _NAME)
 
 
-Fill = Callable[[Path, str, SealedFile, IO[bytes]], None]
-
-
-def _extract(
-    archive: Path, key: Any, committed: str, target: Path, fill: Fill | None, progress: Progress
-) -> Contents:
-    """Write the files of an archive; `fill` makes those that were cut, which else are left out."""
+def _extract(archive: Path, key: Any, committed: str, target: Path) -> Contents:
+    """Write the sealed files of an archive."""
     with opened_archive(archive, key) as members:
         contents = _contents(next(members, None), archive)
         if commitment(contents) != committed:
@@ -144,16 +86,15 @@ def _extract(
                 expected=f"the archive of commitment {committed[:12]}…",
                 fix="take the public folder and the archive of one run of `seal`",
             )
-        left = {n: f for n, f in contents.files.items() if f.how != "public"}
-        for member, content in progress(members, "files", len(left)):
+        left = {name for name, file in contents.files.items() if file.how == "sealed"}
+        for member, content in members:
             name = member.removeprefix("files/")
-            file = left.pop(name, None)
-            if file is None:
+            file = contents.files.get(name)
+            if file is None or file.how == "public":
                 raise BenchmarkError(f"holds {name!r}, which nobody sealed", where=archive)
-            if file.how == "sealed":
+            if file.how == "sealed":  # earlier archives also hold what was cut out of photos
                 _write(target / name, read_pieces(content), file, archive)
-            elif fill is not None:
-                fill(target / name, name, file, content)
+                left.discard(name)
     if left:
         raise BenchmarkError(f"lacks {len(left):,} files of the truth", where=archive)
     return contents
@@ -168,24 +109,6 @@ def _contents(member: tuple[str, IO[bytes]] | None, archive: Path) -> Contents:
         raise BenchmarkError(
             f"an archive of another version: {error.errors()[0]['msg']}", where=archive
         ) from None
-
-
-def _filled(public: Path) -> Fill:
-    """Return what makes an original photo of the public one and what was cut out of it."""
-
-    def fill(path: Path, name: str, file: SealedFile, content: IO[bytes]) -> None:
-        def pieces() -> Iterator[bytes]:
-            done = 0
-            with _there(public / name).open("rb") as kept:
-                for offset, length in file.cuts:
-                    yield kept.read(offset - done)
-                    yield content.read(length)
-                    done = offset + length
-                yield kept.read()
-
-        _write(path, pieces(), file, public / name)
-
-    return fill
 
 
 def _write(path: Path, pieces: Iterator[bytes], file: SealedFile, where: Path) -> None:

@@ -1,1 +1,1 @@
-"""The public board: JSON files of a stable API, pages made of them alone, feed and downloads."""
+"""The public board: JSON files of a stable API, pages made of them alone and downloads."""

@@ -16,7 +16,6 @@ __all__ = [
     "Links",
     "MethodFile",
     "Pairs",
-    "Reproduction",
     "Row",
     "Scene",
     "SceneColumn",
@@ -251,28 +250,6 @@ class Version:
 
 
 @dataclass(frozen=True)
-class Reproduction:
-    """A printed number beside the one that was scored here."""
-
-    table: str
-    method: str
-    row: str
-    printed_by: str
-    scene: str
-    score: str
-    printed: Number
-    printed_text: str
-    rescored: Number
-    rescored_text: str
-    low: Number
-    high: Number
-    within: bool | None
-    by: str
-    date: str | None
-    why: str
-
-
-@dataclass(frozen=True)
 class MethodFile:
     """``tables/<id>/methods/<row>.json``: one method with its history."""
 
@@ -282,7 +259,6 @@ class MethodFile:
     scenes: Mapping[str, Mapping[str, Score]]
     history: tuple[Version, ...]
     bibtex: str
-    reproductions: tuple[Reproduction, ...]
 
 
 def as_json(value: Any) -> Any:

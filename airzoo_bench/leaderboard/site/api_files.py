@@ -17,16 +17,14 @@ from airzoo_bench.leaderboard.site.api import (
     Benchmark,
     BoardIndex,
     MethodFile,
-    Reproduction,
     TableFile,
     TableLink,
 )
-from airzoo_bench.leaderboard.site.downloads import atom_feed, bibtex
+from airzoo_bench.leaderboard.site.downloads import bibtex
 from airzoo_bench.leaderboard.site.entries import Entry
-from airzoo_bench.leaderboard.site.history import news, versions
+from airzoo_bench.leaderboard.site.history import versions
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
 from airzoo_bench.leaderboard.site.reported import Reported, read_reported
-from airzoo_bench.leaderboard.site.reproductions import Link, find_reproductions
 from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.leaderboard.site.tables import About, Made, make_table, table_id
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
@@ -57,7 +55,6 @@ class Given:
     submissions: Path
     results: Sequence[Path]
     board: Board | None
-    links: Sequence[Link]
     data: Path
 
 
@@ -133,11 +130,11 @@ class ApiFiles:
     def tables(self) -> list[Made]:
         """All tables: those with results, then those of published methods alone."""
         found = [
-            make_table(self._about(measures), methods, self.reported, self.cache)
+            make_table(self._about(measures), methods, self.reported)
             for measures, methods in sorted(self.groups.items(), key=lambda pair: self.ids[pair[0]])
         ]
         empty = [self._about_empty(p) for n, p in self.protocols.items() if n not in self.current]
-        return [*found, *(make_table(about, [], self.reported, self.cache) for about in empty)]
+        return [*found, *(make_table(about, [], self.reported) for about in empty)]
 
     def _about(self, measures: tuple[Any, ...]) -> About:
         first = self.groups[measures][0].measured
@@ -209,13 +206,10 @@ class ApiFiles:
         """Every file of the API by its path from the site's root."""
         found: dict[str, Any] = {}
         methods = {(self.ids[s.measured.measures], s.id): (s, old) for s, old in self.methods}
-        every: list[Reproduction] = []
         for one in self.tables:
             base = f"{API_FOLDER}tables/{one.table.id}"
             found[f"{base}/table.json"] = one.table
             found |= one.files
-            own = self._reproductions(one)
-            every += own
             for row in one.table.rows:
                 if row.kind != "floor":
                     pair = methods.get((one.table.id, row.id))
@@ -226,18 +220,8 @@ class ApiFiles:
                         {s: part for s, part in one.scenes[row.id].items() if s != OVERALL},
                         () if pair is None else tuple(versions(*pair, self.ids)),
                         bibtex(row, None if pair is None else pair[0].entry.submission, self.title),
-                        tuple(r for r in own if r.row == row.id),
                     )
-        found[f"{API_FOLDER}reproductions.json"] = {"api": API, "reproductions": every}
         return {MARK: self._board(), **found}
-
-    def _reproductions(self, made: Made) -> list[Reproduction]:
-        table = made.table
-        links = self.given.links if table.current else ()
-        titles = {scene.id: scene.title for scene in table.scenes}
-        units = {score.key: score.unit for score in table.scores}
-        halves = self.reported.halves(table.benchmark, table.track, units, titles)
-        return find_reproductions(table, made.scenes, links, halves)
 
     @property
     def title(self) -> str:
@@ -287,12 +271,4 @@ class ApiFiles:
             scored,
             sum(row.kind == "reported" for row in table.rows),
             max(dates, default=None),
-        )
-
-    @property
-    def feed(self) -> bytes:
-        """The newest versions, as Atom."""
-        board = self.given.board
-        return atom_feed(
-            self.title, None if board is None else board.url, news(self.methods, self.ids)
         )

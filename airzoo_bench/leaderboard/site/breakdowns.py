@@ -33,10 +33,7 @@ def by_scene(table: TableFile, rows: Mapping[str, Scores]) -> dict[str, Any]:
 def by_condition(
     table: TableFile, conditions: Sequence[Mapping[str, Any]], methods: Sequence[Scored]
 ) -> dict[str, Any]:
-    """Return conditions.json: each headline score in each group, in the order of the rows.
-
-    There is none of a row whose records put other queries into the groups.
-    """
+    """Return conditions.json: each headline score in each group, in the order of the rows."""
     own = {one.id: {c["by"]: c for c in one.measured.conditions} for one in methods}
 
     def value(row: Row, condition: Mapping[str, Any], group: int, key: str) -> Any:

@@ -7,11 +7,9 @@ does again what it cannot find there, and gives the same bytes with and without 
 from __future__ import annotations
 
 import gc
-import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +18,9 @@ from airzoo_bench.core.files import (
     atomic_folder,
 )
 from airzoo_bench.core.places import check_new_folder
-from airzoo_bench.core.temporaries import clear_abandoned, only_writer
+from airzoo_bench.core.temporaries import only_writer
 from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.leaderboard.site.api import TableFile, as_json
+from airzoo_bench.leaderboard.site.api import as_json
 from airzoo_bench.leaderboard.site.api_files import API_FOLDER, MARK, ApiFiles, Given
 from airzoo_bench.leaderboard.site.downloads import downloads
 from airzoo_bench.leaderboard.site.entries import (
@@ -32,7 +30,6 @@ from airzoo_bench.leaderboard.site.entries import (
     result_entries,
     waiting,
 )
-from airzoo_bench.leaderboard.site.kept_pages import KeptPages
 from airzoo_bench.leaderboard.site.measured import Measured
 from airzoo_bench.leaderboard.site.measuring import forget_others, measure_all
 from airzoo_bench.leaderboard.site.pages import render_pages
@@ -51,31 +48,12 @@ def build_board(
     engine: Engine = HERE,
     note: Callable[[str], None] = print,
 ) -> Path:
-    """Build the site, in place of an earlier one.
-
-    Parameters
-    ----------
-    given : Given
-    out : Path
-        The site's folder; only one that a build has made is replaced.
-    cache : Path
-        What is kept from build to build; safe to delete.
-    engine : Engine
-        Where results are measured. The bytes do not depend on it.
-    note : callable
-        Takes sentences for the maintainer, such as which submissions have no row yet.
-
-    Raises
-    ------
-    UserError
-        Something cannot stand on the board: all faults in one message.
-    """
+    """Build the site, in place of an earlier one."""
     check_new_folder(out, replace=True, mark=MARK)
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
         with only_writer(out), _few_collections():
             cache.mkdir(parents=True, exist_ok=True)
-            clear_abandoned(cache)
             files = _site(given, cache, engine, note)
             with atomic_folder(out, replace=True, mark=MARK) as folder:
                 for path, content in files:
@@ -104,24 +82,13 @@ def _site(
     given: Given, cache: Path, engine: Engine, note: Callable[[str], None]
 ) -> Iterator[tuple[str, bytes]]:
     made = ApiFiles(given, _methods(given, cache, engine, note), cache)
-    values: dict[str, Any] = {}
-    digests: dict[str, str] = {}
-    for path, value in as_json(made.files).items():
+    values = as_json(made.files)
+    for path, value in values.items():
         text = json.dumps(value, ensure_ascii=False, separators=(",", ":")) + "\n"
-        below = path.removeprefix(API_FOLDER)
-        values[below], digests[below] = value, hashlib.sha256(text.encode()).hexdigest()
         yield path, text.encode()
-    yield "feed.xml", made.feed
-    kept = KeptPages(cache / "pages.zip", digests)
     for one in made.tables:
-        digest = digests[f"tables/{one.table.id}/table.json"]
-        yield from kept.pages(["downloads", digest], partial(_downloads, one.table))
-    yield from render_pages(values, kept).items()
-    kept.save()
-
-
-def _downloads(table: TableFile) -> Iterable[tuple[str, bytes]]:
-    return downloads(table).items()
+        yield from downloads(one.table).items()
+    yield from render_pages({p.removeprefix(API_FOLDER): v for p, v in values.items()}).items()
 
 
 def _methods(
@@ -129,7 +96,7 @@ def _methods(
 ) -> list[tuple[Scored, list[tuple[Entry, Measured]]]]:
     """Read and measure everything; each shown method with its earlier versions."""
     faults = Faults()
-    entries = read_entries(given.runs, faults) + result_entries(given.results)
+    entries = read_entries(given.runs, faults, note) + result_entries(given.results)
     faults.refuse()
     for line in waiting(given.submissions, entries):
         note(line)

@@ -1,13 +1,10 @@
-"""What can be downloaded beside the pages: tables in four formats, the feed, BibTeX."""
+"""What can be downloaded beside the pages: tables in four formats, BibTeX."""
 
 from __future__ import annotations
 
 import re
-import uuid
-import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from airzoo_bench.leaderboard.site.api import Row, Score, ScoreColumn, TableFile
 from airzoo_bench.leaderboard.submission import PublicSubmission
@@ -16,15 +13,10 @@ from airzoo_bench.tables.model import Between, Cell, Column, Table, share_to_per
 from airzoo_bench.tables.model import Row as TableRow
 from airzoo_bench.tables.render import render
 
-__all__ = ["News", "atom_feed", "bibtex", "downloads"]
+__all__ = ["bibtex", "downloads"]
 
 _FORMATS = {"csv": "csv", "json": "json", "tex": "latex", "md": "markdown"}
 _UNITS = {"share": "%", "m": "m", "deg": "deg"}
-_ATOM = "http://www.w3.org/2005/Atom"
-_MOST_NEWS = 100
-_BEFORE_ALL = "1970-01-01"
-_NAMESPACE = uuid.UUID("6d0a3f5e-6c1c-5c8b-9a60-0d7e3c1f2b11")
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _NOT_IN_URL = re.compile(r"[{}\\%#]")
 _WORK = re.compile(
     r"\s*@(article|book|booklet|conference|dataset|in(book|collection|proceedings)|manual|misc|"
@@ -103,81 +95,8 @@ def _cell(column: ScoreColumn, score: Score | None) -> Cell:
     return Cell(shown(score.value), uncertainty=Between(shown(score.low), shown(score.high)))
 
 
-@dataclass(frozen=True)
-class News:
-    """A version of a submission that came onto the board.
-
-    Attributes
-    ----------
-    place : str
-        Of its run, which never changes.
-    date : str
-        Of its scoring.
-    page : str
-        From the site's root.
-    """
-
-    place: str
-    date: str
-    method: str
-    team: str
-    table: str
-    text: str
-    page: str
-
-
-def atom_feed(title: str, url: str | None, news: Sequence[News]) -> bytes:
-    """Write the newest versions as an Atom feed; times are those of scoring.
-
-    Parameters
-    ----------
-    title : str
-        Of the board.
-    url : str or None
-        Of the site; links are left out where it has none.
-    news : sequence of News
-    """
-    ET.register_namespace("", _ATOM)
-    newest = sorted(news, key=lambda one: one.place)
-    newest.sort(key=lambda one: one.date, reverse=True)
-    feed = ET.Element(f"{{{_ATOM}}}feed")
-    _add(feed, "title", title)
-    _add(feed, "id", uuid.uuid5(_NAMESPACE, url or title).urn)
-    _add(feed, "updated", _time(newest[0].date if newest else _BEFORE_ALL))
-    if url is not None:
-        _link(feed, url.rstrip("/") + "/feed.xml", "self")
-        _link(feed, url.rstrip("/") + "/", "alternate")
-    for one in newest[:_MOST_NEWS]:
-        entry = ET.SubElement(feed, f"{{{_ATOM}}}entry")
-        _add(entry, "title", f"{one.method} on {one.table}")
-        _add(entry, "id", uuid.uuid5(_NAMESPACE, f"{url or title}\n{one.place}").urn)
-        _add(entry, "updated", _time(one.date))
-        _add(ET.SubElement(entry, f"{{{_ATOM}}}author"), "name", one.team)
-        _add(entry, "summary", one.text)
-        if url is not None:
-            _link(entry, f"{url.rstrip('/')}/{one.page}", "alternate")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{ET.tostring(feed, "unicode")}\n'.encode()
-
-
-def _add(parent: ET.Element, name: str, text: str) -> None:
-    ET.SubElement(parent, f"{{{_ATOM}}}{name}").text = _NOT_XML.sub(
-        "\N{REPLACEMENT CHARACTER}", text
-    )
-
-
-def _link(parent: ET.Element, href: str, rel: str) -> None:
-    ET.SubElement(parent, f"{{{_ATOM}}}link", {"rel": rel, "href": href})
-
-
-def _time(date: str) -> str:
-    return f"{date}T00:00:00Z"
-
-
 def bibtex(row: Row, given: PublicSubmission | None, board: str) -> str:
-    """Return a BibTeX entry: the authors' own, or one made of what is known.
-
-    Every text is escaped, so that none ends the entry or runs a command of TeX.
-    """
+    """Return a BibTeX entry: the authors' own, or one made of what is known."""
     if given is not None and given.bibtex is not None and _is_one_entry(given.bibtex):
         return given.bibtex.strip() + "\n"
     names = " and ".join(f"{{{_escaped(name)}}}" for name in row.authors)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import SAFE_NAME
+from airzoo_bench.leaderboard.names import fault_of_file_name
 from airzoo_bench.leaderboard.runs import RUN_FILE, Run, read_run
 from airzoo_bench.leaderboard.submission import (
     SUBMISSION_FILE,
@@ -45,13 +45,7 @@ class Faults:
             return None
 
     def refuse(self) -> None:
-        """Raise what was found, all in one message.
-
-        Raises
-        ------
-        UserError
-            The only one, or one that holds the messages of all.
-        """
+        """Raise what was found, all in one message."""
         if len(self.found) == 1:
             raise self.found[0]
         if self.found:
@@ -113,46 +107,48 @@ class Entry:
         return made.seconds_per_query
 
 
-def read_entries(runs: Path, faults: Faults) -> list[Entry]:
-    """Read the newest versions of all submissions, each with its earlier ones.
-
-    Parameters
-    ----------
-    runs : Path
-        With ``<benchmark>/<track>/<folder>/<number>/``; none where it is missing.
-    faults : Faults
-        Takes what is wrong with any of them.
-
-    Returns
-    -------
-    list of Entry
-        Sorted by place. What a submission of the same team supersedes is its history.
-    """
-    found: dict[tuple[str, str], Entry] = {}
+def read_entries(
+    runs: Path, faults: Faults, note: Callable[[str], None] = lambda _: None
+) -> list[Entry]:
+    """Read the newest versions of all submissions, each with its earlier ones."""
+    found = []
     for folder in sorted(path for path in runs.glob("*/*/*") if path.is_dir()):
-        versions = [faults.caught(partial(_entry, runs, one)) for one in _versions(folder, faults)]
+        versions = [faults.caught(partial(_entry, runs, one)) for one in _versions(folder, note)]
         if all(versions) and versions:
             newest, *older = [one for one in versions if one is not None]
-            table = folder.parent.relative_to(runs).as_posix()
-            found[table, folder.name] = replace(newest, older=tuple(older))
-    return _superseded(found, faults)
+            found.append(replace(newest, older=tuple(older)))
+    return _one_of_each_name(found, note)
 
 
-def _versions(folder: Path, faults: Faults) -> list[Path]:
+def _versions(folder: Path, note: Callable[[str], None]) -> list[Path]:
+    """Return the folders of versions, the newest first; all else is noted and skipped."""
+    if fault := fault_of_file_name(folder.name):
+        note(f"{folder}: no submission, and skipped: {fault}")
+        return []
     inside = [path for path in folder.iterdir() if path.is_dir()]
-    if not inside or not all(_NUMBER.fullmatch(path.name) for path in inside):
-        faults.found.append(
-            SubmissionError(
-                "holds no versions" if not inside else "holds what is no version",
-                where=folder,
-                expected="folders 1, 2, ... with result.json and records.csv, or answer.json",
-            )
-        )
-        return []
-    if not re.fullmatch(SAFE_NAME, folder.name):
-        faults.found.append(SubmissionError("not a plain name", where=folder))
-        return []
-    return sorted(inside, key=lambda path: -int(path.name))
+    versions = [path for path in inside if _NUMBER.fullmatch(path.name)]
+    for path in inside:
+        if path not in versions:
+            note(f"{path}: no version of a submission, and skipped")
+    if not inside:
+        note(f"{folder}: no version of a submission in it, and skipped")
+    return sorted(versions, key=lambda path: -int(path.name))
+
+
+def _one_of_each_name(entries: Sequence[Entry], note: Callable[[str], None]) -> list[Entry]:
+    """Leave out folders whose names differ from one that was scored before only in case."""
+    first: dict[str, Entry] = {}
+    for entry in sorted(entries, key=_first_scored):
+        name = entry.place.rpartition("/")[0].casefold()
+        if first.setdefault(name, entry) is not entry:
+            note(f"{entry.place}: skipped: differs from {first[name].name} only in case")
+    shown = {entry.place for entry in first.values()}
+    return [entry for entry in entries if entry.place in shown]
+
+
+def _first_scored(entry: Entry) -> tuple[float, str]:
+    versions = (entry, *entry.older)
+    return min(one.run.scored.timestamp() for one in versions if one.run), entry.place
 
 
 def _entry(runs: Path, version: Path) -> Entry:
@@ -192,60 +188,19 @@ def _digest(file: Path, *others: Path) -> str:
     return digest.hexdigest()
 
 
-def _superseded(found: dict[tuple[str, str], Entry], faults: Faults) -> list[Entry]:
-    """Make submissions that another supersedes the history of that one."""
-    heirs: dict[tuple[str, str], tuple[str, str]] = {}
-    for (table, name), entry in found.items():
-        old = (table, entry.submission.supersedes or "") if entry.submission else (table, "")
-        if old not in found:
-            continue
-        given = found[old].submission
-        team = given.team if given is not None else None
-        if entry.submission is None or entry.submission.team != team or old in heirs:
-            faults.found.append(
-                SubmissionError(
-                    f"supersedes {old[1]}, which is of another team or superseded already",
-                    where=entry.place,
-                )
-            )
-            continue
-        heirs[old] = (table, name)
-    newest = [key for key in found if key not in heirs]
-    shown = [replace(found[key], older=tuple(_lineage(key, found, heirs))) for key in newest]
-    reached = {one.place for entry in shown for one in (entry, *entry.older)}
-    lost = [entry.place for entry in found.values() if entry.place not in reached]
-    if lost:
-        faults.found.append(SubmissionError("supersede each other", where=", ".join(lost)))
-    return shown
-
-
-def _lineage(
-    key: tuple[str, str],
-    found: dict[tuple[str, str], Entry],
-    heirs: dict[tuple[str, str], tuple[str, str]],
-) -> Iterator[Entry]:
-    yield from found[key].older
-    for old in sorted(one for one, heir in heirs.items() if heir == key):
-        yield replace(found[old], older=())
-        yield from _lineage(old, found, heirs)
-
-
 def waiting(submissions: Path, entries: Sequence[Entry]) -> list[str]:
-    """Say which submissions have no run yet, and so no row.
-
-    Parameters
-    ----------
-    submissions : Path
-        With ``<benchmark>/<track>/<folder>/submission.toml``.
-    entries : sequence of Entry
-        All that are shown.
-    """
+    """Say which submissions have no run yet, and so no row."""
     known = Counter(
         one.place.split("/", 1)[1].rpartition("/")[0]
         for entry in entries
         for one in (entry, *entry.older)
         if one.place
     )
-    folders = sorted(path.parent for path in submissions.glob(f"*/*/*/{SUBMISSION_FILE}"))
-    names = [folder.relative_to(submissions).as_posix() for folder in folders]
-    return [f"{name} has not been scored yet: no row" for name in names if name not in known]
+    folders = [
+        path.parent.relative_to(submissions)
+        for path in submissions.glob(f"*/*/*/{SUBMISSION_FILE}")
+    ]
+    names = [one.as_posix() for one in folders if not any(map(fault_of_file_name, one.parts))]
+    return [
+        f"{name} has not been scored yet: no row" for name in sorted(names) if name not in known
+    ]

@@ -1,19 +1,18 @@
-"""The versions of a method, the newest first: what changed, and what the feed says of each."""
+"""The versions of a method, the newest first, and what changed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from airzoo_bench.leaderboard.site.api import Score, Version
-from airzoo_bench.leaderboard.site.downloads import News
+from airzoo_bench.leaderboard.site.api import Version
 from airzoo_bench.leaderboard.site.entries import Entry
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
 from airzoo_bench.leaderboard.site.rows import Scored, overall_scores
 from airzoo_bench.tables.method_table import as_shown
 from airzoo_bench.tables.model import show_number
 
-__all__ = ["Older", "news", "versions"]
+__all__ = ["Older", "versions"]
 
 Older = Sequence[tuple[Entry, Measured]]
 """Earlier versions of a method, the newest first."""
@@ -22,16 +21,7 @@ _UNITS = {"share": "points", "m": "m", "deg": "deg"}
 
 
 def versions(scored: Scored, older: Older, ids: _Ids) -> Iterator[Version]:
-    """Yield the versions of a method.
-
-    Parameters
-    ----------
-    scored : Scored
-        The one that is shown.
-    older : sequence of (Entry, Measured)
-    ids : mapping of tuple to str
-        The tables by what they measure.
-    """
+    """Yield the versions of a method."""
     every = [(scored.entry, scored.measured), *older]
     for place, (entry, measured) in enumerate(every):
         before = every[place + 1][1] if place + 1 < len(every) else None
@@ -50,24 +40,6 @@ def versions(scored: Scored, older: Older, ids: _Ids) -> Iterator[Version]:
         )
 
 
-def news(methods: Sequence[tuple[Scored, Older]], ids: _Ids) -> list[News]:
-    """Return what the feed says of every version of every submission; see `versions`."""
-    return [
-        News(
-            entry.place,
-            entry.scored or "",
-            entry.submission.method,
-            entry.submission.team,
-            ids[scored.measured.measures],
-            _sentence(measured),
-            f"tables/{ids[scored.measured.measures]}/methods/{scored.id}.html",
-        )
-        for scored, older in methods
-        for entry, measured in ((scored.entry, scored.measured), *older)
-        if entry.submission is not None
-    ]
-
-
 def _changes(new: Measured, old: Measured) -> str:
     if new.measures != old.measures:
         return "the version before was measured with another protocol or truth"
@@ -78,13 +50,3 @@ def _changes(new: Measured, old: Measured) -> str:
         if column.headline and now is not None and before is not None and now != before:
             said.append(f"{column.title} {show_number(now - before, 2, '+')} {_UNITS[column.unit]}")
     return ", ".join(said) or "the same scores"
-
-
-def _sentence(measured: Measured) -> str:
-    scores: Mapping[str, Score] = overall_scores(measured)
-    shown = [c for c in measured.score_columns if c.headline and c.key in scores]
-    return "; ".join(
-        f"{c.title} {scores[c.key].text}"
-        + (f" ({scores[c.key].interval})" if scores[c.key].interval else "")
-        for c in shown
-    )

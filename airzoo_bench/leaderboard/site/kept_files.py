@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["NO_ARCHIVE", "keep_json", "keep_rows", "kept_arrays", "kept_json", "kept_row"]
+__all__ = ["keep_json", "keep_rows", "kept_json", "kept_row"]
 
 _CRC_BYTES = 4
-
-NO_ARCHIVE = (
-    *(OSError, EOFError, KeyError, RuntimeError, ValueError),
-    *(zipfile.BadZipFile, zlib.error),
-)
-"""What reading an archive of arrays or pages raises where it is missing or damaged."""
 
 
 def keep_json(file: Path, value: object) -> None:
@@ -62,15 +54,6 @@ def kept_row(file: Path, place: int, count: int) -> Floats | None:
     numbers, checksum = content[:size], content[size:]
     whole = checksum == zlib.crc32(numbers).to_bytes(_CRC_BYTES, "big")
     return np.frombuffer(numbers, "<f8") if whole else None
-
-
-def kept_arrays(file: Path, *names: str) -> dict[str, NDArray[Any]]:
-    """Return arrays of an ``.npz`` by name; none where one is missing or damaged."""
-    try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            return {name: archive[name] for name in names}
-    except NO_ARCHIVE:
-        return {}
 
 
 def _digest(content: bytes) -> bytes:

@@ -91,21 +91,10 @@ class Measured:
 
 
 def sample_of(first: Measured, rows: Sequence[Floats], column: ScoreColumn) -> Sample:
-    """Put one headline score of many methods into a sample, as `make_sample` would.
-
-    Parameters
-    ----------
-    first : Measured
-        Of any of them: they measure the same.
-    rows : sequence of (N,) arrays
-        From `measure_all`, a method each.
-    column : ScoreColumn
-        A headline score of all.
-    """
+    """Put one headline score of many methods into a sample, as `make_sample` would."""
     ends = np.cumsum([0, *(units for _, units in first.groups)]).tolist()
-    by_query = first.unit == "query"
     medians = np.full(len(rows), first.by_medians(column))
-    shares = np.full(len(rows), by_query and is_share(column))
+    shares = np.full(len(rows), is_share(column))
     groups = tuple(name for name, _ in first.groups)
     parts = tuple(np.stack([row[start:end] for row in rows]) for start, end in pairwise(ends))
     return Sample(first.unit, groups, parts, medians, shares)

@@ -33,7 +33,7 @@ from airzoo_bench.tables.breakdown import (
 
 __all__ = ["forget_others", "measure_all"]
 
-_FORMAT = "3"
+_FORMAT = "4"
 _VALUES = ".values"
 _SPREAD = 32  # fewer are measured before another process has started
 
@@ -41,22 +41,7 @@ _SPREAD = 32  # fewer are measured before another process has started
 def measure_all(
     entries: Sequence[Entry], cache: Path, engine: Engine = HERE
 ) -> list[tuple[Measured, Path] | SubmissionError]:
-    """Measure entries, those that changed since the last build anew.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-    cache : Path
-        A folder; what is missing in it is made again.
-    engine : Engine
-        Where many are measured.
-
-    Returns
-    -------
-    list
-        For each entry its numbers and the file of its array (V, N) of headline scores, which is
-        not there of a sealed one; or what is wrong with it.
-    """
+    """Measure entries, those that changed since the last build anew."""
     files = [cache / f"{_key(entry)}.json" for entry in entries]
     known = {file: _load(file) for file in files}
     missing = [

@@ -23,10 +23,7 @@ _DIGITS = {"share": 4, "m": 2, "deg": 2, "p": 6}
 
 
 def compare_data(table: Json, files: Mapping[str, Any]) -> tuple[str, list[str]]:
-    """Return the data of the page, as its script reads them, and blobs of the pairs.
-
-    Numbers of pairs are rounded to what the page shows of them.
-    """
+    """Return the data of the page, as its script reads them, and blobs of the pairs."""
     blobs = Blobs()
     found = pair_files(table, files)
     place = {row["id"]: number for number, row in enumerate(table["rows"])}

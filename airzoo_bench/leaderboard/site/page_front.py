@@ -22,15 +22,7 @@ _LEADING, _RECENT = 5, 10
 
 
 def front_view(board: Json, tables: Mapping[str, Json]) -> dict[str, Any]:
-    """Return what the front page shows.
-
-    Parameters
-    ----------
-    board : mapping
-        Of board.json.
-    tables : mapping of str to mapping
-        Of each table's table.json, by its id.
-    """
+    """Return what the front page shows."""
     benchmarks = [
         {
             "title": benchmark["title"],

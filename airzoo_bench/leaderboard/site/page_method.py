@@ -1,11 +1,9 @@
-"""The page of a method: its scores, scenes, history and reproductions."""
+"""The page of a method: its scores, scenes and history."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from airzoo_bench.leaderboard.site.drawings import Point
 from airzoo_bench.leaderboard.site.page_parts import finding_text
@@ -18,16 +16,14 @@ from airzoo_bench.leaderboard.site.page_views import (
     cell_view,
     column_views,
     number,
-    numbers_text,
     pipeline_of,
     rank_text,
 )
 from airzoo_bench.leaderboard.site.strangers import safe_url, shown
 
-__all__ = ["MethodView", "method_view", "reproduction_rows"]
+__all__ = ["MethodView", "method_view"]
 
 _MOST_VERSIONS = 12
-_NUMBER = 24  # letters of a number as somebody prints it
 
 
 @dataclass(frozen=True)
@@ -80,21 +76,10 @@ class MethodView:
     points: Sequence[Point]
     score: str
     bibtex: str
-    reproductions: Sequence[Mapping[str, Any]]
 
 
 def method_view(table: Json, row: Json, found: Json | None, data_url: str | None) -> MethodView:
-    """Return what the page of a row shows.
-
-    Parameters
-    ----------
-    table, row : mapping
-        Of table.json.
-    found : mapping or None
-        The method's own file, where there is one.
-    data_url : str or None
-        Where the board's branch of the data is seen, with its runs.
-    """
+    """Return what the page of a row shows."""
     headline = [c for c in table["scores"] if c["headline"]] or table["scores"][:1]
     history = found["history"] if found else []
     lead = headline[0]
@@ -114,9 +99,6 @@ def method_view(table: Json, row: Json, found: Json | None, data_url: str | None
         points=_points(history, lead["key"], table["id"]),
         score=f"{shown(lead['title'])} in {UNITS[lead['unit']]}",
         bibtex=_bibtex(found["bibtex"]) if found else "",
-        reproductions=reproduction_rows(found["reproductions"], {table["id"]: table})
-        if found
-        else [],
     )
 
 
@@ -204,52 +186,3 @@ def _points(history: Sequence[Json], key: str, table: str) -> list[Point]:
 def _bibtex(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()]
     return "\n".join(("  " if line[0].isspace() else "") + shown(line, 2000) for line in lines)
-
-
-def reproduction_rows(found: Sequence[Json], tables: Mapping[str, Json]) -> list[dict[str, Any]]:
-    """Return what the ledger shows of printed numbers and of those that were scored here."""
-    return [_reproduction(one, tables[one["table"]]) for one in found]
-
-
-def _reproduction(one: Json, table: Json) -> dict[str, Any]:
-    column = next(c for c in table["scores"] if c["key"] == one["score"])
-    scenes = {scene["id"]: shown(scene["title"]) for scene in table["scenes"]}
-    printed, rescored = number(one["printed"]), number(one["rescored"])
-    difference = _difference(printed, rescored)
-    low, high = numbers_text(column["unit"], one["low"], one["high"])
-    text = numbers_text(column["unit"], difference)[0]
-    within = {True: "within", False: "outside", None: ""}[one["within"]]
-    return {
-        "method": shown(one["method"]),
-        "row": one["row"],
-        "table": one["table"],
-        "title": shown(table["title"]),
-        "scene": scenes.get(one["scene"], shown(one["scene"])) if one["scene"] else "average",
-        "score": f"{shown(column['title'])} [{UNITS[column['unit']]}]",
-        "printed_by": shown(one["printed_by"]),
-        "printed": CellView(shown(one["printed_text"], _NUMBER), _sort(printed)),
-        "rescored": CellView(
-            shown(one["rescored_text"], _NUMBER),
-            _sort(rescored),
-            f"{low} to {high}" if low and high else "",
-        ),
-        "difference": CellView(_signed(text), _sort(difference)),
-        "within": within,
-        "by": shown(one["by"]) if one["by"] else "",
-        "date": one["date"] or "",
-        "why": shown(one["why"], 1000) if one["why"] else "",
-    }
-
-
-def _signed(text: str) -> str:
-    return text.replace("-", "−") if text.startswith("-") or not text else f"+{text}"
-
-
-def _difference(printed: float | None, rescored: float | None) -> float | None:
-    if printed is None or rescored is None or not math.isfinite(printed + rescored):
-        return None
-    return rescored - printed
-
-
-def _sort(value: float | None) -> str:
-    return "" if value is None else f"{value:.9g}"

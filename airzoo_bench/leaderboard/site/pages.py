@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.leaderboard.site.drawings import history_picture
 from airzoo_bench.leaderboard.site.page_compare import compare_data, pair_files
 from airzoo_bench.leaderboard.site.page_front import front_view
-from airzoo_bench.leaderboard.site.page_method import MethodView, method_view, reproduction_rows
+from airzoo_bench.leaderboard.site.page_method import MethodView, method_view
 from airzoo_bench.leaderboard.site.page_parts import filter_choices
 from airzoo_bench.leaderboard.site.page_tables import page_tabs, table_pages
 from airzoo_bench.leaderboard.site.strangers import host_of, plain_name, safe_url, shown, visible
@@ -23,40 +23,19 @@ from airzoo_bench.report.policy import content_policy
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from airzoo_bench.leaderboard.site.kept_pages import KeptPages
-
 __all__ = ["render_pages"]
 
 _TABLE_SCRIPTS = ("sort.js", "filter.js", "choose.js")
 
 
-def render_pages(files: Mapping[str, Any], kept: KeptPages | None = None) -> dict[str, bytes]:
-    """Render the board.
-
-    Parameters
-    ----------
-    files : mapping of str to Any
-        The values of the JSON files by their paths below ``api/v1/``.
-    kept : KeptPages, optional
-        With the digests of these files: pages whose files did not change are not made again.
-
-    Returns
-    -------
-    dict of str to bytes
-        Pages by their paths from the site's root. The same files give the same bytes.
-
-    Raises
-    ------
-    UsageError
-        Jinja is not installed.
-    """
-    return dict(_Pages(files, kept).all())
+def render_pages(files: Mapping[str, Any]) -> dict[str, bytes]:
+    """Render the board."""
+    return {path: text.encode() for path, text in _Pages(files).all()}
 
 
 class _Pages:
-    def __init__(self, files: Mapping[str, Any], kept: KeptPages | None) -> None:
+    def __init__(self, files: Mapping[str, Any]) -> None:
         self._files = files
-        self._kept = kept
         self._board = files["board.json"]
         self._env = _environment()
         self._tables = {
@@ -65,36 +44,17 @@ class _Pages:
             for link in benchmark["tables"]
         }
 
-    def all(self) -> Iterator[tuple[str, bytes]]:
-        """Yield each page's path and bytes."""
-        yield from _encoded(self._front())
+    def all(self) -> Iterator[tuple[str, str]]:
+        """Yield each page's path and text."""
+        yield from self._front()
         for table in self._tables.values():
-            own = f"tables/{plain_name(table['id'])}/"
-            paths = [p for p in self._files if p.startswith(own) and "/methods/" not in p]
-            yield from self._unless_kept(self._of_table(table), paths)
+            yield from self._of_table(table)
             yield from self._of_methods(table)
-
-    def _unless_kept(
-        self, pages: Iterator[tuple[str, str]], paths: Sequence[str], *more: object
-    ) -> Iterator[tuple[str, bytes]]:
-        """Yield pages that are made from files of these paths, the board's name, and what else."""
-        if self._kept is None:
-            return _encoded(pages)
-        board = [self._board[key] for key in ("title", "made_with", "repository", "data_url")]
-        digests = [self._kept.digests[path] for path in paths]
-        return self._kept.pages([paths, digests, board, *more], lambda: _encoded(pages))
 
     def _front(self) -> Iterator[tuple[str, str]]:
         title = shown(self._board["title"])
         front = front_view(self._board, self._tables)
         yield self._page("index.html", "front.html", title, scripts=(), **front)
-        found = self._files["reproductions.json"]["reproductions"]
-        yield self._page(
-            "reproduction.html",
-            "reproduction.html",
-            f"Reproduction · {title}",
-            rows=reproduction_rows(found, self._tables),
-        )
         tables = list(self._tables.values())
         for name in ("downloads", "about"):
             heading = f"{name.capitalize()} · {title}"
@@ -128,25 +88,18 @@ class _Pages:
                 about=_about_pairs(table, self._files),
             )
 
-    def _of_methods(self, table: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
+    def _of_methods(self, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         paired = {name for _, p in pair_files(table, self._files) for name in p["ids"]}
-        head = {key: value for key, value in table.items() if key != "rows"}
         for row in table["rows"]:
-            comparable = plain_name(row["id"]) in paired
-            page = self._of_method(table, row, comparable=comparable)
-            yield from self._unless_kept(page, [], head, row, self._own(table, row), comparable)
-
-    def _own(self, table: Mapping[str, Any], row: Mapping[str, Any]) -> str | None:
-        path = f"tables/{table['id']}/methods/{plain_name(row['id'])}.json"
-        return self._kept.digests.get(path) if self._kept else None
+            yield self._of_method(table, row, comparable=plain_name(row["id"]) in paired)
 
     def _of_method(
         self, table: Mapping[str, Any], row: Mapping[str, Any], *, comparable: bool
-    ) -> Iterator[tuple[str, str]]:
+    ) -> tuple[str, str]:
         folder, name = f"tables/{table['id']}", plain_name(row["id"])
         found = self._files.get(f"{folder}/methods/{name}.json")
         view: MethodView = method_view(table, row, found, self._board["data_url"])
-        yield self._page(
+        return self._page(
             f"{folder}/methods/{name}.html",
             "method.html",
             f"{view.name} · {shown(table['title'])} · {shown(self._board['title'])}",
@@ -186,10 +139,6 @@ class _Pages:
             **values,
         )
         return path, text
-
-
-def _encoded(pages: Iterator[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
-    return ((path, text.encode()) for path, text in pages)
 
 
 def _about_pairs(table: Mapping[str, Any], files: Mapping[str, Any]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,21 +13,18 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.site.api import API, Pairs
-from airzoo_bench.leaderboard.site.kept_pairs import ScoreOfAll, tested_pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
 from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.pair_tests import (
-    resamples_for,
-)
-from airzoo_bench.statistics.pairs import Places
+from airzoo_bench.statistics.pair_intervals import pair_limits
+from airzoo_bench.statistics.pair_tests import pair_p_values, resamples_for
 from airzoo_bench.statistics.rank_ranges import (
     correct_pairs,
     rank_ranges,
     told_apart,
     unpaired_p_values,
 )
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig
 
 __all__ = ["Ranked", "check_alike", "headline_first", "rank", "rank_sealed"]
 
@@ -52,13 +48,7 @@ class Ranked:
 
 
 def check_alike(methods: Sequence[Scored]) -> None:
-    """Refuse methods of one table that do not measure the same.
-
-    Raises
-    ------
-    ResultError
-        They are not on the same queries, or mean different things by one score.
-    """
+    """Refuse methods of one table that do not measure the same."""
     known: dict[str, tuple[str, dict[str, Any]]] = {}
     for one in methods:
         if one.measured.queries != methods[0].measured.queries:
@@ -81,15 +71,7 @@ def check_alike(methods: Sequence[Scored]) -> None:
 def headline_first(
     methods: Sequence[Scored], otherwise: Sequence[ScoreColumn] = ()
 ) -> list[ScoreColumn]:
-    """Return the scores that any method has, the headline ones that all have first.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        In the order of the table's ids.
-    otherwise : sequence of ScoreColumn
-        The columns of a table without methods.
-    """
+    """Return the scores that any method has, the headline ones that all have first."""
     found = {c.key: c for one in methods for c in one.measured.score_columns}
     columns = list(found.values()) or list(otherwise)
     of_all = [{c.key for c in one.measured.score_columns if c.headline} for one in methods]
@@ -98,51 +80,12 @@ def headline_first(
     return sorted(marked, key=lambda column: not column.headline)
 
 
-def rank(
-    methods: Sequence[Scored], columns: Sequence[ScoreColumn], cache: Path
-) -> dict[str, Ranked]:
-    """Rank methods by each of some headline scores.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        Of one protocol and truth, see `check_alike`.
-    columns : sequence of ScoreColumn
-    cache : Path
-        Keeps the methods' draws, and what is known of pairs.
-
-    Returns
-    -------
-    dict of str to Ranked
-        By score.
-    """
-    scores = {column.key: _of_all(methods, column) for column in columns}
-    stems = np.array([one.array.stem for one in methods])
+def rank(methods: Sequence[Scored], column: ScoreColumn) -> Ranked:
+    """Rank methods of one protocol and truth, see `check_alike`, by a headline score."""
     resampling = ResamplingConfig(resamples_for(len(methods)))
-    tested = tested_pairs(scores, stems, resampling, cache, of=repr(methods[0].measured.measures))
-    return {
-        column.key: _ranked(methods, column, tested[column.key], resampling) for column in columns
-    }
-
-
-def _of_all(methods: Sequence[Scored], column: ScoreColumn) -> ScoreOfAll:
-    first = methods[0].measured
-
-    def sample(places: Places) -> Sample:
-        rows = [methods[place].values(column.key) for place in places.tolist()]
-        return sample_of(first, rows, column)
-
-    groups = tuple(name for name, _ in first.groups)
-    return ScoreOfAll(first.unit, groups, first.by_medians(column), sample)
-
-
-def _ranked(
-    methods: Sequence[Scored],
-    column: ScoreColumn,
-    tested: Floats,
-    resampling: ResamplingConfig,
-) -> Ranked:
-    p_values, *limits = tested
+    rows = [one.values(column.key) for one in methods]
+    sample = sample_of(methods[0].measured, rows, column)
+    p_values = pair_p_values(sample, resampling)
     corrected = correct_pairs(p_values)
     values = np.array([one.measured.values[OVERALL][column.key] for one in methods])
     ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
@@ -150,13 +93,14 @@ def _ranked(
     if len(methods) < 2:
         return Ranked(ranges, apart, None)
     upper = np.triu_indices(len(methods), 1)
+    low, high = pair_limits(sample, resampling)
     pairs = Pairs(
         API,
         column.key,
         tuple(one.id for one in methods),
         tuple(values.tolist()),
-        _packed(limits[0][upper]),
-        _packed(limits[1][upper]),
+        _packed(low[upper]),
+        _packed(high[upper]),
         _packed(p_values[upper]),
         _packed(corrected[upper]),
         len(upper[0]),
@@ -171,6 +115,8 @@ def _about(measured: Measured, column: ScoreColumn, resampling: ResamplingConfig
     test = (
         f"bootstrap of the difference of medians, {number} resamples"
         if measured.by_medians(column)
+        else "Student's t of paired differences, by permutation where there is no t"
+        if measured.unit == "scene"
         else f"paired permutation test, exact where {number} patterns are all there are"
     )
     units = "scenes" if measured.unit == "scene" else "queries within scenes"
@@ -182,11 +128,7 @@ def _packed(values: Floats) -> str:
 
 
 def rank_sealed(measured: Sequence[Measured], column: ScoreColumn) -> Ranked:
-    """Rank methods of which only rounded scores and standard errors are known.
-
-    The errors of two methods are added, as if the methods erred in opposite ways: no range is
-    narrower than it would be from the answers themselves, but for rounding.
-    """
+    """Rank methods of which only rounded scores and standard errors are known."""
     values = np.array([one.values[OVERALL].get(column.key, np.inf) for one in measured])
     errors = np.array([one.errors[OVERALL].get(column.key, np.nan) for one in measured])
     corrected = correct_pairs(unpaired_p_values(values, errors))

@@ -43,10 +43,7 @@ class Reported:
         columns: Sequence[ScoreColumn],
         scenes: Mapping[str, str],
     ) -> tuple[list[MethodRow], list[str]]:
-        """Return the published methods of a benchmark and track, and notes on their numbers.
-
-        By scene where they are printed so, with the averages of the tables that print averages.
-        """
+        """Return the published methods of a benchmark and track, and notes on their numbers."""
         tables = [t for t in self.tables if (t.benchmark, t.track) == (benchmark, track)]
         if not tables:
             return [], []
@@ -58,25 +55,6 @@ class Reported:
             for row in with_published(empty, tables, by_scene=False).rows:
                 rows.setdefault(row.method, row)
         return [row for row in rows.values() if row.values], list(made.notes)
-
-    def halves(
-        self, benchmark: str, track: str, units: Mapping[str, str], scenes: Mapping[str, str]
-    ) -> dict[tuple[str, str, str], float]:
-        """Return half the last digit of printed numbers, by method, scene and score.
-
-        In the unit of results. Of a number that several tables print, that of the coarsest.
-        """
-        ids = {title: scene for scene, title in scenes.items()} | {OVERALL: OVERALL}
-        scale = {key: 100 if unit == "share" else 1 for key, unit in units.items()}
-        found: dict[tuple[str, str, str], float] = {}
-        for table in self.tables:
-            if (table.benchmark, table.track) != (benchmark, track):
-                continue
-            for (method, title, key), half in table.halves.items():
-                if title in ids and key in scale:
-                    place = (method, ids[title], key)
-                    found[place] = max(found.get(place, 0.0), half / scale[key])
-        return found
 
     def of(
         self, benchmark: str, track: str, method: str, scenes: Mapping[str, str]
@@ -91,13 +69,7 @@ class Reported:
 
 
 def read_reported(cache: Path) -> Reported:
-    """Read and audit the sources that travel with the package.
-
-    Parameters
-    ----------
-    cache : Path
-        Keeps what the audit of a source found.
-    """
+    """Read and audit the sources that travel with the package."""
     sources = published_sources()
     findings: dict[tuple[str, str, str], list[Finding]] = {}
     for path in sources.values():
@@ -114,7 +86,7 @@ def _audited(path: Path, cache: Path) -> list[tuple[str, str, str, Finding]]:
     if listed is None:
         # A build that has the findings needs neither.
         from airzoo_bench.audit.audit import audit
-        from airzoo_bench.tables.printed.table import read_published
+        from airzoo_bench.tables.printed_values import read_published
 
         listed = [
             [

@@ -53,13 +53,7 @@ class Scored:
     array: Path
 
     def values(self, key: str) -> Floats:
-        """Return the values (N,) of a headline score.
-
-        Raises
-        ------
-        SubmissionError
-            What a build has kept is not what it wrote.
-        """
+        """Return the values (N,) of a headline score."""
         place, count = self.measured.place(key), sum(units for _, units in self.measured.groups)
         found = kept_row(self.array, place, count)
         if found is None:
@@ -78,10 +72,7 @@ class Scored:
 
 
 def slugs(methods: Sequence[str], taken: Iterable[str] = ()) -> list[str]:
-    """Make names for paths: the same for a method whatever its place among the others.
-
-    Those that would be alike, or are taken, end in a hash of the method's name.
-    """
+    """Make names for paths: the same for a method whatever its place among the others."""
     plain = [_plain(method) for method in methods]
     times = Counter([*plain, *(name.casefold() for name in taken)])
     return [
@@ -107,17 +98,7 @@ def scores_of(
     ranges: Mapping[str, Floats | Any] | None = None,
     place: int = 0,
 ) -> Scores:
-    """Return the scores of a result, with its rank ranges on the average.
-
-    Parameters
-    ----------
-    columns : sequence of ScoreColumn
-    measured : Measured
-    ranges : mapping of str to (V, 2) int, optional
-        By score.
-    place : int
-        The method's row of these.
-    """
+    """Return the scores of a result, with its rank ranges on the average."""
     return {
         scene: {
             column.key: _score(column, scene, measured, ranges or {}, place)

@@ -39,22 +39,7 @@ class _Handler(SimpleHTTPRequestHandler):
 
 
 def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
-    """Serve a site until Ctrl-C.
-
-    Parameters
-    ----------
-    site : Path
-        What `build_board` made.
-    port : int
-        0 for any that is free.
-    show : callable
-        Takes the address, once it answers.
-
-    Raises
-    ------
-    UsageError
-        The folder is no built site, or the port is taken.
-    """
+    """Serve a site until Ctrl-C."""
     if not (site / MARK).is_file():
         raise UsageError(
             "not the site of a board",

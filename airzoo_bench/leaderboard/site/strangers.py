@@ -22,17 +22,7 @@ _UNNAMED = "(no visible text)"
 
 
 def shown(text: object, most: int = _MOST) -> str:
-    """Return a text as it may stand in a page; it is still to be escaped.
-
-    Blanks and line breaks become one space, what is invisible or turns the direction of writing
-    the replacement character, and what is long is cut.
-
-    Parameters
-    ----------
-    text : object
-    most : int
-        How many letters are kept.
-    """
+    """Return a text as it may stand in a page; it is still to be escaped."""
     return _shown(str(text), most)
 
 
@@ -52,10 +42,7 @@ def _shown(text: str, most: int) -> str:
 
 
 def visible(value: Any) -> Any:
-    """Return what a page is about to print, without letters that are not seen but line breaks.
-
-    Texts that are markup already are made of numbers and the board's own files, and stay.
-    """
+    """Return what a page is about to print, without letters that are not seen but line breaks."""
     if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable():
         return value
     return "".join(
@@ -90,13 +77,7 @@ def host_of(address: str) -> str | None:
 
 
 def plain_name(name: str) -> str:
-    """Return a name of the board's own as it stands in paths.
-
-    Raises
-    ------
-    ValueError
-        It could lead elsewhere: a bug of what made the board's files.
-    """
+    """Return a name of the board's own as it stands in paths."""
     if not _NAME.fullmatch(name):
         raise ValueError(f"{name!r} is no plain name")
     return name

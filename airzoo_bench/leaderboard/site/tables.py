@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from airzoo_bench.leaderboard.site import api
@@ -96,17 +95,11 @@ class Made:
     files: dict[str, Any]
 
 
-def make_table(about: About, methods: Sequence[Scored], reported: Reported, cache: Path) -> Made:
-    """Rank methods, put them beside what is published, and lay out the table's files.
-
-    Raises
-    ------
-    ResultError
-        The methods do not measure the same.
-    """
+def make_table(about: About, methods: Sequence[Scored], reported: Reported) -> Made:
+    """Rank methods, put them beside what is published, and lay out the table's files."""
     check_alike(methods)
     columns = headline_first(methods, about.columns)
-    ranked = _ranked(columns, methods, cache)
+    ranked = _ranked(columns, methods)
     ranges = {key: one.ranges for key, one in ranked.items()}
     scenes = _scenes(about, methods)
     titles = {scene.id: scene.title for scene in scenes}
@@ -177,13 +170,11 @@ def _is_sealed(methods: Sequence[Scored]) -> bool:
     return bool(methods) and methods[0].measured.sealed
 
 
-def _ranked(
-    columns: Sequence[ScoreColumn], methods: Sequence[Scored], cache: Path
-) -> dict[str, Ranked]:
+def _ranked(columns: Sequence[ScoreColumn], methods: Sequence[Scored]) -> dict[str, Ranked]:
     headline = [column for column in columns if column.headline and methods]
     if _is_sealed(methods):
         return {c.key: rank_sealed([one.measured for one in methods], c) for c in headline}
-    return rank(methods, headline, cache) if headline else {}
+    return {c.key: rank(methods, c) for c in headline}
 
 
 def _scenes(about: About, methods: Sequence[Scored]) -> list[Scene]:

@@ -168,10 +168,7 @@ def _no_orientations(of_truth: bool) -> AlignmentError:
 def sample_blocks(
     count: int, size: int, settings: RansacSettings, *, minimal: bool
 ) -> Iterator[Ints]:
-    """Yield samples of `size` of `count` rows, block by block (S, size), each ascending.
-
-    Where `minimal`, and there are at most `min_trials` such samples, all of them are yielded.
-    """
+    """Yield samples of `size` of `count` rows, block by block (S, size), each ascending."""
     if minimal and math.comb(count, size) <= settings.min_trials:
         yield from _all(count, size)
         return

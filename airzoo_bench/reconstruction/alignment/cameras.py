@@ -80,16 +80,7 @@ class Alignment:
 def align(
     method: Method, predicted: PosedCameras | None, truth: PosedCameras, ransac: RansacSettings
 ) -> Alignment:
-    """Find the transform of a prediction into the frame of the truth, by cameras.
-
-    ``sim3+icp`` is aligned as ``sim3`` here, see `with_step`; with ``none``, or without predicted
-    cameras, nothing is aligned.
-
-    Raises
-    ------
-    AlignmentError
-        Fewer than 3 partners, centres all at a point, or on a line without orientations.
-    """
+    """Find the transform of a prediction into the frame of the truth, by cameras."""
     if method == "none" or predicted is None:
         found = Alignment("none", Similarity.identity())
         return found if predicted is None else _with_residuals(found, predicted, truth)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.alignment.camera_sets import (
     LEAST_CAMERAS,
@@ -66,15 +67,7 @@ class CameraFit:
 
 
 def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSettings) -> CameraFit:
-    """Fit the similarity that takes cameras to their partners.
-
-    These are at least 3, row by row partners, with finite centres; their order decides the samples.
-
-    Raises
-    ------
-    AlignmentError
-        Centres all at a point; or on a line, where not both have orientations.
-    """
+    """Fit the similarity that takes cameras to their partners."""
     _refuse_points(source, target)
     if not _on_a_line(target.centres, settings):
         fit = _consensus(Centres(source, target, settings))
@@ -83,7 +76,7 @@ def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSett
             return fit
     strip = _consensus(Strip(source, target, settings))
     if strip is None:
-        raise _contradiction()
+        raise AlignmentError("the camera centres determine no similarity")
     return strip
 
 
@@ -99,7 +92,11 @@ def _consensus(cameras: Centres) -> CameraFit | None:
     is_strip = isinstance(cameras, Strip)
     if not robust:
         if isinstance(cameras, Strip) and first and cameras.contradicts(first[0]):
-            raise _contradiction()
+            raise PredictionError(
+                "the cameras' orientations contradict their centres",
+                expected="a path that runs as the true one does once the orientations agree",
+                fix="check whether rotations are world-to-camera, with x right, y down, z forward",
+            )
         inliers = np.ones(count, np.bool_)
     final = cameras.fits(np.flatnonzero(inliers)[None]) or first or best.fits
     if not final:
@@ -200,11 +197,3 @@ def _refuse_points(source: PosedCameras, target: PosedCameras) -> None:
                 f"the {whose} camera centres all lie at one point, which has no scale",
                 expected="cameras that move",
             )
-
-
-def _contradiction() -> AlignmentError:
-    return AlignmentError(
-        "the cameras' orientations contradict their centres",
-        expected="a path that runs as the true one does once the orientations agree",
-        fix="check whether rotations are world-to-camera, with x right, y down, z forward",
-    )

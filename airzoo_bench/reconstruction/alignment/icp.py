@@ -91,36 +91,7 @@ class IcpReport:
 def refine(
     predicted: CloudSource, truth: CloudSource, settings: IcpSettings, *, memory_points: int
 ) -> tuple[Similarity, IcpReport]:
-    """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP.
-
-    Point to point. Each round fits the similarity to the pairs within the limit, which can only
-    lower the cost; where rounding raises it nonetheless, the transform before is kept. With scale a
-    cloud that overlaps little may shrink: the report shows the fit before and after. Points that
-    are not finite are left out.
-
-    Parameters
-    ----------
-    predicted, truth : CloudSource
-        In the frame of the truth.
-    settings : IcpSettings
-    memory_points : int
-        A truth of more points is read again in every round, instead of kept.
-
-    Returns
-    -------
-    step : Similarity
-        The identity where nothing is gained.
-    report : IcpReport
-
-    Raises
-    ------
-    AlignmentError
-        Either cloud is empty, or fewer than 3 points of the prediction are within the limit.
-
-    References
-    ----------
-    Besl and McKay, A method for registration of 3-D shapes, PAMI 14(2), 1992.
-    """
+    """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP."""
     points = drawn(predicted, settings.max_points, settings.seed)
     origin = next((part[0] for part in finite_pieces(truth, _PART) if len(part)), None)
     if not len(points) or origin is None:
@@ -151,11 +122,7 @@ def refine(
 
 
 def drawn(source: CloudSource, count: int, seed: int) -> Floats:
-    """Draw at most `count` of the finite points of a cloud, kept in their order.
-
-    Each point has a random number; those with the least are taken, so that the choice does not
-    depend on the pieces, and memory holds a few pieces and the choice.
-    """
+    """Draw at most `count` of the finite points of a cloud, kept in their order."""
     random = np.random.default_rng(seed)
     points, keys = np.zeros((0, 3)), np.zeros(0)
     for piece in source.pieces(_PART):

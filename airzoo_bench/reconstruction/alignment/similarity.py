@@ -131,14 +131,7 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
 
 
 def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[Similarity], Bools]:
-    """Fit many sets of points (S, N, 3) at once, as `umeyama` does, without its refusals.
-
-    Returns
-    -------
-    fits : list of S Similarity
-    determined : (S,) bool array
-        Whether the rotation is determined and the scale above 0; else the fit is one of many.
-    """
+    """Fit many sets of points (S, N, 3) at once, as `umeyama` does, without its refusals."""
     origin, a = local(source)
     goal, b = local(target)
     # Not by BLAS, whose sums depend on its threads.
@@ -165,32 +158,7 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
 def fit_strips(
     source: Floats, target: Floats, turns: Floats, *, axis_share: float
 ) -> tuple[list[Similarity], Bools]:
-    """Fit many sets of cameras on a line, whose orientations give the turn about it.
-
-    Each camera counts by its centre and by the ends of its three axes, which are as long as
-    `axis_share` of the root mean square distance of the centres from their mean: the direction of
-    the line follows from the centres, what they leave free from the orientations. Scale and
-    translation follow from the centres alone.
-
-    Parameters
-    ----------
-    source, target : (S, N, 3) array
-        Camera centres.
-    turns : (S, N, 3, 3) array
-        For each camera, the rotation from the source to the target by its two orientations.
-    axis_share : float
-
-    Returns
-    -------
-    fits : list of S Similarity
-    determined : (S,) bool array
-        False where the centres of either are one point, or the best scale is not above 0: the
-        orientations turn the source against the target. The scale is then 1.
-
-    References
-    ----------
-    Umeyama, see `umeyama`: equation 39 with the axes' ends among the points, 42 with R given.
-    """
+    """Fit many sets of cameras on a line, whose orientations give the turn about it."""
     origin, a = local(source)
     goal, b = local(target)
     squares = (a * a).sum(axis=(1, 2)), (b * b).sum(axis=(1, 2))

@@ -46,12 +46,7 @@ _SPREADING = (
 
 
 def morton_order(points: Floats) -> Ints:
-    """Return the permutation (N,) that sorts finite points (N, 3) along a Morton curve.
-
-    Cell and index of a point share one 64-bit integer, so that sorting is one sort of integers.
-    The curve's cells are small where most points are and grow without end away from there: a few
-    points however far do not coarsen the order of all others.
-    """
+    """Return the permutation (N,) that sorts finite points (N, 3) along a Morton curve."""
     index_bits = max(len(points) - 1, 1).bit_length()
     bits = min(_MOST_BITS, (64 - index_bits) // 3)
     middle, width = _core(points)
@@ -103,26 +98,17 @@ def _interleave(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def squared_distance(points: Floats, others: Floats) -> Floats:
-    """Squared distances (...) of points to partners (..., 3): ``(dx^2 + dy^2) + dz^2`` in order.
-
-    Infinite where a square overflows.
-    """
+    """Squared distances (...) of points to partners (..., 3): ``(dx^2 + dy^2) + dz^2`` in order."""
     return _sum_of_squares(points - others)
 
 
 def bound_squared(points: Floats, low: Floats, high: Floats) -> Floats:
-    """Lower bound (...) of the squared distance from points (..., 3) to all that boxes can hold.
-
-    Never above `squared_distance` to a point of the box, to the last bit.
-    """
+    """Lower bound (...) of the squared distance from points (..., 3) to all that boxes can hold."""
     return gap_squared(points, points, low, high)
 
 
 def gap_squared(low: Floats, high: Floats, others_low: Floats, others_high: Floats) -> Floats:
-    """Lower bound (...) of the squared distance from all in one box to all in another.
-
-    Corners are (..., 3); 0 where the boxes meet.
-    """
+    """Lower bound (...) of the squared distance from all in one box to all in another."""
     return _sum_of_squares(np.maximum(np.maximum(others_low - high, low - others_high), 0.0))
 
 

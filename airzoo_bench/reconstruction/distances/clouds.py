@@ -80,28 +80,7 @@ def cloud_distances(
     engine: Engine = HERE,
     progress: Progress = silent,
 ) -> CloudDistances:
-    """Exact nearest distances between two clouds, both ways.
-
-    Parameters
-    ----------
-    prediction, truth : CloudSource
-        Points that are not finite are left out.
-    block_points : int
-        Two clouds of at most this many points are held in memory; larger ones are cut into blocks
-        of about this size. The distances do not depend on it.
-    jobs : int
-        Threads of a task, at least 1; the distances do not depend on it.
-    engine : Engine
-        Where tiles are done. One that cuts them has temporary files in sight of its workers.
-    progress : Progress
-
-    Raises
-    ------
-    BenchmarkError
-        The true cloud has no finite point.
-    UserError
-        Temporary files cannot be written; what the sources raise.
-    """
+    """Exact nearest distances between two clouds, both ways."""
     most = max(prediction.count, truth.count)
     in_shards = len(shards_of(prediction)) > 1 and len(shards_of(truth)) > 1
     if most > block_points or (in_shards and len(engine.cut(most, _TILE)) > 1):
@@ -153,11 +132,7 @@ def block_distances(
     engine: Engine = HERE,
     progress: Progress = silent,
 ) -> CloudDistances:
-    """Nearest distances both ways, in memory that holds the distances and a tile of both clouds.
-
-    Parameters and errors are those of `cloud_distances`; both clouds have a finite point. Temporary
-    files take 32 bytes a point where the system keeps such files.
-    """
+    """Nearest distances both ways, in memory that holds the distances and a tile of both clouds."""
     clouds = prediction, truth
     samples = [_sample(cloud, block_points) for cloud in clouds]
     most = max(cloud.count for cloud in clouds)

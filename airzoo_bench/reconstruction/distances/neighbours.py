@@ -47,22 +47,7 @@ Hashes = NDArray[np.uint64]
 
 
 def mutual_distances(first: Floats, second: Floats, *, jobs: int) -> tuple[Floats, Floats]:
-    """Distance of each point to the nearest of the other cloud, both ways: (N,) and (M,).
-
-    Infinite where the other cloud has no point.
-
-    Parameters
-    ----------
-    first, second : (N, 3), (M, 3) array
-        Finite, each with fewer than 2^32 points.
-    jobs : int
-        Threads, at least 1. The distances do not depend on it.
-
-    Raises
-    ------
-    ValueError
-        Another shape, or a coordinate that is not finite.
-    """
+    """Distance of each point to the nearest of the other cloud, both ways: (N,) and (M,)."""
     _check(first)
     _check(second)
     if len(first) == 0 or len(second) == 0:
@@ -148,11 +133,7 @@ def _check(points: Floats) -> None:
 
 
 def _without_copies(points: Floats) -> Floats:
-    """Drop copies of points where there are many, or many of one.
-
-    Each is a tie to decide, and a leaf of the tree that holds one point only, however often, is
-    never split but searched whole.
-    """
+    """Drop copies of points where there are many, or many of one."""
     ordered = _hashes(points)
     ordered.sort()
     copies = np.count_nonzero(ordered[1:] == ordered[:-1])

@@ -69,11 +69,7 @@ class Cells:
 
 
 def cells_of(sample: Floats, count: int) -> Cells:
-    """Cut space into cells with about as many points of a sample (S, 3) each.
-
-    There are at least `count` cells: a power of two, at most 16,384. Neighbours in number are
-    neighbours in space: 2^n cells from a multiple of 2^n on are a cell of a coarser tree.
-    """
+    """Cut space into cells with about as many points of a sample (S, 3) each."""
     depth = min(max(count - 1, 0).bit_length(), _DEEPEST)
     axes, cuts = np.zeros(2**depth - 1, dtype=np.int64), np.zeros(2**depth - 1)
     parts = [sample]
@@ -89,15 +85,7 @@ def cells_of(sample: Floats, count: int) -> Cells:
 
 @contextmanager
 def spill_folder() -> Iterator[Path]:
-    """Make a folder for clouds where the system keeps temporary files, and remove it at the end.
-
-    Where the process is killed, the next run removes it.
-
-    Raises
-    ------
-    UserError
-        It cannot be made.
-    """
+    """Make a folder for clouds where the system keeps temporary files, and remove it at the end."""
     with ExitStack() as stack:
         with _disk_faults():
             parent = Path(tempfile.gettempdir())
@@ -106,23 +94,7 @@ def spill_folder() -> Iterator[Path]:
 
 
 def write_part(path: Path, pieces: Iterable[Floats], cells: Cells, *, most: int) -> Runs:
-    """Write one part of a cloud by cells; its file is there whole, or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        In a folder that all have who read it.
-    pieces : iterable of (N, 3) arrays
-        Finite points, numbered from 0.
-    cells : Cells
-    most : int
-        Points that a run may hold.
-
-    Raises
-    ------
-    UserError
-        The disk is full or cannot be written to.
-    """
+    """Write one part of a cloud by cells; its file is there whole, or not at all."""
     parts = [_runs(np.zeros((0, 4)), np.zeros(0, np.int64), most, 0)]
     done = 0
     with ExitStack() as stack:
@@ -197,15 +169,7 @@ class SpilledCloud:
         return int(self.counts.sum())
 
     def read(self, blocks: range) -> tuple[Floats, Ints]:
-        """Return points (N, 3) of consecutive blocks, and their numbers (N,).
-
-        Raises
-        ------
-        UserError
-            A part cannot be seen from here.
-        OSError
-            It cannot be read.
-        """
+        """Return points (N, 3) of consecutive blocks, and their numbers (N,)."""
         runs = self.runs[self.begins[blocks.start] : self.begins[blocks.stop]]
         rows = np.empty((int(runs[:, 2].sum()), 4))
         numbers = rows.view(np.int64)[:, 3]

@@ -106,21 +106,7 @@ def _parts(cloud: SpilledCloud, first: int, stop: int, most: int) -> list[range]
 
 
 def tile_distances(shared: Sides, tile: Tile) -> dict[str, NDArray[Any]]:
-    """Squared distances of a tile's points to the other cloud.
-
-    Returns
-    -------
-    dict of str to array
-        ``numbers_0`` (N,) int64 and ``squared_0`` (N,) float64 of the first cloud, ``numbers_1``
-        and ``squared_1`` of the second.
-
-    Raises
-    ------
-    UserError
-        The clouds cannot be seen from here.
-    OSError
-        They cannot be read.
-    """
+    """Squared distances of a tile's points to the other cloud."""
 
     @cache
     def read(which: int, blocks: range) -> tuple[Floats, Ints]:

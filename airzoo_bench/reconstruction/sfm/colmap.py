@@ -92,11 +92,7 @@ def verify(
     least_inliers: int,
     seed: int,
 ) -> tuple[int, Ints]:
-    """Keep the matches (M, 2) that one motion of the camera, or one plane, explains.
-
-    Of two lenses and the pixels (n, 2) of their features, corner (0, 0). Returns the kind of
-    geometry, see `TwoViews`, and the matches kept (K, 2).
-    """
+    """Keep the matches (M, 2) that one motion of the camera, or one plane, explains."""
     pycolmap = load_pycolmap()
 
     if len(matches) < least_inliers:
@@ -125,26 +121,7 @@ def map_photos(
     least_inliers: int,
     seed: int,
 ) -> Model:
-    """Reconstruct incrementally (Schönberger and Frahm, CVPR 2016).
-
-    Parameters
-    ----------
-    lenses, places, colours : sequences of N
-        Of each photo: its lens, its features' pixels (n, 2) and colours (n, 3).
-    pairs : iterable of TwoViews
-    folder : Path
-        An empty one, for COLMAP's database and models.
-    max_error_px : float
-        Largest reprojection error of a point.
-    least_inliers : int
-        Pairs with fewer matches are left out.
-    seed : int
-
-    Returns
-    -------
-    Model
-        The one with the most photos, then the most points; empty where no two photos fit.
-    """
+    """Reconstruct incrementally (Schönberger and Frahm, CVPR 2016)."""
     pycolmap = load_pycolmap()
 
     database = folder / "database.db"

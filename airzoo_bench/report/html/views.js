@@ -1,5 +1,5 @@
 function methodRows(section) {
-  return section.methods.map((method, index) => ({ name: method.name, index }));
+  return section.methods.map((method, index) => ({ name: `${method.name}${method.mark}`, index }));
 }
 
 function methodColumn() {

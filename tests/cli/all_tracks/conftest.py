@@ -1,9 +1,8 @@
-"""Results of every track, made up and real, and a command that reads them."""
+"""Results of every track on the demo, and a command that reads them."""
 
 from __future__ import annotations
 
 from functools import cache
-from itertools import product
 
 import pytest
 
@@ -14,31 +13,28 @@ from tests.cli.printed_results import (
     says_not_a_number,
 )
 from tests.cli.results_of_all_tracks import (
-    BENCHMARKS,
     TRACKS,
     Scored,
     ScoresOf,
     score_methods,
 )
-from tests.support import BRIGHTON, run_main
+from tests.support import run_main
 
 
 @pytest.fixture(scope="session")
 def scores_of(tmp_path_factory: pytest.TempPathFactory) -> ScoresOf:
-    """Return a function that makes a benchmark, and its results, when they are first asked for."""
+    """Return a function that makes a track's results when they are first asked for."""
 
     @cache
-    def scored(benchmark: str, track: str) -> Scored:
-        if benchmark == "brighton" and not (BRIGHTON / "poses.json").is_file():
-            pytest.skip("the real scene Brighton Beach is not beside the checkout")
-        return score_methods(tmp_path_factory, benchmark, track)
+    def scored(track: str) -> Scored:
+        return score_methods(tmp_path_factory, track)
 
     return scored
 
 
-@pytest.fixture(params=list(product(BENCHMARKS, TRACKS)), ids="-".join)
+@pytest.fixture(params=TRACKS)
 def scored(request: pytest.FixtureRequest, scores_of: ScoresOf) -> Scored:
-    return scores_of(*request.param)
+    return scores_of(request.param)
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ from tests.cli.printed_results import (
     strict_json,
 )
 from tests.cli.results_of_all_tracks import (
-    BENCHMARKS,
     TRACKS,
     Scored,
     ScoresOf,
@@ -44,8 +43,8 @@ def test_a_plot_is_drawn_or_refused(scored: Scored, run: Run, tmp_path: Path, ki
         assert f"results of the {KINDS[kind][0]} track" in said.err
         assert list(tmp_path.iterdir()) == []
         return
-    # How a file is written does not depend on the benchmark.
-    for ending in ("png", "svg", "pdf") if scored.benchmark.name == "airzoo-mini" else ("png",):
+    # How a file is written does not depend on the track.
+    for ending in ("png", "svg", "pdf") if scored.track == "retrieval" else ("png",):
         out = tmp_path / f"x.{ending}"
         run("plot", kind, *scored.paths, *by, "-o", out)
         check_picture(out)
@@ -54,21 +53,18 @@ def test_a_plot_is_drawn_or_refused(scored: Scored, run: Run, tmp_path: Path, ki
 # --- report ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("benchmark", BENCHMARKS)
-def test_a_report_has_a_section_a_protocol(
-    scores_of: ScoresOf, run: Run, tmp_path: Path, benchmark: str
-) -> None:
-    every = [scores_of(benchmark, track) for track in TRACKS]
+def test_a_report_has_a_section_a_protocol(scores_of: ScoresOf, run: Run, tmp_path: Path) -> None:
+    every = [scores_of(track) for track in TRACKS]
     paths = [path for one in every for path in one.paths]
     out = tmp_path / "report.html"
-    said = run("report", *paths, "--data", every[0].benchmark, "-o", out)
+    said = run("report", *paths, "-o", out)
     assert "no maps" not in said.err
     page = out.read_text(encoding="utf-8")
     found = re.search(r'<script type="application/json" id="page-data">(.*?)</script>', page, re.S)
     assert found
     sections = strict_json(found[1])["sections"]
     assert [section["protocol"]["name"] for section in sections] == [
-        f"{benchmark}-{track}" for track in TRACKS
+        f"airzoo-demo-{track}" for track in TRACKS
     ]
     tables = re.findall(r"<table>.*?</table>", page, re.S)
     for one, section, table in zip(every, sections, tables, strict=True):
@@ -88,7 +84,7 @@ def test_a_report_has_a_section_a_protocol(
     ],
 )
 def test_tracks_are_not_mixed(scores_of: ScoresOf, run: Run, ask: str) -> None:
-    paths = [scores_of("airzoo-mini", track).paths[0] for track in TRACKS[:2]]
+    paths = [scores_of(track).paths[0] for track in TRACKS[:2]]
     before, after = (part.split() for part in ask.split("{}"))
     said = run(*before, *paths, *after, code=2)
     assert "protocol" in said.err

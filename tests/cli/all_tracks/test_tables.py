@@ -17,7 +17,6 @@ from tests.cli.printed_results import (
     same,
 )
 from tests.cli.results_of_all_tracks import (
-    BENCHMARKS,
     NAMES,
     TRACKS,
     Scored,
@@ -28,9 +27,9 @@ BASE = ("--baseline", NAMES[0])
 TABLES: dict[str, tuple[str, ...]] = {
     "methods": (),
     "scenes": ("--layout", "scenes", "--queries"),
-    "no average": ("--layout", "scenes", "--no-average", "--per-block", "1", "--all"),
+    "no average": ("--layout", "scenes", "--no-average", "--all"),
     "benchmarks": ("--layout", "benchmarks"),
-    "published": ("--published", "--mark-published"),
+    "published": ("--published",),
     "scenes with intervals": ("--layout", "scenes", "--intervals", *BASE),
     "marks": (*BASE, "--highlight", NAMES[2], "--second"),
     "gains of each": ("--baseline", f"{NAMES[2]}={NAMES[1]}", "--layout", "scenes"),
@@ -74,19 +73,15 @@ def test_scores_and_layouts_go_together(scored: Scored, run: Run) -> None:
     ask = ("table", *scored.paths, "--score", second.title, "--score", first.key)
     table = check_formats(run, *ask, "--layout", "scenes")
     assert len(table.columns) == 1 + 2 * (len(scored.results[NAMES[0]].scenes) + 1)
-    said = run(*ask, "--format", "latex", "--standalone", "--siunitx", "--cite", f"{NAMES[0]}=key")
-    assert r"\begin{document}" in said.out
+    said = run(*ask, "--format", "latex", "--cite", f"{NAMES[0]}=key")
     assert r"weak\_1 \& co~\cite{key}" in said.out
     printed = csv_grid(run(*ask, *BASE, "--format", "csv").out)
     for column in (first, second):
         check_gains(printed, column.title)
 
 
-@pytest.mark.parametrize("benchmark", BENCHMARKS)
-def test_results_of_all_tracks_stand_in_one_table(
-    scores_of: ScoresOf, run: Run, benchmark: str
-) -> None:
-    every = [scores_of(benchmark, track) for track in TRACKS]
+def test_results_of_all_tracks_stand_in_one_table(scores_of: ScoresOf, run: Run) -> None:
+    every = [scores_of(track) for track in TRACKS]
     paths = [path for one in every for path in one.paths]
     table = check_formats(run, "table", *paths, "--layout", "benchmarks")
     for one in every:

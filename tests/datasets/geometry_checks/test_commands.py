@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
@@ -61,8 +60,6 @@ def test_exact_photos_pass(photos: tuple[Path, Path], capsys: pytest.CaptureFixt
     assert made["depth"]["median"] < 1e-6
     assert {path.name for path in out.iterdir()} == set(OUTPUT_NAMES)
     assert len(pd.read_csv(out / "photos.csv")) == len(FLIGHT.centres)
-    with Image.open(out / "depth_errors.png") as picture:
-        assert picture.size > (400, 300)
 
 
 def test_a_scaled_depth_fails_and_is_named(
@@ -73,7 +70,6 @@ def test_a_scaled_depth_fails_and_is_named(
     assert run_main(*arguments(photos)) == 1
     text = capsys.readouterr().out
     assert "f004.png" in text
-    assert "0.20 % too short in depth" in text
     assert "fails" in text
 
 

@@ -49,7 +49,6 @@ def flights(draw: st.DrawFn) -> Trajectory:
     def column(low: float, high: float) -> np.ndarray:
         return np.array([draw(angles(low, high)) for _ in range(count)])
 
-    words = st.sampled_from(("sunny", "snowy"))
     return Trajectory(
         tuple(f"a{k}" for k in range(count)),
         np.cumsum(column(0.01, 10.0)),
@@ -58,6 +57,4 @@ def flights(draw: st.DrawFn) -> Trajectory:
         column(-30.0, 30.0),
         column(-89.0, 20.0),
         column(-180.0, 179.9),
-        tuple(draw(words) for _ in range(count)) if draw(st.booleans()) else None,
-        ("night",) * count if draw(st.booleans()) else None,
     )

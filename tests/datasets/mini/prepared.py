@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +11,7 @@ from PIL import Image
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.mini.keys import derived
-from airzoo_bench.datasets.mini.prepare import make_worlds, prepare_airzoo_mini
-from airzoo_bench.datasets.mini.world.model import REGIONS
+from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
 from airzoo_bench.engines.processes import Processes
 from airzoo_bench.geometry.arrays import Floats
 from tests.shared import made_once
@@ -33,20 +30,10 @@ class Prepared:
             return np.asarray(picture, dtype=np.float64)
 
 
-def made_worlds(factory: pytest.TempPathFactory) -> Path:
-    """Return a data root with the worlds, which take as long to make as photos of them."""
-
-    def make(root: Path) -> None:
-        make_worlds([*REGIONS.values()], root, derived(0, "worlds"))
-
-    return made_once(factory, "worlds", make)
-
-
 def prepared(factory: pytest.TempPathFactory) -> Prepared:
     """Return the whole benchmark, with tiles and crops as files."""
 
     def make(root: Path) -> None:
-        shutil.copytree(made_worlds(factory), root, dirs_exist_ok=True)
         files = {"tiles_on_disk": True, "crops_on_disk": True}
         prepare_airzoo_mini(
             0, PrepareSettings(root / "airzoo-mini", root, engine=Processes(2), **files)

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from PIL import Image
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.export.pictures import draw_flight
 from airzoo_bench.datasets.mini.flights.patterns import FPS, barrel_roll, fly, smooth_line, survey
 from airzoo_bench.datasets.mini.flights.trajectory import (
     MARGIN_M,
     Airspace,
     Trajectory,
-    check_inside,
     rounded,
     trajectory_poses,
 )
-from airzoo_bench.datasets.mini.flights.trajectory_files import read_trajectory, write_trajectory
 from airzoo_bench.datasets.mini.world.model import REGIONS
 
 CITY = REGIONS["city"]
@@ -85,12 +79,8 @@ def test_it_stays_in_the_region_less_its_margin(flight: Trajectory) -> None:
     assert xy.max() <= CITY.side_m - MARGIN_M + 1e-3
 
 
-def test_digits_are_those_of_the_file(flight: Trajectory, tmp_path: Path) -> None:
-    write_trajectory(tmp_path / "my.csv", flight)
-    read = read_trajectory(tmp_path / "my.csv")
-    assert read.lonlat.tobytes() == flight.lonlat.tobytes()
-    assert read.yaw_deg.tobytes() == rounded(flight).yaw_deg.tobytes() == flight.yaw_deg.tobytes()
-    assert read.time_s.tobytes() == flight.time_s.tobytes()
+def test_digits_are_rounded(flight: Trajectory) -> None:
+    assert rounded(flight).yaw_deg.tobytes() == flight.yaw_deg.tobytes()
 
 
 def test_the_same_seed_is_the_same_flight_and_another_is_not() -> None:
@@ -165,7 +155,6 @@ def test_airspace_over_a_surface() -> None:
     assert (air.ground_m, air.floor_m, air.ceiling_m) == (50.0, 132.0, 212.0)
     flight = barrel_roll(air, 0, rounds=1)
     assert flight.altitude_m.min() >= 92.0 + 40.0
-    check_inside(flight, CITY, dsm)
 
 
 @pytest.mark.parametrize(
@@ -213,12 +202,3 @@ def test_smooth_lines_keep_their_ends_and_do_not_bulge() -> None:
     assert np.linalg.norm(line - corners[1], axis=1).min() == pytest.approx(
         np.sqrt(2) * 18.0 / np.sqrt(2 * np.pi), rel=0.01
     )
-
-
-def test_a_flight_is_drawn_the_same_every_time(tmp_path: Path) -> None:
-    flight = barrel_roll(AIR, 0, rounds=1)
-    for name in ("a.png", "b.png"):
-        draw_flight(flight, CITY, tmp_path / name, "City")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"))
-    assert (pixels.min(axis=-1) < 200).mean() > 0.02

@@ -25,21 +25,16 @@ from airzoo_bench.datasets.geometry_checks.depth_report import (
 )
 from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
 from airzoo_bench.engines.processes import Processes
-from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
-from airzoo_bench.leaderboard.checks import check_submission
-from airzoo_bench.leaderboard.known import known_submissions
-from airzoo_bench.leaderboard.rescoring import rescore
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 from tests.datasets.mini.prepared import Prepared
 from tests.datasets.parts import hold_crops, hold_tiles
 
+pytestmark = pytest.mark.slow
+
 SCENES = ("city", "rural")
-CHECKOUT = Path(__file__).resolve().parents[3]
-OWN = sorted(CHECKOUT.glob("submissions/*/*/*/"))
 MEMORY = 1 << 30
 PAPER_MEDIAN = 0.00066
 WORLDS = "mini-worlds"
@@ -174,21 +169,3 @@ def test_its_truth_is_the_same_on_every_machine(mini: Prepared) -> None:
             found.setdefault(track, {})[scene] = read(mini.benchmark, scene).fingerprint
     for track, truths in found.items():
         assert f"truth {fingerprint(truths)[:12]}," in page, track
-
-
-# --- this repository's own submissions -------------------------------------------------------
-
-
-@pytest.mark.parametrize("folder", OWN, ids=lambda folder: folder.name)
-def test_this_repositorys_submissions_score_as_they_claim(mini: Prepared, folder: Path) -> None:
-    board = read_board(CHECKOUT / BOARD_FILE)
-    known = known_submissions(CHECKOUT)
-    checked = check_submission(folder, board, mini.root, known=known)
-    assert not checked.errors
-    rescored = rescore(checked, data=mini.root, resources=Resources(jobs=2))
-    assert rescored.agrees, rescored.lines
-    if folder.parent.name == "matching":  # which the rule on the class of a method looks at
-        counts = rescored.evaluation.result.counts
-        assert {scene: found["near_prior"] for scene, found in counts.items()} == dict.fromkeys(
-            SCENES, 0
-        )

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
-from airzoo_bench.datasets.mini.export.pictures import write_contact_sheet
 from airzoo_bench.datasets.mini.noise import (
     floor_log2,
     gaussians,
@@ -166,16 +163,3 @@ def test_lamps_stand_along_roads() -> None:
     road = around.sample(np.full(len(x), 48, Single), x, fine, still)[1].mean()
     field = around.sample(np.full(len(x), 4, Single), x, fine, still)[1].mean()
     assert road > 2 * field
-
-
-def test_contact_sheet(tmp_path: Path) -> None:
-    colours = [(250, 0, 0), (0, 250, 0), (0, 0, 250)]
-    images = [np.full((60, 80, 3), colour, np.uint8) for colour in colours]
-    write_contact_sheet(images, ["r", "g", "b"], tmp_path / "a.jpg", columns=2, width_px=40)
-    with Image.open(tmp_path / "a.jpg") as picture:
-        sheet = np.asarray(picture).astype(int)
-    assert sheet.shape == (2 * (30 + 24) + 6, 2 * 46 + 6, 3)
-    # The middles of the cells, row by row
-    middles = ((24 + 15, 6 + 20), (24 + 15, 52 + 20), (78 + 15, 6 + 20))
-    for middle, colour in zip(middles, colours, strict=True):
-        assert np.abs(sheet[middle] - colour).max() <= 3

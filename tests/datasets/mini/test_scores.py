@@ -23,6 +23,8 @@ from airzoo_bench.results.result import Result
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 from tests.datasets.mini.prepared import Prepared
 
+pytestmark = pytest.mark.slow
+
 SCENES = ("city", "rural")
 MEMORY = 1 << 30
 

@@ -10,14 +10,12 @@ from pyproj import Geod, Transformer
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.datasets.mini.flights.trajectory import (
     Trajectory,
-    allowed_box,
-    check_inside,
     trajectory_poses,
 )
-from airzoo_bench.datasets.mini.world.model import CRS, REGIONS
+from airzoo_bench.datasets.mini.world.model import CRS
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import rotation_angle_deg
-from tests.datasets.mini.flights import CITY, flights, over_city
+from tests.datasets.mini.flights import flights, over_city
 from tests.datasets.mini.views import poses_trajectory
 
 TO_GRID = Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
@@ -27,8 +25,6 @@ def test_fields_of_other_lengths_are_refused() -> None:
     one = np.zeros(1)
     with pytest.raises(CameraError, match="another length"):
         Trajectory(("a", "b"), one, np.zeros((1, 2)), one, one, one, one)
-    with pytest.raises(CameraError, match="another length"):
-        Trajectory(("a",), one, np.zeros((1, 2)), one, one, one, one, weather=("sunny",) * 2)
 
 
 def test_frames_are_taken() -> None:
@@ -36,7 +32,6 @@ def test_frames_are_taken() -> None:
     some = flight.take(np.array((2, 0)))
     assert some.names == ("f2", "f0")
     assert some.altitude_m.tolist() == [3.0, 1.0]
-    assert some.weather is None
     assert flight.take(slice(0, 0)).names == ()
 
 
@@ -87,81 +82,3 @@ def test_a_position_beyond_the_crs_is_named() -> None:
     flight.lonlat[1] = (np.nan, 28.0)
     with pytest.raises(CameraError, match=r"no place in the CRS in 1 of 2 \(f1\)"):
         trajectory_poses(flight)
-
-
-# Places
-
-
-def dsm() -> np.ndarray:
-    """Return level ground at 50 m with a tower of 90 m in the north-western quarter."""
-    heights = np.full((60, 60), 50.0, dtype=np.float32)
-    heights[5:15, 5:15] = 90.0
-    return heights
-
-
-def refused(flight: Trajectory) -> str:
-    with pytest.raises(CameraError) as caught:
-        check_inside(flight, CITY, dsm(), "my.csv")
-    return str(caught.value)
-
-
-def test_a_flight_inside_is_let_pass() -> None:
-    # The tower stands at 50 to 150 m east, 450 to 550 m north.
-    check_inside(
-        over_city([1.0, 599.0, 100.0], [1.0, 599.0, 500.0], [52.1, 60.0, 92.1]), CITY, dsm()
-    )
-
-
-def test_positions_outside_are_named_with_the_box() -> None:
-    message = refused(over_city([10.0, -1.0, 601.0, 5.0], [10.0, 5.0, 5.0, 601.0], [100.0] * 4))
-    assert message.startswith("my.csv: outside the region city in 3 of 4 (f1 (11")
-    assert "latitude" in message.splitlines()[1]
-
-
-def test_positions_swapped() -> None:
-    flight = over_city([10.0], [10.0], [100.0])
-    swapped = Trajectory(
-        flight.names,
-        flight.time_s,
-        flight.lonlat[:, ::-1].copy(),
-        flight.altitude_m,
-        flight.roll_deg,
-        flight.pitch_deg,
-        flight.yaw_deg,
-    )
-    assert "look swapped" in refused(swapped)
-
-
-def test_the_box_stated_lies_in_the_region_and_fills_it() -> None:
-    for region in REGIONS.values():
-        west, south, east, north = allowed_box(region)
-        x, y = TO_GRID.transform([west, east, west, east], [south, south, north, north])
-        x, y = np.array(x) - region.west, np.array(y) - region.south
-        assert x.min() >= 0.0
-        assert y.min() >= 0.0
-        assert max(x.max(), y.max()) <= region.side_m
-        # The grid is turned by about a hundredth against true north.
-        assert np.ptp(x) > 0.97 * region.side_m
-        assert np.ptp(y) > 0.97 * region.side_m
-
-
-def test_below_the_surface() -> None:
-    message = refused(over_city([300.0, 100.0, 100.0], [300.0, 500.0, 400.0], [51.9, 91.0, 60.0]))
-    assert message.splitlines()[0] == (
-        "my.csv: below the ground or inside a building or tree in 2 of 3 "
-        "(f0 (at 51.9 m, surface 50.0 m), f1 (at 91.0 m, surface 90.0 m))"
-    )
-
-
-def test_no_height_says_nothing_against_a_flight() -> None:
-    heights = dsm()
-    heights[:] = np.nan
-    check_inside(over_city([300.0], [300.0], [10.0]), CITY, heights)
-
-
-def test_pitch_of_the_wrong_sign() -> None:
-    flight = over_city([10.0, 20.0], [10.0, 10.0], [100.0, 100.0])
-    flight.pitch_deg[:] = 45.0
-    assert "above the horizon" in refused(flight)
-    flight.pitch_deg[1] = 0.0
-    check_inside(flight, CITY, dsm())

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -18,21 +17,16 @@ from airzoo_bench.datasets.mini.world.meshes import building_mesh
 from airzoo_bench.datasets.mini.world.model import REGIONS, SURVEY_SUN, Material, Mesh, World
 from airzoo_bench.datasets.mini.world.plan import Plan
 from airzoo_bench.datasets.mini.world.rural_plan import rural_plan
-from airzoo_bench.datasets.mini.world.store import load_world, world_folder
-from tests.datasets.mini.prepared import made_worlds
 
-BOTH = pytest.mark.parametrize("region", sorted(REGIONS))
+PLANNED = pytest.mark.parametrize("region", sorted(REGIONS))
+# The other takes as long again.
+BUILT = pytest.mark.parametrize("region", ["city", pytest.param("rural", marks=pytest.mark.slow)])
 PLANS = {"city": city_plan, "rural": rural_plan}
 
 
-WorldOf = Callable[[str], World]
-
-
-@pytest.fixture(scope="module")
-def world_of(tmp_path_factory: pytest.TempPathFactory) -> WorldOf:
-    """Return a function that reads a kept world, as prepare does that has made it."""
-    root = made_worlds(tmp_path_factory)
-    return cache(lambda region: load_world(world_folder(root, REGIONS[region], 0)))
+@cache
+def world_of(region: str) -> World:
+    return build_world(region, 0)
 
 
 @cache
@@ -49,14 +43,14 @@ def normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-@BOTH
-def test_every_byte_is_as_recorded(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_every_byte_is_as_recorded(region: str) -> None:
     recorded = json.loads(Path(__file__).with_name("checksums.json").read_text("utf-8"))
     assert digest(world_of(region)) == recorded[region]
 
 
-@BOTH
-def test_arrays_have_the_shapes_of_the_contract(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_arrays_have_the_shapes_of_the_contract(region: str) -> None:
     world = world_of(region)
     found = {
         name: (array.shape, str(array.dtype))
@@ -81,10 +75,8 @@ def test_arrays_have_the_shapes_of_the_contract(world_of: WorldOf, region: str) 
     assert (mesh.owner[np.isin(mesh.material, [Material.GROUND, Material.APRON])] == -1).all()
 
 
-@BOTH
-def test_dsm_is_the_highest_surface_that_a_vertical_ray_meets(
-    world_of: WorldOf, region: str
-) -> None:
+@BUILT
+def test_dsm_is_the_highest_surface_that_a_vertical_ray_meets(region: str) -> None:
     world = world_of(region)
     rows, columns = np.divmod(np.arange(0, 1200 * 1200, 37), 1200)
     x, y = (columns + 0.5) * 0.5, 600.0 - (rows + 0.5) * 0.5
@@ -119,8 +111,8 @@ def falls_on(
     return triangle, corners[:, 0, 2] - rise
 
 
-@BOTH
-def test_walls_are_vertical_and_roofs_face_up(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_walls_are_vertical_and_roofs_face_up(region: str) -> None:
     mesh = world_of(region).mesh
     walls, roofs = normals(part(mesh, Material.WALL)), normals(part(mesh, Material.ROOF))
     length = np.linalg.norm(walls, axis=1)
@@ -130,7 +122,7 @@ def test_walls_are_vertical_and_roofs_face_up(world_of: WorldOf, region: str) ->
     assert (land[:, 2] > 0).all()
 
 
-@BOTH
+@PLANNED
 def test_buildings_are_closed_but_for_the_floor_and_turned_outside(region: str) -> None:
     plan = plan_of(region, 0)
     mesh = building_mesh(plan.buildings)
@@ -148,8 +140,8 @@ def test_buildings_are_closed_but_for_the_floor_and_turned_outside(region: str) 
     assert ((out * normals(corners)).sum(axis=1) > 0).all()
 
 
-@BOTH
-def test_canopies_are_closed_irregular_and_turned_outside(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_canopies_are_closed_irregular_and_turned_outside(region: str) -> None:
     mesh = world_of(region).mesh
     chosen = mesh.material == Material.CANOPY
     corners, owner = mesh.vertices[mesh.triangles[chosen]], mesh.owner[chosen]
@@ -163,8 +155,8 @@ def test_canopies_are_closed_irregular_and_turned_outside(world_of: WorldOf, reg
     assert len(np.unique(np.round(volume, 3))) > 0.8 * len(volume)
 
 
-@BOTH
-def test_floors_are_nowhere_above_the_land(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_floors_are_nowhere_above_the_land(region: str) -> None:
     plan, world = plan_of(region, 0), world_of(region)
     mesh = building_mesh(plan.buildings)
     bottom = np.full(len(plan.buildings), np.inf)
@@ -181,7 +173,7 @@ def test_floors_are_nowhere_above_the_land(world_of: WorldOf, region: str) -> No
     assert (bottom[standing] <= lowest[standing]).all()
 
 
-@BOTH
+@PLANNED
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_no_building_stands_in_another(region: str, seed: int) -> None:
     buildings = [b for b in plan_of(region, seed).buildings if b.parent < 0]
@@ -194,8 +186,8 @@ def test_no_building_stands_in_another(region: str, seed: int) -> None:
         assert a == b or shapes[a].intersection(shapes[b]).area < 0.01
 
 
-@BOTH
-def test_apron_meets_the_border_and_reaches_far(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_apron_meets_the_border_and_reaches_far(region: str) -> None:
     mesh = world_of(region).mesh
     land = part(mesh, Material.GROUND).reshape(-1, 3)
     apron = part(mesh, Material.APRON).reshape(-1, 3)
@@ -209,8 +201,8 @@ def test_apron_meets_the_border_and_reaches_far(world_of: WorldOf, region: str) 
             assert {tuple(point) for point in along.tolist()} == inner
 
 
-@BOTH
-def test_orthophoto_is_albedo_in_light_or_shadow(world_of: WorldOf, region: str) -> None:
+@BUILT
+def test_orthophoto_is_albedo_in_light_or_shadow(region: str) -> None:
     world = world_of(region)
     # No channel is brighter than the albedo in the whole sun, none darker than in the sky alone.
     albedo = world.top_albedo.astype(np.float64)
@@ -221,10 +213,8 @@ def test_orthophoto_is_albedo_in_light_or_shadow(world_of: WorldOf, region: str)
     assert 0.6 < share < 1.05
 
 
-@BOTH
-def test_mosaic_differs_from_the_survey_and_yet_shows_the_same_place(
-    world_of: WorldOf, region: str
-) -> None:
+@BUILT
+def test_mosaic_differs_from_the_survey_and_yet_shows_the_same_place(region: str) -> None:
     world = world_of(region)
     grey = world.dom.mean(axis=2).reshape(200, 12, 200, 12).mean(axis=(1, 3))
     older = world.satellite.mean(axis=2).reshape(200, 10, 200, 10).mean(axis=(1, 3))
@@ -236,7 +226,7 @@ def test_mosaic_differs_from_the_survey_and_yet_shows_the_same_place(
     assert warmth[1] < warmth[0]
 
 
-def test_water_lies_flat_in_the_city(world_of: WorldOf) -> None:
+def test_water_lies_flat_in_the_city() -> None:
     world = world_of("city")
     assert world.water.mean() > 0.01
     dsm = np.repeat(np.repeat(world.dsm, 2, 0), 2, 1)
@@ -244,14 +234,16 @@ def test_water_lies_flat_in_the_city(world_of: WorldOf) -> None:
     assert (np.abs(dsm[world.water] - 35.5) < 0.01).mean() > 0.5
 
 
-def test_country_has_relief_and_woods(world_of: WorldOf) -> None:
+@pytest.mark.slow
+def test_country_has_relief_and_woods() -> None:
     world = world_of("rural")
     heights = world.mesh.vertices[: 301 * 301, 2]
     assert 25.0 < np.ptp(heights) < 55.0
     assert len(world.tree_colours) > 2000
 
 
-def test_another_seed_is_another_place(world_of: WorldOf) -> None:
+@pytest.mark.slow
+def test_another_seed_is_another_place() -> None:
     other = digest(build_world("rural", 7))
     same = digest(world_of("rural"))
     shared = {name for name in same if same[name] == other[name]}

@@ -274,6 +274,6 @@ def test_the_baseline_describes_images(tmp_path: Path) -> None:
     shutil.copy(source / "satellite/5_0_7_15.png", source / "drone/images/200_0002_0000000001.png")
     made, _ = prepared("gta-uav", source, tmp_path)
     protocol, out = "gta-uav-same-area-drone-to-satellite", tmp_path / "b.npz"
-    assert run_main("baseline", "retrieval", protocol, "--out", out, "--words", 2) == 0
+    assert run_main("baseline", "retrieval", protocol, "--out", out) == 0
     found = evaluate(out, data=made.folder)
     assert found.records["recall@1"].iloc[0] == 1.0  # the photo that is a copy of its tile

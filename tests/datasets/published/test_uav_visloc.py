@@ -18,7 +18,6 @@ from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.frames import geodesic_distance_m
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.results.sensitivity import read_noise_floor
 from airzoo_bench.retrieval.footprints import cast_footprints
 from airzoo_bench.retrieval.truth import read_truth
 from tests.datasets.published.uav_visloc_tree import (
@@ -232,28 +231,3 @@ def test_a_map_that_is_smaller_than_the_photos(tmp_path: Path) -> None:
     )
     notes = read(make_tree(tmp_path / "tree", {"07": strip}), "07").notes
     assert notes[1].startswith("flight 07: its map is 684 x 51 m, and a photo sees 671 x 447 m")
-
-
-def test_sensitivity_takes_the_stated_ranges(
-    prepared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (name,) = (path.stem for path in (prepared / "protocols").iterdir())
-    results = []
-    for step, title in ((1, "exact"), (-1, "reversed")):
-        path = predictions(tmp_path / f"{title}.npz", prepared, name, step)
-        results.append(tmp_path / title)
-        call = ("eval", "retrieval", path, "--data", prepared, "--out", results[-1])
-        assert run_main(*call) == 0
-    capsys.readouterr()
-    floor = tmp_path / "floor.json"
-    call = ("sensitivity", "uav-visloc-partial", *results, "--data", prepared, "--draws", "2")
-    assert run_main(*call, "--out", floor) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert (
-        "off by: field of view 8 % either way; heading 5 degrees either way; height 30 m either "
-        "way; position of each photo 30 m (standard deviation); 10 variants of the truth" in said
-    )
-    assert "not covered: the heading convention (--heading" in said
-    assert read_noise_floor(floor).ranges == UAV_VISLOC.about.ranges
-    assert run_main(*call, "--heading", "0") == 0
-    assert "heading 5 degrees" not in capsys.readouterr().out

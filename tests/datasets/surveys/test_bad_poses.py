@@ -54,12 +54,16 @@ def of_smaller_photos(in_columns: bool) -> Callable[[Made], list[object]]:
         if not in_columns:
             Path(str(arguments[-1])).write_text('{"fx": 17.0}')
             return arguments
-        path = Path(str(arguments[2]))
-        header, *rows = path.read_text().splitlines()
-        path.write_text("\n".join([f"{header},fx", *(f"{row},17.0" for row in rows)]))
-        return arguments[: arguments.index("--camera")]
+        return with_column(arguments, "fx", "17.0")[: arguments.index("--camera")]
 
     return write
+
+
+def with_column(arguments: list[object], name: str, value: str) -> list[object]:
+    path = Path(str(arguments[2]))
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f"{header},{name}", *(f"{row},{value}" for row in rows)]))
+    return arguments
 
 
 def without(option: str) -> Callable[[Made], list[object]]:
@@ -101,6 +105,10 @@ WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
     "gon said": (
         header(GIMBAL.replace("GimbalYawDegree", "GimbalYaw (gon)")),
         ["columns in other units: 'GimbalYaw (gon)'"],
+    ),
+    "fisheye said": (
+        lambda made: with_column(gimbal_table(made), "Camera Model", "opencv_fisheye"),
+        ["column 'Camera Model'", "opencv_fisheye"],
     ),
     "feet said": (
         header(GIMBAL.replace("altitude", "Altitude [US ft]")),

@@ -119,6 +119,7 @@ def test_a_finer_surface_keeps_its_holes(made: Made) -> None:
 
     found = read_scene(["odm", "--source", project, "--surface-cell", 0.25])
 
+    assert any(note.endswith(f"--cloud {cloud}") for note in found.notes)
     with rasterio.open(found.dsm) as raster:
         heights = raster.read(1, masked=True)
     assert heights.count() == 4 * 200 * 240

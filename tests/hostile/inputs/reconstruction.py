@@ -13,7 +13,7 @@ import numpy as np
 from tests.formats import cloud_support as clouds
 from tests.formats import mesh_support as meshes
 from tests.hostile.inputs.case import Input
-from tests.hostile.mutations import spoil_arrays, spoil_bytes, spoil_e57, spoil_text
+from tests.hostile.mutations import spoil_arrays, spoil_bytes, spoil_text
 from tests.readers.samples import (
     cloud_trajectory,
     cut3r,
@@ -64,7 +64,6 @@ def files(home: Path) -> list[Input]:
     meshes.write_stl(given / "binary.stl")
     meshes.write_stl_text(given / "ascii.stl")
     (given / "ascii.off").write_text(meshes.OFF_CUBE)
-    clouds.write_e57(given / "scan.e57", columns)
     rows = clouds.text_rows(columns)
     (given / "ascii.xyz").write_text(rows)
     (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(columns, ","))
@@ -100,7 +99,7 @@ def files(home: Path) -> list[Input]:
     return made
 
 
-_SPOILS = {".npz": spoil_arrays, ".obj": spoil_text, ".e57": spoil_e57}
+_SPOILS = {".npz": spoil_arrays, ".obj": spoil_text}
 
 
 def _entries(home: Path, given: Path, data: str, protocol: tuple[str, str]) -> list[Input]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.hostile.inputs import shards
 from tests.hostile.inputs.case import Input
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.readers import retrieval_support
@@ -57,7 +56,6 @@ def files(home: Path) -> list[Input]:
         Input("retrieval/parquet", given, "ranked.parquet", spoil_bytes, read, data),
         Input("retrieval/plain parquet", given, "plain.parquet", spoil_bytes, read, data),
     ]
-    made += shards.files(home / "shards", chosen.name, ids, described, data)
     whole = home / "whole"
     shutil.copytree(home / "data", whole / "data")
     shutil.copy(given / "ranked.npz", whole)

@@ -1,4 +1,4 @@
-"""Events as GitHub and GitLab send them, and what is none."""
+"""Events as GitHub sends them, and what is none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.leaderboard.ci.event import PullRequest, read_event, read_events
+from airzoo_bench.leaderboard.ci.event import PullRequest, read_event
 from tests.leaderboard.ci.repositories import event, write_event
 
 HEAD = "c" * 40
@@ -19,35 +19,6 @@ def test_event_of_github(tmp_path: Path) -> None:
     path = write_event(tmp_path / "event.json", event(12, HEAD, 99, merged=True))
     expected = PullRequest(12, HEAD, "refs/pull/12/head", "main", 99, merged=True)
     assert read_event(path) == expected
-
-
-def test_merge_request_of_gitlab(tmp_path: Path) -> None:
-    content = {
-        "id": 155016530,
-        "iid": 133,
-        "state": "merged",
-        "target_branch": "main",
-        "source_branch": "$(reboot)",
-        "sha": HEAD,
-        "author": {"id": 4155490, "username": "someone"},
-    }
-    path = write_event(tmp_path / "event.json", content)
-    expected = PullRequest(133, HEAD, "refs/merge-requests/133/head", "main", 4155490, merged=True)
-    assert read_event(path) == expected
-
-
-def test_merge_requests_of_a_commit(tmp_path: Path) -> None:
-    one = {"iid": 133, "target_branch": "main", "sha": HEAD, "author": {"id": 7}}
-    path = tmp_path / "events.json"
-    path.write_text(json.dumps([one | {"state": "merged"}, one | {"iid": 134}]))
-    assert [(pull.number, pull.merged) for pull in read_events(path)] == [(133, True), (134, False)]
-    with pytest.raises(SubmissionError, match="a list"):
-        read_event(path)
-    path.write_text("[]")
-    assert read_events(path) == []
-    path.write_text('[{"iid": "1"}]')
-    with pytest.raises(SubmissionError, match="not the event of a pull request"):
-        read_events(path)
 
 
 def changed(**parts: Any) -> dict[str, Any]:

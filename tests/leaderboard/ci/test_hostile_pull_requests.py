@@ -221,6 +221,7 @@ def _store(folder: Path, tree: bytes) -> str:
     return git(folder, "hash-object", "-t", "tree", "-w", "--stdin", "--literally", stdin=tree)
 
 
+@pytest.mark.slow
 def test_folders_beyond_what_git_can_follow(world: World) -> None:
     path = f"{HOME}/mine/{'a/' * 30_000}x"
     stream = (

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.board import read_board
 from airzoo_bench.leaderboard.schema import schema_text
 from airzoo_bench.leaderboard.starter.write import starter_files
@@ -16,53 +15,13 @@ from tests.leaderboard.ci.repositories import Hosted, event, write_event
 from tests.support import run_main
 
 
-@pytest.mark.parametrize("hosted", [[], ["--gitlab"]])
-def test_init_writes_a_board_that_can_be_read(
-    tmp_path: Path, hosted: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("leaderboard", "init", tmp_path / "b", "--repository", "lab/x-1", *hosted) == 0
-    third = capsys.readouterr().err.splitlines()[2]  # names its file as the first two do
-    assert str(tmp_path / "b" / (".gitlab-ci.yml" if hosted else ".github/CODEOWNERS")) in third
+def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
+    assert run_main("leaderboard", "init", tmp_path / "b", "--repository", "lab/x-1") == 0
     board = read_board(tmp_path / "b" / "leaderboard.toml")
-    assert board.repository == "lab/x-1"
-    if hosted:
-        assert (board.url, board.repository_url) == (None, "https://gitlab.com/lab/x-1")
-        assert board.data_url == "https://gitlab.com/lab/x-1/-/tree/leaderboard-data"
-    else:
-        assert board.url == "https://lab.github.io/x-1/"
-        assert board.data_url == "https://github.com/lab/x-1/tree/leaderboard-data"
-    written = {p.relative_to(tmp_path / "b").as_posix() for p in (tmp_path / "b").rglob("*.*")}
-    assert (".gitlab-ci.yml" in written) == bool(hosted)
-    assert (".github/workflows/board.yml" in written) == (not hosted)
+    assert (board.url, board.repository) == ("https://lab.github.io/x-1/", "lab/x-1")
+    assert board.data_url == "https://github.com/lab/x-1/tree/leaderboard-data"
+    assert (tmp_path / "b" / ".github" / "workflows" / "board.yml").is_file()
     assert (tmp_path / "b" / ".ci" / "get-data").stat().st_mode & 0o111
-
-
-@pytest.mark.parametrize(("hosted", "other"), [([], "merge request"), (["--gitlab"], "github")])
-def test_no_file_speaks_of_the_other_host(tmp_path: Path, hosted: list[str], other: str) -> None:
-    assert run_main("leaderboard", "init", tmp_path, "--repository", "lab/x", *hosted) == 0
-    for path in (p for p in tmp_path.rglob("*") if p.is_file() and p.suffix != ".json"):
-        text = path.read_text(encoding="utf-8")
-        assert other not in text.lower(), path
-        assert not hosted or "pull request" not in text.lower(), path
-        assert not {"@REQUEST@", "@WHEN@", "@USERS@", "@HOST@"} & set(text.split()), path
-        assert "@lab" not in text, path
-
-
-def test_ci_of_gitlab_knows_its_project(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("leaderboard", "init", tmp_path / "b", "--gitlab") == 2
-    assert "add --repository" in capsys.readouterr().err
-    deep = ("--gitlab", "--repository", "lab/vision/board")
-    assert run_main("leaderboard", "init", tmp_path / "b", *deep) == 0
-    assert '"lab/vision/board" &&' in (tmp_path / "b" / ".gitlab-ci.yml").read_text()
-    assert read_board(tmp_path / "b" / "leaderboard.toml").repository == "lab/vision/board"
-
-
-def test_groups_in_groups_are_no_name_on_github(tmp_path: Path) -> None:
-    assert run_main("leaderboard", "init", tmp_path, "--repository", "lab/x") == 0
-    file = tmp_path / "leaderboard.toml"
-    file.write_text(file.read_text().replace('"lab/x"', '"github.com/lab/x"'))
-    with pytest.raises(SubmissionError, match="no name on GitHub"):
-        read_board(file)
 
 
 def test_data_that_are_there_are_not_made_again(tmp_path: Path) -> None:
@@ -94,7 +53,7 @@ def test_the_schema_lies_where_each_submission_names_it(tmp_path: Path) -> None:
     assert (folder / place).resolve().read_text(encoding="utf-8") == schema_text()
 
 
-@pytest.mark.parametrize("path", starter_files(None, gitlab=False))
+@pytest.mark.parametrize("path", starter_files(None))
 def test_init_replaces_no_file_and_then_writes_none(
     tmp_path: Path, path: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+from pathlib import Path
+
 import pytest
 
 from airzoo_bench.leaderboard.ci.event import PullRequest
 from airzoo_bench.leaderboard.ci.git import BoardError, Repository
+from airzoo_bench.leaderboard.ci.git_process import GitProcess
 from airzoo_bench.leaderboard.ci.rules import fetch_pull_request, touched
 from tests.leaderboard.ci.pull_requests import BOARD, HOME, MAINTAINER, MINE, SOUND, TOML, World
 from tests.leaderboard.ci.repositories import git
@@ -111,3 +115,11 @@ def test_head_is_scored_at_the_commit_of_the_event_though_a_newer_one_is_there(
     world.hosted.pull_of(1, {f"{HOME}/mine/p.npz": b"newer"}, parent=head)
     assert world.look(1, head) == []
     assert (world.folder / "out" / HOME / "mine" / "p.npz").read_bytes() == b"1"
+
+
+def test_token_goes_to_the_remote_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GIT_TOKEN", "of-the-job")
+    process = GitProcess(tmp_path, "https://github.com/lab/board.git")
+    key, _, _, header = process.run("config", "--get-regexp", "extraheader").decode().split()
+    assert key == "http.https://github.com/lab/board.git.extraheader"
+    assert base64.b64decode(header) == b"x-access-token:of-the-job"

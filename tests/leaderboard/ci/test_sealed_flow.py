@@ -20,8 +20,9 @@ from typer.testing import Result
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.leaderboard.sealed import scoring
+from airzoo_bench.leaderboard.sealed.keys import load_pyrage
 from tests.leaderboard.ci.repositories import event, git, write_event
-from tests.leaderboard.ci.walk import ADA, BOARD, MAINTAINER, Board, submit
+from tests.leaderboard.ci.walk import ADA, BOARD, Board, submit
 from tests.support import write_raster
 
 pytest.importorskip("pyrage")
@@ -38,7 +39,9 @@ def board(tmp_path: Path, data: Path, command: Run, monkeypatch: pytest.MonkeyPa
     made = Board(tmp_path / "world", command)
     made.run("leaderboard", "init", made.main, "--repository", "lab/board")
     key = made.home / "key.txt"
-    to = made.run("seal-key", key).stdout.strip()
+    identity = load_pyrage().x25519.Identity.generate()
+    key.write_text(f"{identity}\n")
+    to = str(identity.to_public())
     public = tmp_path / "public"
     archive = public / "made.age"
     made.run("seal", data / "made", "--out", public / "made", "--archive", archive, "--to", to)
@@ -142,16 +145,6 @@ def test_sealed_submission_from_pull_request_to_board(
     board.run("leaderboard", "ci", "record", run.parents[4], "--remote", board.hosted.folder)
     data = board.rescore(said="not scored again: another truth; a new commit of the submission")
     assert [path.name for path in data.glob("runs/made/retrieval/salad/*")] == ["1"]
-
-
-def test_what_supersedes_another_is_scored_too(board: Board, perfect: dict[str, list[Any]]) -> None:
-    submit(board, board.main, perfect, "Salad")
-    board.push_main("One")
-    fork = board.clone("ada")
-    submit(board, fork, perfect, "Cress", "--supersedes", "salad")
-    work = scored(board, 1, board.propose(fork, 1), MAINTAINER)
-    opened(board, work)
-    assert json.loads((work / "found-sealed.json").read_text())["answer"]["overall"]
 
 
 def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any]]) -> None:

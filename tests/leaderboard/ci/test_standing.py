@@ -18,11 +18,10 @@ from tests.leaderboard.site.support import built, method, some_runs, write_versi
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a board of close and far methods: one superseded, one measured by another truth."""
+    """Return a board of close and far methods, one measured by another truth."""
     root = tmp_path_factory.mktemp("standing")
     some_runs(root / "runs", 6)
-    write_version(root / "runs", "old", 1, method("Old", 0.3))
-    write_version(root / "runs", "heir", 1, method("Heir", 0.31), supersedes="old")
+    write_version(root / "runs", "near", 1, method("Near", 0.31))
     write_version(root / "runs", "far", 1, method("Far", 0.9, truth="u" * 64))
     built(root)
     return root
@@ -39,7 +38,7 @@ def test_comment_and_board_say_the_same(root: Path) -> None:
     [table] = [
         json.loads(path.read_text())
         for path in (root / "site/api/v1/tables").glob("*/table.json")
-        if '"heir"' in path.read_text()
+        if '"near"' in path.read_text()
     ]
     key = table["scores"][0]["key"]
     pairs = json.loads((root / "site" / table["scores"][0]["pairs"]).read_text())
@@ -73,10 +72,6 @@ def test_intervals_are_those_of_the_board(root: Path) -> None:
                 ]
     assert rows[-1].title == "average"
     assert all(shown.before is not None for shown in rows[-1].scores.values())
-
-
-def test_what_is_superseded_has_no_rank(root: Path) -> None:
-    assert placed(root, "old") is None
 
 
 def test_another_truth_is_ranked_alone(root: Path) -> None:

@@ -68,22 +68,10 @@ def test_from_an_empty_repository_to_a_board(
     assert "of 2 by" in comment
     assert "Not told apart from `Salad`" in comment
 
-    # Nobody supersedes what another account has submitted, whatever team they say they are.
-    submit(board, other, worse(perfect), "Vinegar", "--force", "--supersedes", "salad")
-    comment = board.ci(3, board.propose(other, 3), BOB, code=1)
-    assert "supersedes salad, which belongs to another account" in comment
-
     # Anybody can write a team's name: then the maintainers are told.
     submit(board, other, worse(perfect), "Vinegar", "--force")
     comment = board.ci(3, board.propose(other, 3), BOB)
     assert "team 'Example Lab' is on the board with salad, by another account" in comment
-
-    # Ranks are among what the board shows, and not what its owner has replaced or withdrawn.
-    newer = board.clone("ada2")
-    submit(board, newer, worse(perfect), "Cress", "--supersedes", "salad")
-    comment = board.ci(4, board.propose(newer, 4), ADA)
-    assert "of 1 by" in comment
-    assert "by another account" not in comment
 
 
 def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
@@ -116,6 +104,7 @@ def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     assert "Rank **1** of 1" in board.ci(3, board.propose(other, 3), BOB)
 
 
+@pytest.mark.slow
 def test_run_of_an_earlier_truth_or_protocol_is_scored_again(
     board: Board, data: Path, scenes: list[MadeScene], perfect: dict[str, list[Any]]
 ) -> None:
@@ -178,6 +167,48 @@ def test_name_that_another_took_meanwhile_stays_off_the_board(
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
+@pytest.mark.slow
+def test_what_is_no_submission_is_named_and_skipped(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    submit(board, board.main, perfect, "Salad")
+    table = board.main / "submissions/made/retrieval"
+    for name in ("../.gitkeep", ".gitkeep", "a folder/notes.txt", "a\nfolder/submission.toml"):
+        (table / name).parent.mkdir(exist_ok=True)
+        (table / name).write_text("x")
+    (table / "notes").symlink_to("salad")
+    board.push_main("One, and what is none")
+    fork = board.clone("ada")
+    submit(board, fork, worse(perfect), "Cress")
+    assert "is refused" not in board.ci(1, board.propose(fork, 1), ADA)
+    data = board.rescore(said="retrieval/a folder: no submission")
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
+    (data / "runs/made/retrieval/a folder").mkdir()
+    site = board.home / "site"
+    done = board.run("leaderboard", "build", "--runs", data / "runs", "--out", site, "--jobs", 1)
+    assert "a folder" in done.stderr
+
+
+@pytest.mark.slow
+def test_names_that_differ_in_case_never_both_stand(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    """Two pull requests were both sound when they were looked at: the first to be scored stays."""
+    heads = {}
+    for number, (folder, arrays) in enumerate((("qux", perfect), ("Qux", worse(perfect))), start=1):
+        fork = board.clone(f"fork{number}")
+        submit(board, fork, arrays, f"Method {number}", "--team", f"Lab {number}", folder=folder)
+        heads[number] = board.propose(fork, number)
+        assert "is refused" not in board.ci(number, heads[number], number)
+    board.merge(1, heads[1], 1)
+    first = board.rescore()
+    board.run("leaderboard", "ci", "record", first, "--remote", board.hosted.folder)
+    board.merge(2, heads[2], 2)
+    data = board.rescore(code=1, said="differs from the folder qux of the board only in case")
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["qux"]
+
+
+@pytest.mark.slow
 def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -> None:
     """Every two of a table are compared: clones would weaken what is found of all others."""
     (board.main / "leaderboard.toml").write_text(f"{BOARD}\n[limits]\nentries = 1\n")
@@ -194,8 +225,6 @@ def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -
     assert "this account has 1 submission in this table already" in refused
     assert "is refused" not in board.ci(2, head, BOB)
     assert "is refused" not in board.ci(2, head, MAINTAINER)
-    submit(board, newer, worse(perfect), "Cress", "--force", "--supersedes", "salad")
-    assert "is refused" not in board.ci(2, board.propose(newer, 2), ADA)
 
 
 def test_no_board_is_built_of_a_folder_that_is_not_there(

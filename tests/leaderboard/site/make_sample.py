@@ -22,7 +22,6 @@ from airzoo_bench.leaderboard.site.api import (
     Links,
     MethodFile,
     Pairs,
-    Reproduction,
     Row,
     Scene,
     SceneColumn,
@@ -202,7 +201,6 @@ def files_of(made: TableFile) -> dict[str, Any]:
                 {s.id: r.scores for s in made.scenes},
                 () if r.kind == "reported" else history,
                 f"@misc{{{r.id},\n  title = {{Method {r.id}}},\n  year = {{2026}}\n}}\n",
-                (),
             )
     return files
 
@@ -247,28 +245,7 @@ def sample(count: int = 12) -> dict[str, Any]:
             Benchmark("mini-sealed", "AirZoo-Mini, sealed", tuple(links[2:])),
         ),
     )
-    found = Reproduction(
-        "airzoo-mini-retrieval",
-        "SALAD",
-        "method-0",
-        "airzoo-paper, tab:uav-visloc",
-        "",
-        "recall@1",
-        0.88,
-        "88.00",
-        0.9,
-        "90.00",
-        0.85,
-        0.95,
-        True,
-        "Team 0",
-        "2026-11-20",
-        "newer weights",
-    )
-    files: dict[str, Any] = {
-        "board.json": board,
-        "reproductions.json": {"api": API, "reproductions": [found]},
-    }
+    files: dict[str, Any] = {"board.json": board}
     for made in tables:
         files |= files_of(made)
     value: dict[str, Any] = as_json(files)

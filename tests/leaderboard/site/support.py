@@ -106,7 +106,7 @@ def given(root: Path, results: Sequence[Path] = (), **changes: Any) -> Given:
             ),
         }
     )
-    made = Given(root / "runs", root / "submissions", results, board, (), root / "data")
+    made = Given(root / "runs", root / "submissions", results, board, root / "data")
     return replace(made, **changes)
 
 

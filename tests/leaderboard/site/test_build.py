@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.site import kept_pairs
 from airzoo_bench.leaderboard.site.api_files import MARK
 from airzoo_bench.leaderboard.site.build import build_board
 from airzoo_bench.results.best import value_of
@@ -156,25 +155,11 @@ def test_a_method_on_two_protocols_has_one_name(tmp_path: Path) -> None:
     assert [list(rows_of(site, table)) for table in tables] == [["net"], ["net"]]
 
 
-def test_what_supersedes_has_the_history_of_both(tmp_path: Path) -> None:
-    write_version(tmp_path / "runs", "old", 1, method("Old", 0.3))
-    write_version(tmp_path / "runs", "new", 1, method("New", 0.5), day=2, supersedes="old")
-    site = built(tmp_path)
-    assert list(rows_of(site)) == ["new"]
-    history = read(site, "tables/made/methods/new.json")["history"]
-    assert [one["folder"] for one in history] == ["new", "old"]
-
-
-def test_earlier_truths_stand_apart_and_are_not_ranked_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_earlier_truths_stand_apart_and_are_not_ranked_together(tmp_path: Path) -> None:
     some_runs(tmp_path / "runs", 2)
     for name, skill in (("late", 0.9), ("later", 0.3)):
         other = method(name.title(), skill, truth="u" * 64)
         write_version(tmp_path / "runs", name, 1, other, day=20)
-    built(tmp_path)
-    # Each table keeps its own pairs.
-    monkeypatch.setattr(kept_pairs, "pair_p_values", None)
     site = built(tmp_path)
     tables = read(site, "board.json")["benchmarks"][0]["tables"]
     assert [(one["current"], one["methods"]) for one in tables] == [(True, 2), (False, 2)]

@@ -1,38 +1,17 @@
-"""Feed, BibTeX and addresses of a board."""
+"""BibTeX and addresses of a board."""
 
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ET
 
 import pytest
 
 from airzoo_bench.leaderboard.site.api import Row
-from airzoo_bench.leaderboard.site.downloads import News, atom_feed, bibtex
+from airzoo_bench.leaderboard.site.downloads import bibtex
 from airzoo_bench.leaderboard.site.rows import slugs
 from tests.leaderboard.site.support import (
     submission,
 )
-
-
-def test_the_feed_is_atom_with_ids_that_stay() -> None:
-    news = [
-        News(f"runs/a/b/c/{n}", f"2026-04-0{n}", "<b>\x00&", "Team", "made", "R@1 50.00", "x.html")
-        for n in (1, 2)
-    ]
-    feed = ET.fromstring(atom_feed("Board", "https://example.org/b", news))
-    space = {"a": "http://www.w3.org/2005/Atom"}
-    assert feed.findtext("a:updated", None, space) == "2026-04-02T00:00:00Z"
-    entries = feed.findall("a:entry", space)
-    assert [e.findtext("a:updated", None, space) for e in entries] == [
-        "2026-04-02T00:00:00Z", "2026-04-01T00:00:00Z",
-    ]  # fmt: skip
-    assert entries[0].findtext("a:title", None, space) == "<b>\N{REPLACEMENT CHARACTER}& on made"
-    again = ET.fromstring(atom_feed("Board", "https://example.org/b", news[:1]))
-    assert again.find("a:entry", space).findtext("a:id", None, space) == entries[1].findtext(  # type: ignore[union-attr]
-        "a:id", None, space
-    )
-    assert ET.fromstring(atom_feed("Board", None, [])) is not None
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.leaderboard.site.build import build_board
 from airzoo_bench.leaderboard.site.entries import Faults, read_entries, waiting
 from tests.leaderboard.site.support import (
     built,
     given,
     method,
+    rows_of,
     some_runs,
     write_version,
 )
@@ -42,8 +44,6 @@ FAULTS: list[tuple[str, Callable[[Path], object], str]] = [
     ("no result", lambda run: (run / "result.json").unlink(), "neither result.json nor answer"),
     ("no submission", lambda run: (run / "submission.toml").unlink(), "no such submission file"),
     ("no run", lambda run: (run / "run.json").unlink(), "no such run file"),
-    ("other version", lambda run: (run.parent / "latest").mkdir(), "holds what is no version"),
-    ("empty", lambda run: (run.parent.parent / "void").mkdir(), "holds no versions"),
     (
         "other protocol",
         lambda run: spoil(run / "submission.toml", 'protocol = "made"', 'protocol = "other"'),
@@ -71,6 +71,27 @@ def test_each_fault_is_named_and_the_board_stays(
         built(tmp_path)
     assert message in str(error.value)
     assert [path.name for path in (tmp_path / "site").rglob("*.json")] == ["board.json"]
+
+
+@pytest.mark.parametrize("name", ["void", "a b/1", ".old/1", "m1/latest"])
+def test_what_is_no_submission_is_named_and_skipped(tmp_path: Path, name: str) -> None:
+    some_runs(tmp_path / "runs", 2)
+    (tmp_path / "runs/made/retrieval" / name).mkdir(parents=True)
+    notes: list[str] = []
+    site = build_board(given(tmp_path), tmp_path / "site", tmp_path / "cache", note=notes.append)
+    assert set(rows_of(site)) == {"m0", "m1"}
+    assert [name.removesuffix("/1") in note for note in notes] == [True]
+
+
+def test_of_names_that_differ_in_case_the_first_that_was_scored_stands(tmp_path: Path) -> None:
+    for folder, day in (("Qux", 3), ("qux", 2), ("other", 1)):
+        write_version(tmp_path / "runs", folder, 1, method(f"Of {day}", day / 9), day=day)
+    write_version(tmp_path / "runs", "qux", 2, method("Newer", 0.5), day=9)
+    notes: list[str] = []
+    site = build_board(given(tmp_path), tmp_path / "site", tmp_path / "cache", note=notes.append)
+    assert set(rows_of(site)) == {"qux", "other"}
+    assert len(notes) == 1
+    assert "Qux" in notes[0]
 
 
 def test_all_faults_in_one_message(tmp_path: Path) -> None:
@@ -121,23 +142,6 @@ def test_other_queries_are_refused(tmp_path: Path) -> None:
     paths = [write_method(tmp_path / n, m) for n, m in (("a", one), ("b", other))]
     with pytest.raises(UserError, match="not on the same queries"):
         built(tmp_path, results=paths)
-
-
-@pytest.mark.parametrize("team", ["Team", "Others"])
-def test_only_a_team_supersedes_its_own(tmp_path: Path, team: str) -> None:
-    write_version(tmp_path / "runs", "a", 1, method("A", 0.5))
-    write_version(tmp_path / "runs", "b", 1, method("B", 0.5), supersedes="a", team=team)
-    faults = Faults()
-    found = read_entries(tmp_path / "runs", faults)
-    assert bool(faults.found) == (team == "Others")
-    assert [entry.name for entry in found] == (["b"] if team == "Team" else ["a", "b"])
-
-
-def test_a_circle_of_submissions_is_refused(tmp_path: Path) -> None:
-    write_version(tmp_path / "runs", "a", 1, method("A", 0.5), supersedes="b")
-    write_version(tmp_path / "runs", "b", 1, method("B", 0.5), supersedes="a")
-    with pytest.raises(UserError, match="supersede each other"):
-        built(tmp_path)
 
 
 def test_what_waits_is_said(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from airzoo_bench.leaderboard.rescoring import rescore
 from tests.leaderboard.submission.support import submission, write, write_board
 from tests.support import write_predictions
 
-SETTINGS = {"words": 2, "double": False}
+SETTINGS = {"long-side": 256, "double": False}
 
 
 def test_it_is_made_with_the_stated_settings(
@@ -38,7 +38,7 @@ def test_it_is_made_with_the_stated_settings(
     assert found.seconds > 0
     assert (asked["track"], asked["protocol"]) == ("retrieval", "made-retrieval")
     settings = asked["settings"]
-    assert (settings.words, settings.doubled, settings.seed) == (2, False, 0)
+    assert (settings.long_side_px, settings.doubled) == (256, False)
 
 
 def test_what_came_of_it_is_said(

@@ -67,16 +67,6 @@ def test_what_is_made_is_found_sound(
     assert "checked and scored, nothing wrong was found" in found.stdout
 
 
-def test_what_comes_next_is_said_in_the_host_s_words(
-    board: Path, preds: Path, command: Command
-) -> None:
-    assert "open a pull request" in command("submission", "new", preds, *OPTIONS).stderr
-    file = board / "leaderboard.toml"
-    file.write_text(f'gitlab = "https://gitlab.com"\n{file.read_text()}')
-    made = command("submission", "new", preds, *OPTIONS, "--force")
-    assert "open a merge request" in made.stderr
-
-
 def test_modes_are_not_copied(board: Path, preds: Path, command: Command) -> None:
     """Of a disk where every file is executable; no board takes such a file."""
     folder = preds.with_name("many")
@@ -86,13 +76,6 @@ def test_modes_are_not_copied(board: Path, preds: Path, command: Command) -> Non
     assert command("submission", "new", folder, *OPTIONS).exit_code == 0
     copied = board / "submissions" / "made" / "retrieval" / "salad" / "many" / preds.name
     assert copied.stat().st_mode & 0o111 == 0
-
-
-def test_what_it_supersedes_must_be_there(board: Path, preds: Path, command: Command) -> None:
-    made = command("submission", "new", preds, *OPTIONS, "--supersedes", "salat")
-    assert isinstance(made.exception, UserError)
-    assert "'supersedes' is 'salat', which is not there" in str(made.exception)
-    assert not (board / "submissions" / "made").exists()
 
 
 def test_what_a_claim_says_does_nothing_to_the_terminal(
@@ -220,7 +203,6 @@ def test_questions_on_a_terminal(board: Path, preds: Path, none: str) -> None:
         "CC-BY-4.0",
         *("", none),
         *("single", "single-stage"),
-        *("gps", "prior", "", "", ""),
     ]
     text, code = _typed(["submission", "new", str(preds)], answers)
     assert code == 0, text
@@ -229,11 +211,9 @@ def test_questions_on_a_terminal(board: Path, preds: Path, none: str) -> None:
     assert "an e-mail address" in text
     assert text.count("none for a method without training") == 2
     assert text.count("one of single-stage, re-ranked") == 2
-    assert text.count("any of prior, sequence, heights") == 2
     stated = read_submission(board / "submissions/made/retrieval/salad/submission.toml")
     assert stated.authors == ("Ada Example", "Grace Example")
     assert stated.training_data == ()
-    assert stated.pipeline.uses == ("prior",)
 
 
 def test_who_stops_at_a_question_stops(board: Path, preds: Path) -> None:

@@ -78,7 +78,7 @@ def test_the_schema_takes_and_refuses_what_the_model_does() -> None:
 
     two = {"file": "p", "url": "https://a.b/c", "sha256": "0" * 64, "bytes": 1}
     assert taken()
-    assert taken(cost={"hardware": "one", "seconds_per_query": 1.5}, baseline={"words": 2})
+    assert taken(cost={"hardware": "one", "seconds_per_query": 1.5}, baseline={"double": False})
     assert not taken(method=3)
     assert not taken(methd="x")
     assert not taken(team=None)

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
 FILES = ["made/retrieval/salad/" + name for name in ("{}", "result.json", "submission.toml")]
 
 
-@pytest.mark.parametrize("kind", ["made", "replaced"])
+@pytest.mark.parametrize("kind", [pytest.param("made", marks=pytest.mark.slow), "replaced"])
 def test_whole_or_not_at_all(kind: str, tmp_path: Path) -> None:
     write_board(tmp_path / "source")
     home = tmp_path / "home"

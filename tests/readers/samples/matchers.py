@@ -50,8 +50,10 @@ def write_loftr(folder: Path, world: World, **fields: Any) -> Path:
     return home
 
 
-def write_superglue(folder: Path, world: World) -> Path:
+def write_superglue(folder: Path, world: World, *, stated: bool = True) -> Path:
+    """Write what its script writes, and sizes of the pictures, which that does not."""
     home = _made(folder / "superglue")
+    sizes = {"image_size0": TENSOR, "image_size1": TENSOR} if stated else {}
     for pair in pairs(world):
         first, second = _shrunk(pair)
         count = len(first)
@@ -61,8 +63,7 @@ def write_superglue(folder: Path, world: World) -> Path:
             keypoints1=second[::-1],
             matches=np.append(np.arange(count)[::-1], -1),
             match_confidence=np.ones(count + 1),
-            image_size0=TENSOR,
-            image_size1=TENSOR,
+            **sizes,
         )
     return home
 

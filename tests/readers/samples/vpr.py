@@ -59,12 +59,21 @@ def write_lists(
     """Write preds/NNN.txt as `visualizations.save_file_with_paths` does."""
     (folder / "preds").mkdir(parents=True)
     order, _ = place.ranked(scene)
+    change = labelled if labels else str
     for query, tiles in enumerate(order.tolist()):
-        content = ["Query path:", photo_file(home, scene, query) + "\n", "Predictions paths:"]
-        content.append("\n".join(tile_file(home, scene, tile) for tile in tiles[:8]) + "\n")
+        photo = change(photo_file(home, scene, query))
+        content = ["Query path:", photo + "\n", "Predictions paths:"]
+        content.append("\n".join(change(tile_file(home, scene, one)) for one in tiles[:8]) + "\n")
         if labels:
-            content += ["Positives paths:", tile_file(home, scene, 0) + "\n"]
+            content += ["Positives paths:", change(tile_file(home, scene, 0)) + "\n"]
         (folder / "preds" / f"{query:03d}.txt").write_text("\n".join(content))
+
+
+def labelled(path: str) -> str:
+    """Put a position before the name of an image, falling from image to image."""
+    place = Path(path)
+    east = 600_000 - int(place.stem[1:])
+    return str(place.with_name(f"@{east}.00@3100000.00@{place.stem}@{place.suffix}"))
 
 
 def write(folder: Path, place: Place) -> Path:

@@ -78,13 +78,7 @@ class FrameList:
 
 
 def frames_csv(frames: FrameList) -> str:
-    """Return the table of frames, a row each.
-
-    Position and gimbal angles in WGS84 as `geometry.rotations` has them, the position and the
-    world-to-camera quaternion (w x y z) in ECEF, and the intrinsics (pixel centres at integer
-    + 0.5). Degrees have 12 digits behind the point, metres 6: a chain of frames through this
-    table closes to the micrometre.
-    """
+    """Return the table of frames, a row each."""
     poses = frames.poses
     lonlat = to_lonlat(CRS, poses.centres[:, :2])
     place = np.column_stack([lonlat, poses.centres[:, 2]])
@@ -107,11 +101,7 @@ def frames_csv(frames: FrameList) -> str:
 
 
 def _ecef_rotations(poses: Poses, lonlat: Floats, convergence_deg: Floats) -> Floats:
-    """Return rotations (N, 3, 3) from ECEF to the camera.
-
-    The grid's axes stand for true directions at the camera: its north turned back by the
-    convergence, its scale (1.0001 in the regions of AirZoo-Mini) left out.
-    """
+    """Return rotations (N, 3, 3) from ECEF to the camera."""
     turn = np.radians(convergence_deg)
     zero, one = np.zeros_like(turn), np.ones_like(turn)
     rows = ((np.cos(turn), -np.sin(turn), zero), (np.sin(turn), np.cos(turn), zero))
@@ -126,12 +116,7 @@ def _fixed(digits: int, values: Floats) -> list[str]:
 
 
 def colmap_texts(frames: FrameList, offset: Floats) -> dict[str, str]:
-    """Return the files of a COLMAP text model by name: the camera and the poses, and no points.
-
-    Its world is `model.CRS` less an offset (3,): with easting and northing in millions of metres,
-    t = -R C would lose digits, and most programs that read such models work in single precision.
-    The offset stands in the files' comments and in ``offset.json``.
-    """
+    """Return the files of a COLMAP text model by name: the camera and the poses, and no points."""
     local = Poses(rotation=frames.poses.rotation, centres=frames.poses.centres - offset)
     numbers = np.column_stack([matrix_to_quaternion(local.rotation), local.translation])
     images = ""

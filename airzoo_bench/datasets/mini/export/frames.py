@@ -60,17 +60,7 @@ def render_frames(
     engine: Engine = HERE,
     progress: Progress = silent,
 ) -> RenderCounts:
-    """Render frames into a folder; those that are there and made from the same are kept.
-
-    Files of other frames in the folder are left alone; its tables appear when all frames are there.
-    `load` returns the world. Other processes call their own: it must be picklable then and should
-    be quick, such as ``partial(load_world, folder)``.
-
-    Raises
-    ------
-    UserError
-        A file cannot be written, or the disk is full.
-    """
+    """Render frames into a folder; those that are there and made from the same are kept."""
     check_output_folder(folder, ("frames.csv",))
     world = load()
     source = _Source(world_key(world), load if engine.distributed else lambda: world)

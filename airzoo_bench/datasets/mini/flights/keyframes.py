@@ -28,16 +28,7 @@ _BLOCK = 64
 def key_frames(
     trajectory: Trajectory, camera: Cameras, ground_height: float, overlap: float
 ) -> Ints:
-    """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1.
-
-    From one key frame on, the flight is followed to the first frame that overlaps it less than is
-    asked; of that frame and the one before it, the next key frame is whose overlap is nearer. A
-    flight that turns faster between two frames than the overlap allows has key frames that overlap
-    less. Frames that see no ground are no key frames.
-
-    The camera's lens is taken into account at the image's corners; footprints lie on a plane at
-    `ground_height`. Indices (K,) ascend; the first frame that sees ground is among them.
-    """
+    """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1."""
     if not 0.0 < overlap < 1.0:
         raise UsageError(
             f"key frames with an overlap of {overlap:g}", expected="above 0 and below 1"
@@ -61,12 +52,7 @@ def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
 def footprints(
     camera: Cameras, poses: Poses, ground_height: float, most_depth_m: float = _MOST_DEPTH_M
 ) -> NDArray[np.object_]:
-    """Return what N frames see of a level plane, no deeper than some metres.
-
-    The image is cut to the part whose ground is no deeper, which a straight line bounds, and its
-    corners are cast onto the plane. Polygons (N,) are convex, in coordinates relative to the first
-    camera's centre, and empty where a frame sees no ground.
-    """
+    """Return what N frames see of a level plane, no deeper than some metres."""
     rays = back_project(camera, anchor_pixels(camera, 0.0))
     corners = rays_to_world(poses, rays / rays[..., 2:])
     above = poses.centres[:, 2] - ground_height
@@ -86,10 +72,7 @@ def footprints(
 
 
 def _cut(corners: Floats, spare: Floats) -> tuple[Floats, Bools]:
-    """Cut the sides of quadrilaterals to where `spare` is not negative.
-
-    Returns both ends of what is left of each side (N, 8, 3), and whether anything is (N, 8).
-    """
+    """Cut the sides of quadrilaterals to where `spare` is not negative."""
     after, spare_after = np.roll(corners, -1, axis=1), np.roll(spare, -1, axis=1)
     rise = spare_after - spare
     zero = np.divide(-spare, rise, out=np.zeros_like(rise), where=rise != 0.0)

@@ -43,13 +43,7 @@ _PACE_WAVE_M = 900.0
 
 
 def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Trajectory:
-    """Fly orbits joined by straight and S-shaped sweeps, at 5 to 12 m/s.
-
-    A round, of about five minutes, is an orbit, a straight sweep, an orbit the other way round, and
-    an S. Altitude goes up and down once or twice an orbit, the pitch between 10 degrees below the
-    horizon and nadir about once a minute. In orbits the camera looks to the scene's centre, in
-    sweeps ahead with a slow swing. The seed turns and scales the pattern.
-    """
+    """Fly orbits joined by straight and S-shaped sweeps, at 5 to 12 m/s."""
     raw = words(seed, 5 + 3 * rounds)
     draws = np.asarray(raw >> np.uint64(11), dtype=np.float64) * 2.0**-53
     reach = airspace.region.side_m / 2 - MARGIN_M
@@ -76,18 +70,7 @@ def survey(
     turn_deg: float = 0.0,
     shift_m: tuple[float, float] = (0.0, 0.0),
 ) -> Trajectory:
-    """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees.
-
-    Level, at the lowest altitude of the airspace, at 5 to 12 m/s, over a square in the region's
-    middle, or shifted from there and turned clockwise. Lines lie `spacing_m` apart, those across
-    twice as far.
-
-    Raises
-    ------
-    UsageError
-        The square reaches beyond the region less its margin, or lines are farther apart than it is
-        wide.
-    """
+    """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees."""
     half = airspace.region.side_m / 2
     middle = half + np.array(shift_m)
     room = (half - MARGIN_M) - side_m / 2
@@ -172,11 +155,7 @@ def _looking(line: Floats, look: Floats, centre: Floats) -> Floats:
 
 
 def smooth_line(corners: Floats, wanted: Floats) -> tuple[Floats, Floats]:
-    """Round the corners (K, 2) of a line off; what is wanted at them (K, E) is linear between.
-
-    Returns the line (M, 2), about a metre apart, less in turns, which ends where the corners end
-    and bulges nowhere, and what is wanted along it (M, E).
-    """
+    """Round the corners (K, 2) of a line off; what is wanted at them (K, E) is linear between."""
     way = _way_m(corners)
     even = np.linspace(0.0, way[-1], round(way[-1] / _STEP_M) + 1)
     columns = [np.interp(even, way, column) for column in (*corners.T, *wanted.T)]
@@ -191,10 +170,7 @@ def smooth_line(corners: Floats, wanted: Floats) -> tuple[Floats, Floats]:
 
 
 def _pace(line: Floats) -> Floats:
-    """Speed wanted at points (K,) of a smooth line (K, 2): slower in turns, and in slow waves.
-
-    No faster than a sideways acceleration of `_SIDEWAYS` allows.
-    """
+    """Speed wanted at points (K,) of a smooth line (K, 2): slower in turns, and in slow waves."""
     step = np.gradient(line, axis=0)
     bend = np.gradient(step, axis=0)
     crossed = np.abs(step[:, 0] * bend[:, 1] - step[:, 1] * bend[:, 0])
@@ -218,12 +194,7 @@ def _way_m(line: Floats) -> Floats:
 def fly(
     region: Region, line: Floats, speed: Floats, yaw_deg: Floats, pitch_deg: Floats
 ) -> Trajectory:
-    """Fly along a smooth line, a frame each 1/30 s, with the gimbal turning smoothly.
-
-    The line (K, 3) is in metres from the region's south-west corner, the speed (K,) in metres a
-    second. Yaw (K,) is from the grid's north: where it jumps, it is turned the shorter way and
-    smoothed; pitch (K,) is smooth already.
-    """
+    """Fly along a smooth line, a frame each 1/30 s, with the gimbal turning smoothly."""
     seconds_per_m = (1.0 / speed[1:] + 1.0 / speed[:-1]) / 2
     knots = np.append(0.0, np.cumsum(np.diff(_way_m(line)) * seconds_per_m))
     count = int(knots[-1] * FPS) + 1

@@ -62,12 +62,7 @@ class Raycaster:
         self._offset = (unit * (a + b + c)).sum(axis=1) / 3.0
 
     def trace(self, origin: Floats, directions: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Cast rays from one point (3,), or each from its own (3, N), in directions (3, N).
-
-        Directions are of any length, the unit of distance, and NaN for rays that there are not.
-        Returns the triangle (N,) first met, `MISSED` where there is none, and the distance (N,), 0
-        there: the z-depth where directions have z = 1 in the camera.
-        """
+        """Cast rays from one point (3,), or each from its own (3, N), in directions (3, N)."""
         rays = np.empty((directions.shape[1], 6), np.float32)
         rays[:, :3] = origin.T
         # Embree does not say what a NaN does; any ray will do, its answer is not used.
@@ -85,10 +80,7 @@ class Raycaster:
         return triangle, distance
 
     def occluded(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
-        """Say from which points (3, N), lifted off their surface, something stands in the way.
-
-        Their unit normals (3, N) point to the side that is seen; all look in one direction (3,).
-        """
+        """Say from which points (3, N), lifted off their surface, something stands in the way."""
         rays = np.empty((points.shape[1], 6), np.float32)
         np.add(points, normals * _LIFT_M, out=rays[:, :3].T, casting="same_kind")
         rays[:, 3:] = direction

@@ -81,17 +81,7 @@ class Renderer:
         self._kept: tuple[bytes, Floats] | None = None
 
     def render(self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int) -> Frame:
-        """Take a photo.
-
-        One camera and one pose, in `model.CRS` (easting, northing, height). Weather and time, see
-        `weather.conditions`, never change the depth. The seed is that of the noise and of rain and
-        snow in the air.
-
-        Raises
-        ------
-        UsageError
-            More than 64 megapixels; an unknown weather or time; not one camera and one pose.
-        """
+        """Take a photo."""
         given = conditions(weather, time)
         if len(camera) != 1 or len(pose) != 1:
             raise UsageError(f"{len(camera)} cameras and {len(pose)} poses", expected="one of each")
@@ -174,11 +164,7 @@ def _through(camera: Cameras, pixel: NDArray[np.int64], off: Floats | float = 0.
 
 
 def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
-    """Give each surface of a mesh a number, so that edges show where neighbours' numbers differ.
-
-    All land is one surface, each tree is one, and so is each side of a building. Given normals
-    (3, T), numbers (T + 1,) by triangle; the last is of rays that meet none.
-    """
+    """Give each surface of a mesh a number, so that edges show where neighbours' numbers differ."""
     land = np.isin(mesh.material, _LAND)
     built = np.isin(mesh.material, _BUILT)
     side = np.where(built, np.rint(normal * 20.0), 0.0).astype(np.int64)
@@ -193,12 +179,7 @@ def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
 def edge_pixels(
     triangle: NDArray[np.int32], keys: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Find pixels whose surface is another than that of a pixel to the side, above or below.
-
-    Given what triangle (H, W) each pixel sees, -1 where none, and the triangles' keys, see
-    `_surface_keys`. Returns flat indices (E,) and the step (2, E), right and down, of -1, 0 or 1 to
-    where the other surface is; to the right where there are others on opposite sides.
-    """
+    """Find pixels whose surface is another than that of a pixel to the side, above or below."""
     surface = np.pad(keys.take(triangle), 1, mode="edge")
     middle = surface[1:-1, 1:-1]
     left, right = surface[1:-1, :-2] != middle, surface[1:-1, 2:] != middle

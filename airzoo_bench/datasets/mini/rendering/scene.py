@@ -47,11 +47,7 @@ class Scene:
         self._far_level_m = float(np.median(np.concatenate(border)))
 
     def look(self, rays: Rays, given: Conditions) -> tuple[Singles, Floats, NDArray[np.int64]]:
-        """Return what is seen along N rays.
-
-        Light (3, N), depth (N,) in lengths of the rays' directions, 0 where there is no surface,
-        and the triangle (N,), `MISSED` where there is none.
-        """
+        """Return what is seen along N rays."""
         triangle, depth = self._caster.trace(rays.origin, rays.directions)
         light = np.zeros((3, len(depth)), np.float32)
         hit = np.flatnonzero(triangle != MISSED)

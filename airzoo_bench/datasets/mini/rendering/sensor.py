@@ -46,10 +46,7 @@ def from_stored(stored: NDArray[np.uint16]) -> Singles:
 def take_photo(
     light: NDArray[np.uint16], rotation: Floats, given: Conditions, seed: int
 ) -> NDArray[np.uint8]:
-    """Turn the light (3, H, W) that reaches the lens, see `to_stored`, into an image (H, W, 3).
-
-    The world-to-camera rotation says where rain falls to, the seed is that of the noise.
-    """
+    """Turn the light (3, H, W) that reaches the lens, see `to_stored`, into an image (H, W, 3)."""
     _, height, width = light.shape
     drops = _drops(width, height, rotation, given, seed)
     photo = np.empty((height, width, 3), np.uint8)

@@ -60,10 +60,7 @@ class Shader:
         self._leaves = (world.tree_colours / 255.0).astype(np.float32)
 
     def colour(self, points: Points, lit: Singles, given: Conditions) -> Singles:
-        """Return what a camera sees of points, (3, N).
-
-        `lit` (N,) is the cosine of the sun's angle to the surface, 0 in shadow.
-        """
+        """Return what a camera sees of points, (3, N)."""
         paint = self._paint(points)
         if given.snow > 0.0:
             _lay_snow(paint, points, given.snow)
@@ -78,11 +75,7 @@ class Shader:
     def far_land(
         self, view: Singles, origin: Floats, level_m: float, given: Conditions
     ) -> tuple[Singles, Singles]:
-        """Return the land beyond the mesh: the region, mirrored on without end at one level.
-
-        Seen from an origin (3,) in unit directions (3, N) below the horizon, its albedo (3, N) and
-        distance (N,).
-        """
+        """Return the land beyond the mesh: the region, mirrored on without end at one level."""
         distance = np.float32(max(origin[2] - level_m, 1.0)) / np.maximum(-view[2], 1e-4)
         x, y = (np.float32(origin[k]) + distance * view[k] for k in (0, 1))
         coarse = np.full(len(x), self._side / 40.0, np.float32)

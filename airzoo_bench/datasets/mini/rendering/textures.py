@@ -42,12 +42,7 @@ class Texture:
         return cls(np.concatenate([level.ravel() for level in packed]), offsets, sizes, side_m)
 
     def sample(self, x: Singles, y: Singles, footprint_m: Singles, dither: Singles) -> Singles:
-        """Return the colour (4, N), in 0 to 1, at points of the square.
-
-        Points (N,) are in metres east and north of the south-west corner, mirrored beyond the
-        square, and seen by pixels of a footprint (N,) in metres. `dither` (N,), in [0, 1), says
-        which of the two nearest levels is taken, so that no line shows where one meets the next.
-        """
+        """Return the colour (4, N), in 0 to 1, at points of the square."""
         gsd_m = self.side_m / int(self.sizes[0])
         level = floor_log2(footprint_m * (1.0 + dither) * np.float32(1.0 / gsd_m))
         np.clip(level, 0, len(self.sizes) - 1, out=level)
@@ -102,10 +97,7 @@ _LAMP_REACH_M = 30.0
 
 
 def surroundings(world: World) -> Texture:
-    """Return a texture whose first lane is the share of sky seen, the second the lamps' light.
-
-    Its grid is that of the surface model.
-    """
+    """Return a texture whose first lane is the share of sky seen, the second the lamps' light."""
     gsd = world.region.side_m / len(world.dsm)
     lanes = np.zeros((*world.dsm.shape, 4), np.uint8)
     lanes[..., 0] = np.rint(255.0 * _openness(world.dsm, gsd))

@@ -63,13 +63,7 @@ class Conditions:
 
 
 def conditions(weather: str, time: str) -> Conditions:
-    """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`.
-
-    Raises
-    ------
-    UsageError
-        Another weather or time.
-    """
+    """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`."""
     _require("weather", weather, WEATHERS)
     _require("time of day", time, TIMES)
     clear = _CLEAR[time]

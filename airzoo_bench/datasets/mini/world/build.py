@@ -61,12 +61,7 @@ def _in_light(surface: Surface, albedo: NDArray[np.uint8], light: Light) -> NDAr
 
 
 def sunlit(heights: NDArray[np.floating], light: Light, pixel_m: float) -> NDArray[np.uint8]:
-    """Return how much of the sun reaches each pixel of heights (n, n) in metres, 0 to 255.
-
-    Rows are shifted so that the sun, which is in the south, lies straight along the columns; then
-    the height of the shadow that all pixels within 1, 2, 4 ... steps cast is found by doubling, in
-    integers throughout.
-    """
+    """Return how much of the sun reaches each pixel of heights (n, n) in metres, 0 to 255."""
     east, north, up = light.direction
     size = len(heights)
     drop = round(_UNITS * pixel_m * up / -north)
@@ -104,10 +99,7 @@ def lit(
 
 
 def _older_mosaic(surface: Surface, albedo: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Paint, light, shift and blur the older mosaic (m, m, 3), at 0.3 m.
-
-    Surface and albedo (T, 3) of canopies are those of the survey.
-    """
+    """Paint, light, shift and blur the older mosaic (m, m, 3), at 0.3 m."""
     canvas = surface.canvas(OLDER)
     paint_decals(canvas)
     absent, repainted = _changes(surface.plan)
@@ -191,13 +183,7 @@ _MAP_M, _DSM_M = 0.25, 0.5
 
 
 def build_world(region: str, seed: int) -> World:
-    """Make one region of `model.REGIONS`; another seed makes another place of the same kind.
-
-    Raises
-    ------
-    UsageError
-        There is no such region, or the seed is negative.
-    """
+    """Make one region of `model.REGIONS`; another seed makes another place of the same kind."""
     if region not in _PLANS:
         expected = f"one of {', '.join(sorted(REGIONS))}"
         raise UsageError("unknown region", where=region, expected=expected)

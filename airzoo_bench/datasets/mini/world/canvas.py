@@ -167,10 +167,7 @@ class Canvas:
         where: Bools | None = None,
         shade: NDArray[np.int32] | int = 0,
     ) -> None:
-        """Paint a material, which may be named, in a patch, or only `where` (h, w) in it.
-
-        `shade`, one or (h, w), is added to display values.
-        """
+        """Paint a material, which may be named, in a patch, or only `where` (h, w) in it."""
         mask = patch.mask if where is None else patch.mask & where
         self.water[patch.window][mask] = material in _WET
         if isinstance(material, str):

@@ -28,10 +28,7 @@ _VALLEY_M = 75.0
 
 
 def parcels(dice: Dice, outline: Line, largest_m2: float) -> list[Polygon]:
-    """Cut a convex polygon, counter-clockwise, until each part is small enough, some smaller.
-
-    The axes of each are along its longest edge.
-    """
+    """Cut a convex polygon, counter-clockwise, until each part is small enough, some smaller."""
     x, y = middle = _middle(outline)
     longest = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
     frame = Frame(*middle, longest.cosine, longest.sine)

@@ -58,10 +58,7 @@ class _Top:
 def paint_roof(
     canvas: Canvas, building: Building, index: int, owner: NDArray[np.int32], colour: Colour
 ) -> None:
-    """Paint the roof of one building where it is on top.
-
-    `owner` (n, n) is the number of the building on top of each pixel.
-    """
+    """Paint the roof of one building where it is on top."""
     patch = building.rect.inset(-0.3).patch(canvas.raster)
     patch = replace(patch, mask=owner[patch.window] == index)
     if patch.mask.any():

@@ -252,10 +252,7 @@ def _square_distance(x: Floats, y: Floats, x0: Any, y0: Any, x1: Any, y1: Any) -
 
 
 def line_height(x: Floats, points: Line) -> Floats:
-    """Return y of a line from west to east at some x; beyond its ends it goes on straight.
-
-    Not ``np.interp``, which a compiler may fuse into other roundings on other machines.
-    """
+    """Return y of a line from west to east at some x; beyond its ends it goes on straight."""
     knots_x, knots_y = np.array(points).T
     slopes = (knots_y[1:] - knots_y[:-1]) / (knots_x[1:] - knots_x[:-1])
     part = np.clip(np.searchsorted(knots_x, x, side="right") - 1, 0, len(slopes) - 1)
@@ -274,8 +271,5 @@ def bend(points: Line) -> Line:
 
 
 def steps(start: float, stop: float, gap: float) -> list[float]:
-    """Return numbers from start up to stop, a gap apart.
-
-    Not ``np.arange``, which a compiler may fuse into other roundings on other machines.
-    """
+    """Return numbers from start up to stop, a gap apart."""
     return [start + index * gap for index in range(max(math.ceil((stop - start) / gap), 0))]

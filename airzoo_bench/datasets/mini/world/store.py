@@ -80,18 +80,7 @@ def ensure_world(
     build: Callable[[str, int], World],
     note: Callable[[str], None],
 ) -> Path:
-    """Return the folder of a sound world, built now where it was not yet, or was damaged.
-
-    It lies below the data root. `build` takes the region's name and the seed, `note` a sentence for
-    the user about a world that is made again. Of processes that do so at once one builds the world,
-    and the others wait for it.
-
-    Raises
-    ------
-    UsageError
-        The folder cannot be written, or holds something else, or the disk is full. The first two
-        are found before the world is built.
-    """
+    """Return the folder of a sound world, built now where it was not yet, or was damaged."""
     folder = world_folder(root, region, seed)
     if _damage(folder, region, seed) is None:
         return folder
@@ -106,14 +95,7 @@ def ensure_world(
 
 
 def save_world(folder: Path, world: World) -> None:
-    """Write a world to its folder, in place of a damaged one; the same world, the same bytes.
-
-    Raises
-    ------
-    UsageError
-        The folder cannot be written, is something else than a world, or the disk is full; nothing
-        half made is left.
-    """
+    """Write a world to its folder, in place of a damaged one; the same world, the same bytes."""
     _clear(folder)
     try:
         with atomic_folder(folder) as staged:
@@ -127,13 +109,7 @@ def save_world(folder: Path, world: World) -> None:
 
 
 def load_world(folder: Path) -> World:
-    """Load a world; its larger arrays are mapped, not read.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there, of another format, or a file was changed or is missing.
-    """
+    """Load a world; its larger arrays are mapped, not read."""
     index = _verified_index(folder)
     arrays: dict[str, Any] = {name: _read_array(folder / f"{name}.npy") for name in _ARRAYS}
     parts = {
@@ -225,11 +201,7 @@ def _read_array(path: Path) -> NDArray[Any]:
 
 @contextmanager
 def _sole_maker(folder: Path) -> Iterator[None]:
-    """Hold the lock of a world; a folder that cannot be written is found before the work.
-
-    The lock's file stays: were it removed, two could hold it at once. On disks that know no locks
-    (some of clusters) nobody waits.
-    """
+    """Hold the lock of a world; a folder that cannot be written is found before the work."""
     with ExitStack() as locks:
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)

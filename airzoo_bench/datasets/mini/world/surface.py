@@ -149,10 +149,7 @@ def tree_colours(plan: Plan) -> NDArray[np.uint8]:
 
 
 def _seen_from_above(mesh: Mesh, raster: Raster, chosen: Bools) -> tuple[Floats, NDArray[np.int32]]:
-    """Return height and number of the highest of the chosen triangles at each pixel centre.
-
-    Of a closed mesh only triangles that face up can be on top; the others are passed over.
-    """
+    """Return height and number of the highest of the chosen triangles at each pixel centre."""
     numbers = np.flatnonzero(chosen)
     corners = mesh.vertices[mesh.triangles[numbers]]
     normal = _normals(corners)

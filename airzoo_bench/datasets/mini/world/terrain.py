@@ -61,10 +61,7 @@ def land_mesh(heights: Floats) -> Mesh:
 
 
 def apron_mesh(heights: Floats) -> Mesh:
-    """Mesh the land beyond the region: that inside, mirrored at the border, in coarse triangles.
-
-    Along the border it has the corners of the land's own grid, so that no gap opens.
-    """
+    """Mesh the land beyond the region: that inside, mirrored at the border, in coarse triangles."""
     inside = np.arange(heights.shape[0])
     west, east = -_BEYOND[::-1], heights.shape[0] - 1 + _BEYOND
     strips = [(inside, west), (inside, east), (west, inside), (east, inside)]

@@ -12,7 +12,7 @@ __all__ = ["KINDS", "TABLE", "screen", "visit"]
 
 TABLE = "tables/airzoo-mini-retrieval/"
 KINDS = [
-    *("index.html", "reproduction.html", "downloads.html", "about.html"),
+    *("index.html", "downloads.html", "about.html"),
     *(f"{TABLE}{name}.html" for name in ("index", "ranks", "scores", "scenes", "scenes-2")),
     *(f"{TABLE}{name}.html" for name in ("scene-1", "conditions", "compare")),
     *(f"{TABLE}methods/{name}.html" for name in ("method-1", "reported-1", "floor-99")),

@@ -1,1 +1,0 @@
-"""Benchmarks and results for other platforms: Codabench, EvalAI, Hugging Face."""

@@ -1,5 +1,0 @@
-"""The evaluation script."""
-
-from .main import evaluate
-
-__all__ = ["evaluate"]

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+
+from airzoo_bench.tables.printed_scores import Family, at_most, read_score
+
+
+@pytest.mark.parametrize(
+    ("name", "family", "higher"),
+    [
+        ("R@1", Family.HITS, True),
+        ("Recall@5", Family.HITS, True),
+        ("recall@(5m,1deg)", Family.HITS, True),
+        ("Acc@10m", Family.HITS, True),
+        ("@20m", Family.HITS, True),
+        ("R@1%", Family.HITS, True),
+        ("AP@5", Family.AVERAGE_PRECISION, True),
+        ("F1", Family.F1, True),
+        ("F1 ↑", Family.F1, True),
+        ("F-score", Family.F1, True),
+        ("Precision", Family.PRECISION, True),
+        ("Recall", Family.RECALL, True),
+        ("Chamfer distance", Family.CHAMFER, False),
+        ("CD", Family.CHAMFER, False),
+        ("Accuracy", Family.ACCURACY, False),
+        ("Comp", Family.COMPLETENESS, False),
+        ("median_translation_error", Family.MEDIAN, False),
+        ("Med. ↓", Family.MEDIAN, False),
+        ("ATE", Family.ERROR, False),
+        ("nDCG@10", Family.OTHER, True),
+        ("mAP", Family.OTHER, True),
+        ("beauty", Family.OTHER, None),
+        ("AUC@5", Family.CURVE, True),
+        ("R@", Family.OTHER, None),
+        ("AP@0", Family.OTHER, None),
+    ],
+)
+def test_families(name: str, family: Family, higher: bool | None) -> None:
+    score = read_score(name)
+    assert (score.family, score.higher_is_better) == (family, higher)
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"),
+    [("AP@5", None), ("AP@5/trec", "trec"), ("ap@5/min", "min"), ("P@5", "precision")],
+)
+def test_an_average_precision_may_name_its_definition(name: str, variant: str | None) -> None:
+    score = read_score(name)
+    assert (score.cutoff, score.variant) == (5, variant)
+
+
+def test_thresholds_have_units() -> None:
+    assert read_score("recall@(5m, 1°)").thresholds == ((Fraction(5), "m"), (Fraction(1), "deg"))
+    assert read_score("recall@0.25m").thresholds == ((Fraction(1, 4), "m"),)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ("R@1", "R@5", True),
+        ("R@5", "R@1", False),
+        ("R@1", "R@1%", False),
+        ("R@1", "recall@5", False),
+        ("recall@(5m,1deg)", "recall@(10m,1deg)", True),
+        ("recall@(5m,2deg)", "recall@(10m,1deg)", False),
+        ("recall@5m", "recall@(10m,1deg)", False),
+        ("R@1", "AP@5", False),
+    ],
+)
+def test_which_hits_contain_which(first: str, second: str, expected: bool) -> None:
+    assert at_most(read_score(first), read_score(second)) is expected
