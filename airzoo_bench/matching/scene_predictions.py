@@ -103,8 +103,8 @@ def match_scene(
         if isinstance(content, GivenPoses):
             matched = _match_poses(content, truth, rows)
             # After the convention: it decides which digits count.
-            centres = truth.poses.centres
-            check_digits(content, predictions.query_ids, scores.finest_m, centres)
+            around = truth.poses if truth.has_poses else truth.priors
+            check_digits(content, predictions.query_ids, scores.finest_m, around.centres)
             return matched
         return _match_correspondences(content, truth, rows)
     except PredictionError as error:
@@ -122,7 +122,9 @@ def _match_poses(
     refuse_other_conventions(
         poses.take(there), truth.priors.take(there), quaternions=given.quaternions
     )
-    doubt = suspect_heights(poses.take(there), truth.poses.take(there))
+    doubt = None
+    if truth.has_poses:
+        doubt = suspect_heights(poses.take(there), truth.poses.take(there))
     nothing = np.zeros((0, 2))
     return ScenePredictions(
         answered, np.zeros(len(rows) + 1, np.int64), nothing, None, np.zeros((0, 3)), poses, doubt
@@ -150,6 +152,8 @@ def _match_correspondences(
         _refuse_other_frame(map_xy, truth, query, stated=matches.map_frame is not None)
     points = np.zeros((0, 3)) if matches.points3d is None else matches.points3d[taken]
     found = ScenePredictions(answered, offsets, query_xy, map_xy, points, None)
+    if not truth.has_poses:
+        return found
     return replace(found, doubt=suspect_points(truth, found.parts(), query_xy, map_xy, points))
 
 

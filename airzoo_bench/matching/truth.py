@@ -87,6 +87,11 @@ class MatchingTruth:
         return cameras_of(self.queries)
 
     @property
+    def has_poses(self) -> bool:
+        """Whether the true poses are known: those of a sealed benchmark are not."""
+        return set(POSE_COLUMNS) <= set(self.queries.columns)
+
+    @property
     def poses(self) -> Poses:
         """True poses of the Q queries."""
         return poses_of(self.queries)

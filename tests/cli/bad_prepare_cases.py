@@ -110,7 +110,7 @@ CASES: dict[str, tuple[Callable[[Place], Any], list[str]]] = {
         lambda p: p.change_image("b.jpg", R_w2c=STRETCHED),
         [
             "poses.json: rotation is not orthonormal in 1 of 4 (b.jpg (|R^T R - I| = 0.02))",
-            "0.0001 in every",
+            "0.0002 in every",
         ],
     ),
     "reflection": (

@@ -13,7 +13,6 @@ from typing import Annotated, Any, get_args, get_type_hints
 import numpy as np
 import pandas as pd
 import pytest
-from airzoo_bench.retrieval.assumptions import AssumedRanges
 from typer.main import get_command
 
 from airzoo_bench.api.benchmark import load_benchmark
@@ -154,7 +153,6 @@ def test_what_is_published_is_told(name: str) -> None:
     assert about.title
     assert about.licence
     assert about.page.startswith(("https://", "docs/"))
-    assert set(about.ranges) <= {field.name for field in fields(AssumedRanges)}
     assert not about.scene_files or about.repository
     for sentence in (*about.assumptions, *about.unverified):
         assert sentence[0].isupper() or sentence[0].isdigit()

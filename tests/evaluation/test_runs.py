@@ -148,7 +148,7 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     assert run_main("eval", "retrieval", tmp_path / "none.npz", "--out", out) == 2
     said = capsys.readouterr().err
     assert "none.npz: no such prediction file" in said
-    assert "expected: .npz, .parquet, or a folder" in said  # all that the track takes
+    assert ".npz or .parquet" in said  # all that the track takes
     assert "takes the place" not in said  # of nothing, since it cannot begin
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
     said = capsys.readouterr().err

@@ -75,7 +75,9 @@ class Opened:
 
     def column(self, inside: str, number: int) -> list[str]:
         cells = self.all(f"{inside} tbody tr:not(.floor) > :nth-child({number})")
-        return [cell.text.split("\n")[0].removesuffix(" (best)") for cell in cells]
+        return [
+            cell.text.split("\n")[0].removesuffix(" (best)").removesuffix(" ‡") for cell in cells
+        ]
 
     def rows(self) -> list[str]:
         return [row.text for row in self.all("#part1-queries .grid-row > :first-child")]

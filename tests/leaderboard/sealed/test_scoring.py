@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import PredictionError, SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.leaderboard.answer import SealedAnswer
-from airzoo_bench.leaderboard.sealed import scoring, unsealing
+from airzoo_bench.leaderboard.sealed import scoring
 from airzoo_bench.leaderboard.sealed.scoring import score_predictions, score_sealed, told_of
 from airzoo_bench.leaderboard.submission import Submission
 from tests.api.place import NAME
@@ -123,7 +123,8 @@ _SCRIPT = """
 import sys, time
 from pathlib import Path
 from airzoo_bench.__main__ import main
-from airzoo_bench.leaderboard.sealed import scoring
+from airzoo_bench.leaderboard.sealed import scoring, unsealing
+unsealing.memory_folder = lambda folder=Path(sys.argv.pop(1)): folder
 def wait(*_, **__):
     print("open", flush=True)
     time.sleep(600)
@@ -132,32 +133,26 @@ main()
 """
 
 
-def left_open() -> set[str]:
-    return {path.name for path in unsealing.memory_folder().glob(".airzoo-truth.*")}
-
-
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_stopped_run_leaves_no_truth(
     how: signal.Signals, sealed: SealedField, predictions: dict[str, Path], tmp_path: Path
 ) -> None:
-    from airzoo_bench.leaderboard.sealed.unsealing import clear_truth
-
-    clear_truth()
-    before = left_open()
+    memory = tmp_path / "memory"
+    memory.mkdir()
     key = tmp_path / "key.txt"
     key.write_text(str(sealed.key))
     arguments = ("--protocol", f"{NAME}-retrieval", "--data", sealed.public, "--key", key)
     call = ("seal-score", predictions["retrieval"], "--archive", sealed.archive, *arguments)
     process = subprocess.Popen(
-        [sys.executable, "-c", _SCRIPT, *map(str, call)],
+        [sys.executable, "-c", _SCRIPT, *map(str, (memory, *call))],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
     assert process.stdout is not None
     assert process.stdout.readline() == b"open\n"
-    assert left_open() - before
+    assert list(memory.glob(".airzoo-truth.*"))
     process.send_signal(how)
     assert process.wait(HANGS_S) in (143, 130)
     process.stdout.close()
-    assert left_open() <= before
+    assert not list(memory.iterdir())

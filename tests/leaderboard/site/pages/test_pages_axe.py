@@ -41,7 +41,7 @@ def test_axe_finds_nothing(opened: Opened, board: Path, axe: str, width: int, sc
 
 
 def test_axe_would_find_a_table_without_names(opened: Opened, board: Path, axe: str) -> None:
-    visit(opened, board / KINDS[4])
+    visit(opened, board / TABLE / "index.html")
     opened.driver.execute_script(
         "for (const n of document.querySelectorAll('.pick input')) n.removeAttribute('aria-label')"
     )
