@@ -42,23 +42,10 @@ _SAME_M, _SAME_DEG = 1e-3, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ScenePredictions:
-    """The predictions for the Q queries of one scene.
+    """The predictions for the Q queries of one scene: matches, pairs, or poses (NaN where none).
 
-    Attributes
-    ----------
-    answered : (Q,) bool
-        Whether the predictions have the query.
-    offsets : (Q + 1,) int64
-        Query q has the rows ``offsets[q]:offsets[q + 1]``; a missing query has none.
-    query_xy : (M, 2) float64
-    map_xy : (M, 2) float64 or None
-        Pixels of the whole map.
-    points : (M, 3) float64
-        In the scene's CRS, instead of `map_xy`.
-    poses : Poses or None
-        Instead of matches and pairs; NaN where there is none.
-    doubt : str or None
-        Another reading that would fit better.
+    A missing query has no rows; query q has the rows ``offsets[q]:offsets[q + 1]``. `map_xy`
+    are pixels of the whole map, `points` lie in the scene's CRS; `doubt` says what looks wrong.
     """
 
     answered: Bools
