@@ -36,9 +36,13 @@ from numpy.typing import NDArray
 from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.reconstruction.distances.boxes import gather, morton_order
-from airzoo_bench.reconstruction.distances.clouds import block_distances
-from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
+from airzoo_bench.reconstruction.distances import block_distances
+from airzoo_bench.reconstruction.neighbours import (
+    NeighbourSearch,
+    gather,
+    morton_order,
+    mutual_distances,
+)
 
 Floats = NDArray[np.float64]
 Both = tuple[Floats, Floats]

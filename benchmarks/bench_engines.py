@@ -4,10 +4,9 @@ Usage: ``python benchmarks/bench_engines.py [--large] [--folder DIR]``
 
 First 10,000 tasks of next to no work, on two processes and on two workers of Dask. Then the same
 work by ``--jobs 2`` in this process and by two workers of Dask: an evaluation of descriptors, the
-poses of queries from their matches, and the distances of two clouds, opened and prepared as `eval`
-does it. ``--large`` takes the sizes of the issue: 1,000 x 100,000 x 8,448 (3.4 GB of descriptors),
-351 queries x 5,000 matches of which half are wrong, and clouds of 4 million points. Answers must
-be the same bytes.
+poses of queries from their matches, opened and prepared as `eval` does it. ``--large`` takes 1,000
+x 100,000 x 8,448 (3.4 GB of descriptors), and 351 queries x 5,000 matches of which half are wrong.
+Answers must be the same bytes.
 
 Both do it twice, since the first time imports libraries and reads files that are on the disk. Each
 track has a cluster of its own; what starting it takes stands apart. Printed are wall seconds, the
@@ -22,7 +21,6 @@ import resource
 import sys
 import tempfile
 import time
-from argparse import Namespace
 from collections.abc import Callable, Hashable
 from operator import add
 from pathlib import Path
@@ -38,7 +36,6 @@ from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
 from airzoo_bench.results.records_csv import csv_blocks
-from benchmarks.bench_clouds_in_shards import compared, strips, write_laz
 from benchmarks.bench_hard_queries import joined_queries
 from tests.matching.pose_support import SETTINGS, make_scene
 from tests.support import MadeScene, made_protocol, write_benchmark
@@ -50,15 +47,14 @@ NAME = "engines"
 
 
 class Sizes(NamedTuple):
-    """Of the inputs of the three tracks."""
+    """Of the inputs of two tracks."""
 
     descriptors: tuple[int, int, int]
     matches: tuple[int, int]
-    points: int
 
 
-LARGE = Sizes((1_000, 100_000, 8_448), (351, 5_000), 4_000_000)
-SMALL = Sizes((200, 20_000, 512), (40, 500), 1_200_000)
+LARGE = Sizes((1_000, 100_000, 8_448), (351, 5_000))
+SMALL = Sizes((200, 20_000, 512), (40, 500))
 
 Work = Callable[[Resources], Hashable]
 """Does the work of a track, and returns what must be the same on any engine."""
@@ -167,23 +163,7 @@ def matching(home: Path, sizes: Sizes) -> Work:
     return work
 
 
-def reconstruction(home: Path, sizes: Sizes) -> Work:
-    """Return the comparison of two clouds, each a LAZ file."""
-    folders = [home / name for name in ("prediction", "truth")]
-    for seed, folder in enumerate(folders):
-        folder.mkdir()
-        for number, strip in enumerate(strips(sizes.points, seed)):
-            write_laz(folder / f"{number}.laz", strip)
-
-    def work(resources: Resources) -> Hashable:
-        asked = Namespace(memory_mb=MEMORY >> 20, workers=resources.jobs)
-        found = compared(folders, resources.engine, asked)
-        return found.to_truth.tobytes(), found.to_prediction.tobytes()
-
-    return work
-
-
-TRACKS = {"retrieval": retrieval, "matching": matching, "reconstruction": reconstruction}
+TRACKS = {"retrieval": retrieval, "matching": matching}
 
 
 def main() -> None:

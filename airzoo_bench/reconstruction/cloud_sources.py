@@ -7,13 +7,13 @@ in `geometry.cameras`: the pixel in column u and row v looks through (u + 0.5, v
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource, Shard, shards_of
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
@@ -69,14 +69,6 @@ class TransformedCloud:
     def count(self) -> int:
         """How many points it holds at most."""
         return self.source.count
-
-    @property
-    def shards(self) -> tuple[Shard, ...]:
-        """See `Sharded`."""
-        return tuple(
-            shard.through(lambda source: replace(self, source=source))
-            for shard in shards_of(self.source)
-        )
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, in pieces of at most `points`."""
@@ -248,12 +240,10 @@ class EvenSample:
     ----------
     count, most : int
         Points of the cloud; n is the largest whole number that leaves at least `most`.
-    first : int
-        How many of them stand before those that will be added.
     """
 
-    def __init__(self, count: int, most: int, first: int = 0) -> None:
-        self._step, self._seen = max(1, count // most), first
+    def __init__(self, count: int, most: int) -> None:
+        self._step, self._seen = max(1, count // most), 0
         self._parts = [np.zeros((0, 3))]
 
     def add(self, points: Floats) -> None:

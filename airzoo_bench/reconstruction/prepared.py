@@ -8,28 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource, Shard, shards_of
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.reconstruction.cloud_sources import (
     EvenSample,
     InMemoryCloud,
     concatenated,
+    finite_pieces,
     finite_rows,
 )
 from airzoo_bench.reconstruction.regions import (
     Box,
     Columns,
     covered_columns,
-    occupying,
 )
 from airzoo_bench.reconstruction.settings import Preparation
-from airzoo_bench.reconstruction.sharded import over_shards
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = [
@@ -86,16 +82,14 @@ def cropped_region(
     box: Box,
     settings: Preparation,
     block_points: int,
-    engine: Engine = HERE,
 ) -> Region | None:
-    """Return what a protocol crops both clouds to, or None; shards of the true cloud are tasks."""
+    """Return what a protocol crops both clouds to, or None."""
     if settings.crop == "none":
         return None
     if settings.crop == "box":
         return box.grown(settings.crop_margin_m)
     size = settings.crop_cell_m
-    pieces = occupying(truth, (size, size, np.inf), block_points, engine)
-    return covered_columns(pieces, size, box, settings.crop_margin_m)
+    return covered_columns(finite_pieces(truth, block_points), size, box, settings.crop_margin_m)
 
 
 def prepared(
@@ -103,49 +97,25 @@ def prepared(
     settings: Preparation,
     region: Region | None,
     block_points: int,
-    engine: Engine = HERE,
 ) -> PreparedCloud:
-    """Prepare a cloud, cropped to a region where one is given; its shards are tasks."""
+    """Prepare a cloud, cropped to a region where one is given."""
     grid = _grid(settings, block_points)
     counts = np.zeros(3, np.int64)
-    some = [np.zeros((0, 3))]
-    shared = _Preparing(settings, region, block_points, source.count)
-    for found in over_shards(_prepared_shard, source, shared, engine):
-        counts += found["kept"]
-        some.append(found["sample"])
+    sampled = EvenSample(source.count, _SAMPLE)
+    for piece in source.pieces(block_points):
+        finite, within = _kept(piece, region)
+        sampled.add(piece.points)
+        counts += [np.count_nonzero(which) for which in (~finite, finite & ~within, within)]
         if grid is not None:
-            grid.add_sums(found)
+            grid.add(piece.points[within])
     not_finite, outside, inside = counts.tolist()
-    sample = np.concatenate(some)
+    some = sampled.points()
+    sample = some[finite_rows(some)]
     if grid is None:
         cropped = _CroppedCloud(source, region, inside, _within(sample, region))
         return PreparedCloud(cropped, not_finite, outside, 0, sample)
     thin = grid.points()
     return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), sample)
-
-
-@dataclass(frozen=True, eq=False)
-class _Preparing:
-    settings: Preparation
-    region: Region | None
-    block_points: int
-    count: int
-
-
-def _prepared_shard(shared: _Preparing, shard: Shard) -> dict[str, NDArray[Any]]:
-    """Count points that are not finite, outside and inside; sample them, and sum up voxels."""
-    grid = _grid(shared.settings, shared.block_points)
-    counts = np.zeros(3, np.int64)
-    sample = EvenSample(shared.count, _SAMPLE, shard.first)
-    for piece in shard.source.pieces(shared.block_points):
-        finite, within = _kept(piece, shared.region)
-        sample.add(piece.points)
-        counts += [np.count_nonzero(which) for which in (~finite, finite & ~within, within)]
-        if grid is not None:
-            grid.add(piece.points[within])
-    some = sample.points()
-    found = {"kept": counts, "sample": some[finite_rows(some)]}
-    return found if grid is None else found | grid.sums()
 
 
 def _grid(settings: Preparation, block_points: int) -> VoxelGrid | None:
@@ -168,15 +138,6 @@ class _CroppedCloud:
     region: Region | None
     count: int
     sample: Floats
-
-    @property
-    def shards(self) -> tuple[Shard, ...]:
-        """See `Sharded`."""
-        nothing = np.zeros((0, 3))
-        return tuple(
-            shard.through(lambda source: replace(self, source=source, sample=nothing))
-            for shard in shards_of(self.source)
-        )
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         for piece in self.source.pieces(points):

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.formats.clouds.cloud import CloudSource, Shard, shards_of
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.cloud_sources import finite_pieces
-from airzoo_bench.reconstruction.sharded import over_shards
 
 __all__ = [
     "Box",
@@ -24,7 +20,6 @@ __all__ = [
     "box_of",
     "covered_columns",
     "occupied_cells",
-    "occupying",
 ]
 
 _MOST_CELLS = 1 << 62
@@ -53,23 +48,16 @@ def bounding_box(points: Floats) -> Box:
     return Box(points.min(axis=0), points.max(axis=0))
 
 
-def box_of(source: CloudSource, engine: Engine = HERE) -> Box:
-    """Smallest box that holds the finite points of the true cloud; its shards are tasks."""
-    corners = [found["corners"] for found in over_shards(_corners, source, _PIECE, engine)]
-    low_and_high = np.concatenate(corners)
-    if not len(low_and_high):
+def box_of(source: CloudSource) -> Box:
+    """Smallest box that holds the finite points of the true cloud."""
+    pieces = [bounding_box(piece) for piece in finite_pieces(source, _PIECE) if len(piece)]
+    if not pieces:
         raise BenchmarkError(
             "the true cloud holds no finite point",
             expected="at least one point",
             fix="check the benchmark's cloud",
         )
-    return bounding_box(low_and_high)
-
-
-def _corners(points: int, shard: Shard) -> dict[str, NDArray[Any]]:
-    boxes = [bounding_box(piece) for piece in finite_pieces(shard.source, points) if len(piece)]
-    corners = [corner for box in boxes for corner in (box.low, box.high)]
-    return {"corners": np.reshape(corners, (-1, 3))}
+    return bounding_box(np.array([corner for box in pieces for corner in (box.low, box.high)]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,26 +148,6 @@ def _numbered(sides: Floats, box: Box, margin: float) -> CellSet:
             fix="leave stray points out of the cloud, and prepare the benchmark again",
         )
     return CellSet(sides, low, shape, np.zeros(0, np.int64))
-
-
-def occupying(
-    cloud: CloudSource, size: tuple[float, float, float], points: int, engine: Engine
-) -> Iterator[Floats]:
-    """Yield pieces (N, 3) that occupy the cells that a cloud does; its shards are tasks."""
-    if len(shards_of(cloud)) == 1:
-        return finite_pieces(cloud, points)
-    found = over_shards(_some_of_cells, cloud, (np.array(size), points), engine)
-    return (some["points"] for some in found)
-
-
-def _some_of_cells(shared: tuple[Floats, int], shard: Shard) -> dict[str, NDArray[Any]]:
-    sides, most = shared
-    some = [np.zeros((0, 3))]
-    for piece in finite_pieces(shard.source, most):
-        if len(piece):
-            _, keys = _numbered(sides, bounding_box(piece), 0.0).keys_of(piece)
-            some.append(piece[np.unique(keys, return_index=True)[1]])
-    return {"points": np.concatenate(some)}
 
 
 def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: float) -> Columns:

@@ -12,9 +12,8 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.progress import Headed, shown
 from airzoo_bench.core.temporaries import PART
-from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud, Shard
+from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
@@ -32,7 +31,7 @@ from airzoo_bench.reconstruction.cloud_sources import (
     finite_pieces,
 )
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
-from airzoo_bench.reconstruction.distances.clouds import cloud_distances
+from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.notes import scene_notes
 from airzoo_bench.reconstruction.prepared import (
     PreparedCloud,
@@ -40,7 +39,7 @@ from airzoo_bench.reconstruction.prepared import (
     prepared,
 )
 from airzoo_bench.reconstruction.reading import ReconstructionPredictions
-from airzoo_bench.reconstruction.regions import Box, CellSet, box_of
+from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.scoring import (
     ScoredScene,
     pose_scores,
@@ -49,7 +48,6 @@ from airzoo_bench.reconstruction.scoring import (
 )
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.settings import Fusion, Preparation, ReconstructionProtocol
-from airzoo_bench.reconstruction.sharded import over_shards
 from airzoo_bench.reconstruction.true_cloud import open_true_cloud
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.tsdf import fuse
@@ -100,8 +98,8 @@ def score_geometry(
     settings, true_cameras = protocol.preparation, truth.posed
     block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     _require_cameras(cameras, protocol.alignment)
-    engine, progress = resources.engine, Headed(truth.scene, resources.progress)
-    box = box_of(true_cloud, engine)
+    progress = Headed(truth.scene, resources.progress)
+    box = box_of(true_cloud)
     method = protocol.alignment.method if cameras is not None else "none"
     alignment = align(method, cameras, true_cameras, protocol.alignment.ransac())
     cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
@@ -113,17 +111,16 @@ def score_geometry(
         except AlignmentError as error:
             # A cloud that is nowhere near the truth has failed; its file is not to blame.
             alignment = replace(alignment, icp_failure=error.what)
-    region = cropped_region(true_cloud, box, settings, block, engine)
-    prepare = partial(prepared, settings=settings, region=region, block_points=block, engine=engine)
+    region = cropped_region(true_cloud, box, settings, block)
+    prepare = partial(prepared, settings=settings, region=region, block_points=block)
     predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
     true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
-    rows = _observed_rows(true, box, truth, settings, block, engine)
+    rows = _observed_rows(true, box, truth, settings, block)
     distances = cloud_distances(
         predicted.source,
         true.source,
         block_points=block,
         jobs=resources.jobs,
-        engine=engine,
         progress=resources.progress,
     )
     return record_scene(
@@ -181,20 +178,13 @@ def _observed_rows(
     truth: ReconstructionTruth,
     settings: Preparation,
     block: int,
-    engine: Engine,
 ) -> Bools | slice:
     """Return which points of the prepared true cloud recall and completeness are over."""
     if settings.region == "all":
         return slice(None)
-    cells = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block, engine)
-    seen = over_shards(_seen_rows, true.source, (cells, block), engine)
-    return np.concatenate([found["seen"] for found in seen])
-
-
-def _seen_rows(shared: tuple[CellSet, int], shard: Shard) -> dict[str, Bools]:
-    cells, block = shared
-    seen = [cells.holds(points) for points in finite_pieces(shard.source, block)]
-    return {"seen": np.concatenate([np.zeros(0, np.bool_), *seen])}
+    cells = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
+    seen = [cells.holds(points) for points in finite_pieces(true.source, block)]
+    return np.concatenate([np.zeros(0, np.bool_), *seen])
 
 
 def read_through(

@@ -12,7 +12,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.camera_sets import LEAST_CAMERAS, PosedCameras
 from airzoo_bench.reconstruction.alignment.cameras import Alignment
 from airzoo_bench.reconstruction.alignment.similarity import Similarity, fit_many
-from airzoo_bench.reconstruction.distances.clouds import CloudDistances
+from airzoo_bench.reconstruction.distances import CloudDistances
 from airzoo_bench.reconstruction.metrics import (
     CloudScores,
     Curve,

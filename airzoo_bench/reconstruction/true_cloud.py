@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource, Shard, shards_of
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
@@ -32,13 +32,6 @@ class _TrueCloud:
     @property
     def count(self) -> int:
         return self.source.count
-
-    @property
-    def shards(self) -> tuple[Shard, ...]:
-        return tuple(
-            shard.through(lambda source: _TrueCloud(self.path, source))
-            for shard in shards_of(self.source)
-        )
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         with _blamed(self.path):

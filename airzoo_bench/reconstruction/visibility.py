@@ -9,12 +9,12 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.regions import Box, CellSet, occupied_cells, occupying
+from airzoo_bench.reconstruction.cloud_sources import finite_pieces
+from airzoo_bench.reconstruction.regions import Box, CellSet, occupied_cells
 from airzoo_bench.reconstruction.settings import Preparation
 
 __all__ = ["observed_cells", "seen_by"]
@@ -32,14 +32,12 @@ def observed_cells(
     poses: Poses,
     settings: Preparation,
     block_points: int,
-    engine: Engine = HERE,
 ) -> CellSet:
     """Cells of the true cloud, which `box` holds, that enough of the photos saw."""
     cell = settings.observed_cell_m
     # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.
     sides = (cell, cell, cell)
-    pieces = occupying(truth, sides, block_points, engine)
-    occupied = occupied_cells(pieces, sides, box, cell)
+    occupied = occupied_cells(finite_pieces(truth, block_points), sides, box, cell)
     points, times = occupied.centres(), np.zeros(len(occupied.keys), np.int64)
     for row in range(len(poses)):
         camera, pose = cameras.take(row), poses.take(row)

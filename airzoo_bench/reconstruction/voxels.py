@@ -9,10 +9,8 @@ off by less than that rounding and those of the coordinates themselves.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -59,16 +57,6 @@ class VoxelGrid:
         """Add finite points (N, 3)."""
         for start in range(0, len(points), _CHUNK):
             self._add(points[start : start + _CHUNK])
-            self._require_room()
-
-    def sums(self) -> dict[str, NDArray[Any]]:
-        """Return what `add_sums` of another grid takes: the sums over all that was added here."""
-        return vars(self._joined())
-
-    def add_sums(self, sums: dict[str, NDArray[Any]]) -> None:
-        """Add what was added to another grid of this size and origin."""
-        if len(sums["cells"]):
-            self._append(_Voxels(sums["cells"], sums["counts"], sums["offsets"]))
             self._require_room()
 
     def points(self) -> Floats:

@@ -22,27 +22,14 @@ from airzoo_bench.engines.processes import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.reconstruction.distances import clouds
 from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
 
 WORKERS = (pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(4, marks=pytest.mark.slow))
-KILLED = ("matching", *(pytest.param(t, marks=pytest.mark.slow) for t in TRACKS if t != "matching"))
+KILLED = ("matching", pytest.param("retrieval", marks=pytest.mark.slow))
 HOME = Path(__file__).resolve().parents[2]
-TILE_POINTS = 1 << 12
-# The command line, where small clouds are cut.
-COMMAND = f"""
-from airzoo_bench.cli.main import main
-from airzoo_bench.reconstruction.distances import clouds
-clouds._TILE = {TILE_POINTS}
-main()
-"""
-
-
-@pytest.fixture(autouse=True)
-def _small_clouds_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clouds, "_TILE", TILE_POINTS)
+COMMAND = "from airzoo_bench.cli.main import main; main()"
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import io
-import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -15,19 +13,11 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.distances import clouds as clouds_module
-from airzoo_bench.reconstruction.distances import spill, tiles
-from airzoo_bench.reconstruction.distances.clouds import block_distances, cloud_distances
-from airzoo_bench.reconstruction.distances.neighbours import NeighbourSearch, mutual_distances
-from airzoo_bench.reconstruction.distances.spill import cells_of, spilled, write_part
-from tests.engines.scattered import Scattered
+from airzoo_bench.reconstruction import distances
+from airzoo_bench.reconstruction.distances import block_distances, cloud_distances
+from airzoo_bench.reconstruction.neighbours import NeighbourSearch, mutual_distances
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces, clouds, surface
-
-
-def cut(points: Floats, size: int) -> Iterator[Floats]:
-    for start in range(0, len(points), size):
-        yield points[start : start + size]
 
 
 def in_blocks(first: Floats, second: Floats, block_points: int) -> tuple[Floats, Floats]:
@@ -83,28 +73,14 @@ def test_sizes_that_differ_much() -> None:
     assert_same_bits(surface(5000, 0), surface(3, 1), 300)
 
 
-@given(clouds(), clouds(), st.integers(1, 60), seeds)
-@quick
-def test_no_bit_depends_on_tasks(first: Floats, second: Floats, cut: int, seed: int) -> None:
-    engine = Scattered(cut, seed)
-    found = cloud_distances(Pieces(first), Pieces(second), block_points=200, jobs=1, engine=engine)
-    expected = mutual_distances(first, second, jobs=1)
-    assert np.array_equal(found.to_truth, expected[0])
-    assert np.array_equal(found.to_prediction, expected[1])
-    assert ("cells" in engine.stages) == (max(len(first), len(second)) > cut)
-
-
 @pytest.mark.parametrize("shift", [(0, 0, 8), (40, 0, 0), (500, 0, 0), (0.01, 0, 0)])
-@pytest.mark.parametrize("halo", [1, 50, 5000])
-def test_halos_in_small_parts(
-    shift: tuple[float, ...], halo: int, monkeypatch: pytest.MonkeyPatch
+def test_runs_and_samples_of_few_points(
+    shift: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = surface(2000, 0, far=0.1) + np.array(shift), surface(2000, 1)
-    monkeypatch.setattr(tiles, "_RUN", 16)
-    monkeypatch.setattr(tiles, "_PART", 4)
-    monkeypatch.setattr(tiles, "_PAIRS", 500)
-    monkeypatch.setattr(tiles, "_HALO", halo)
-    monkeypatch.setattr(clouds_module, "_SAMPLE", 30)
+    monkeypatch.setattr(distances, "_RUN", 16)
+    monkeypatch.setattr(distances, "_SAMPLE", 30)
+    monkeypatch.setattr(distances, "_PIECE", 70)
     assert_same_bits(first, second, 100)
 
 
@@ -118,8 +94,8 @@ def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(NeighbourSearch, "squared", counted)
     in_blocks(surface(20_000, 0, far=0.05), surface(20_000, 1, far=0.05), 500)
-    # Once each in its own cell; what is beyond is for those near borders, or far outside.
-    assert sum(searched) < 2 * 20_000 * 2
+    # Once each in its own block, and again for each block that those near borders reach.
+    assert sum(searched) < 5 * 20_000 * 2
 
 
 def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,97 +122,20 @@ def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert list(tmp_path.iterdir()) == []
 
 
-@given(clouds(), st.integers(1, 70), st.integers(1, 40), st.integers(1, 3))
-@quick
-def test_a_spilled_cloud_comes_back_whole(
-    points: Floats, count: int, most: int, parts: int
-) -> None:
-    cells = cells_of(points[::2], count)
-    assert count <= cells.count < 2 * count or count == 1
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / str(part) for part in range(parts)]
-        written = [
-            write_part(path, cut(part, 17), cells, most=most)
-            for path, part in zip(paths, np.array_split(points, parts), strict=True)
-        ]
-        cloud = spilled(paths, written, most=most)
-        assert cloud.count == len(points)
-        assert (np.diff(cloud.cells) >= 0).all()
-        seen = []
-        for block in range(len(cloud.counts)):
-            there, numbers = cloud.read(range(block, block + 1))
-            assert len(there) == cloud.counts[block] < 2 * most or most == 1 == len(there)
-            assert (cells.of(there) == cloud.cells[block]).all()
-            assert np.array_equal(there, points[numbers])
-            assert np.array_equal(there.min(axis=0), cloud.low[block])
-            assert np.array_equal(there.max(axis=0), cloud.high[block])
-            seen.append(numbers)
-        together, numbers = cloud.read(range(len(cloud.counts)))
-    assert np.array_equal(numbers, np.concatenate(seen))
-    assert sorted(numbers.tolist()) == list(range(len(points)))
-    assert np.array_equal(together, points[numbers])
-
-
-def test_cells_hold_about_as_many_points_each() -> None:
-    points = surface(8000, 0, far=0.05)
-    cells = cells_of(points, 16)
-    held = np.bincount(cells.of(points), minlength=16)
-    assert (cells.count, held.min(), held.max()) == (16, 500, 500)
-
-
-def spill_one(folder: Path, pieces: Iterable[Floats]) -> None:
-    write_part(folder / "cloud", pieces, cells_of(np.zeros((1, 3)), 1), most=1)
-
-
 def test_a_full_disk_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UserError, match="cannot be kept on disk") as caught:
-        spill_one(tmp_path / "not there", [np.zeros((1, 3))])
-    assert "32 bytes" in str(caught.value)
-
-    class Full(io.BytesIO):
-        def write(self, _: object) -> int:
-            raise OSError(28, "No space left on device")
-
-    def full(handle: int, *_: object, **__: object) -> Full:
-        os.close(handle)
-        return Full()
-
-    monkeypatch.setattr(spill.os, "fdopen", full)
-    with pytest.raises(UserError, match="No space left"):
-        spill_one(tmp_path, [np.zeros((1, 3))])
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not there"))
-    with pytest.raises(UserError, match="cannot be kept on disk"), spill.spill_folder():
-        pass
+    with pytest.raises(UserError, match="48 bytes"):
+        in_blocks(surface(50, 0), surface(50, 1), 10)
 
 
-def test_a_worker_elsewhere_does_not_see_the_clouds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Elsewhere(Scattered):
-        def map(self, work: Any, items: Any, **given: Any) -> Iterator[Any]:
-            for path in given["shared"].sides[1].cloud.paths:
-                path.rename(tmp_path / path.name)
-            return super().map(work, items, **given)
-
-    with pytest.raises(UserError, match="does not see the clouds of this run") as caught:
-        cloud_distances(
-            Pieces(surface(500, 0)),
-            Pieces(surface(500, 1)),
-            block_points=1000,
-            jobs=1,
-            engine=Elsewhere(100),
-        )
-    assert "TMPDIR" in str(caught.value)
-
-
-def test_faults_of_a_source_are_not_those_of_the_disk(tmp_path: Path) -> None:
-    def unreadable() -> Iterator[Floats]:
-        yield np.zeros((1, 3))
-        raise FileNotFoundError("cloud.las")
+def test_faults_of_a_source_are_not_those_of_the_disk() -> None:
+    class Gone(Pieces):
+        def pieces(self, points: int) -> Iterator[Cloud]:
+            yield from super().pieces(points)
+            raise FileNotFoundError("cloud.las")
 
     with pytest.raises(FileNotFoundError, match=r"cloud\.las"):
-        spill_one(tmp_path, unreadable())
-    assert list(tmp_path.iterdir()) == []
+        block_distances(Pieces(surface(9, 0)), Gone(surface(9, 1)), block_points=5, jobs=1)
 
 
 def scored(prediction: Floats, truth: Floats, block_points: int) -> tuple[Floats, Floats]:

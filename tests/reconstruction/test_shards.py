@@ -14,22 +14,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.engines.kept import Kept
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.reconstruction import scenes
 from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud
-from airzoo_bench.reconstruction.distances import clouds as clouds_module
-from airzoo_bench.reconstruction.distances.clouds import block_distances
-from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.reading import open_reconstruction
 from airzoo_bench.reconstruction.scenes import score_geometry
 from airzoo_bench.reconstruction.scoring import ScoredScene
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.true_cloud import open_true_cloud
-from tests.engines.scattered import Scattered
 from tests.formats.cloud_support import LIMIT, SAMPLING, refused
 from tests.reconstruction.cloud_support import surface
 from tests.reconstruction.shard_support import (
@@ -50,14 +44,11 @@ def test_shards_are_one_cloud(suffix: str, tmp_path: Path) -> None:
     assert cloud.count == 1000
     np.testing.assert_array_equal(points_in(cloud), points)
     assert [len(piece) for piece in cloud.pieces(300)] == [300, 300, 300, 100]
-    assert [shard.first for shard in cloud.shards] == [0, 143, 286, 429, 572, 715, 858]
     assert cloud.kind == f"{suffix.strip('.').upper()} in 7 shards".replace("PARQUET", "Parquet")
 
 
-def score(
-    predicted: Any, true: Any, used: ReconstructionProtocol, engine: Engine, memory: int
-) -> ScoredScene:
-    resources = Resources(memory_bytes=memory, engine=engine)
+def score(predicted: Any, true: Any, used: ReconstructionProtocol) -> ScoredScene:
+    resources = Resources(memory_bytes=0)
     return score_geometry(predicted, None, made_truth("yard"), true, used, resources)
 
 
@@ -72,7 +63,7 @@ PREPARATIONS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("steps", PREPARATIONS)
 @pytest.mark.parametrize("block", [300, 1 << 20])
-def test_shards_score_what_one_cloud_scores_on_any_engine(
+def test_shards_score_what_one_cloud_scores(
     steps: dict[str, Any], block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scenes, "_LEAST_BLOCK", block)
@@ -82,59 +73,17 @@ def test_shards_score_what_one_cloud_scores_on_any_engine(
     first = np.vstack((first, first[::3] + 0.01, first[::7] + 0.003))  # shards share voxels
     first[::50] = np.nan
     used = protocol(alignment={"method": "none", "cameras": "optional"}, preparation=steps)
-    whole = score(InMemoryCloud(first), InMemoryCloud(second), used, HERE, 0)
+    whole = score(InMemoryCloud(first), InMemoryCloud(second), used)
     assert (whole.record["thinned"] > 500) == (steps["voxel_m"] == 0.1)
     shards = in_shards(tmp_path / "shards", first, 6, write_parquet, ".parquet")
     write_parquet(shards / "tile-021.parquet", np.zeros((0, 3)))
     truth = in_shards(tmp_path / "truth", second, 4, write_parquet, ".parquet")
-    engine = Scattered(200)
-    for where in (HERE, engine):
-        true = open_true_cloud(truth, LIMIT, SAMPLING)
-        found = score(opened(shards), true, used, where, 0)
-        assert found.record == whole.record
-        assert found.distances is not None
-        assert whole.distances is not None
-        np.testing.assert_array_equal(found.distances.to_truth, whole.distances.to_truth)
-        np.testing.assert_array_equal(found.distances.to_prediction, whole.distances.to_prediction)
-    assert engine.stages["shards"] >= 4 + 7 + 4
-    assert engine.stages["cells"] > 3
-
-
-def test_tasks_that_were_kept_fit_no_other_cut(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second = surface(1200, 0, far=0.05), surface(1000, 1)
-    prediction = opened(in_shards(tmp_path / "p", first, 3, write_parquet, ".parquet"))
-    truth = opened(in_shards(tmp_path / "t", second, 2, write_parquet, ".parquet"))
-    expected = mutual_distances(first, second, jobs=1)
-    done = []
-    for block, cells in ((300, 100), (300, 100), (400, 100), (300, 150)):
-        inner = Scattered()
-        engine = Kept(inner, tmp_path / "kept", reuse=True)
-        engine.begin("the same run")
-        monkeypatch.setattr(clouds_module, "_TILE", cells)
-        found = block_distances(prediction, truth, block_points=block, jobs=1, engine=engine)
-        np.testing.assert_array_equal(found.to_truth, expected[0])
-        np.testing.assert_array_equal(found.to_prediction, expected[1])
-        done.append(inner.stages.get("cells", 0))
-    assert done[0] > 0
-    assert done[1] == 0  # all were there
-    assert done[3] > 0
-
-
-def test_the_sample_of_a_prepared_cloud_makes_cells(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Shards are read once to be prepared and once to be spilled, and never by the client.
-    monkeypatch.setattr(scenes, "_LEAST_BLOCK", 300)
-    points = surface(1200, 0)
-    cloud = opened(in_shards(tmp_path / "shards", points, 3, write_parquet, ".parquet"))
-    used = protocol(
-        alignment={"method": "none", "cameras": "optional"},
-        preparation={"crop": "none", "voxel_m": "none"},
-    )
-    monkeypatch.setattr(clouds_module, "EvenSample", None)
-    assert score(cloud, cloud, used, Scattered(200), 0).record["points"] == 1200
+    found = score(opened(shards), open_true_cloud(truth, LIMIT, SAMPLING), used)
+    assert found.record == whole.record
+    assert found.distances is not None
+    assert whole.distances is not None
+    np.testing.assert_array_equal(found.distances.to_truth, whole.distances.to_truth)
+    np.testing.assert_array_equal(found.distances.to_prediction, whole.distances.to_prediction)
 
 
 def test_an_entry_in_shards(tmp_path: Path) -> None:

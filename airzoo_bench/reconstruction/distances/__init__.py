@@ -1,1 +1,0 @@
-"""Exact distances between clouds, in memory or in blocks."""
