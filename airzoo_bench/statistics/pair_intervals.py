@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.bootstrap_limits import quantiles
 from airzoo_bench.statistics.intervals import FEWEST
-from airzoo_bench.statistics.pair_tests import mean_draws
-from airzoo_bench.statistics.pairs import Places, rows_of
+from airzoo_bench.statistics.pair_tests import Places, mean_draws, rows_of
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 from airzoo_bench.statistics.scene_means import student
-from airzoo_bench.statistics.share_differences import (
+from airzoo_bench.statistics.shares import (
     Reaches,
     difference_limits,
     put_together,
@@ -23,7 +21,8 @@ from airzoo_bench.statistics.share_differences import (
 
 __all__ = ["pair_limits"]
 
-_CELLS = 1 << 16
+_Limits = Callable[[int, Places], Floats]
+"""The limits (C, 2) of a variable's differences from others."""
 
 
 def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
@@ -45,68 +44,63 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
     """
     count = len(sample.medians)
     limits = np.full((2, count, count), np.nan)
-    wanted = np.triu(np.ones((count, count), np.bool_), 1)
-    if min(part.shape[1] for part in sample.values) < FEWEST or not wanted.any():
+    if sample.fewest[0] < FEWEST or count < 2:
         return limits
-    by_shares = sample.shares is not None and bool(sample.shares.all())
-    of_queries = _of_shares if by_shares else _by_percentiles
-    rows = _over_scenes if sample.unit == "scene" else of_queries
-    for one, others, found in rows(sample, resampling, wanted):
-        limits[:, one, others] = found.T
+    if sample.unit == "scene":
+        limits_of, width = _over_scenes(sample, resampling), 1
+    elif sample.shares is None or not sample.shares.all():
+        limits_of, width = _by_percentiles(sample, resampling), resampling.resamples
+    elif all(((part == 0) | (part == 1)).all() for part in sample.values):
+        limits_of, width = _of_hits(sample, resampling), 1
+    else:
+        limits_of = _of_graded_shares(sample, resampling)
+        width = sum(part.shape[1] for part in sample.values)
+    for one, others in rows_of(np.triu(np.ones((count, count), np.bool_), 1), width):
+        limits[:, one, others] = limits_of(one, others).T
     return limits
 
 
-_Found = Iterator[tuple[int, Places, Floats]]
-
-
-def _over_scenes(sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]) -> _Found:
+def _over_scenes(sample: Sample, resampling: ResamplingConfig) -> _Limits:
     [values] = sample.values
     shares = np.zeros(len(values), np.bool_) if sample.shares is None else sample.shares
-    for one, others in rows_of(wanted):
+
+    def limits_of(one: int, others: Places) -> Floats:
         gaps = paired_difference(values[one], values[others])
-        yield one, others, student(gaps, shares[others], resampling.confidence)[0]
+        return student(gaps, shares[others], resampling.confidence)[0]
+
+    return limits_of
 
 
-def _by_percentiles(
-    sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]
-) -> _Found:
+def _by_percentiles(sample: Sample, resampling: ResamplingConfig) -> _Limits:
     draws = mean_draws(sample, resampling)
-    step = max(1, _CELLS // resampling.resamples)
-    for one, others in rows_of(wanted):
-        for start in range(0, len(others), step):
-            some = others[start : start + step]
-            yield one, some, _percentiles(draws, one, some, resampling.confidence)
+
+    def limits_of(one: int, others: Places) -> Floats:
+        found = np.sort(paired_difference(draws[one], draws[others]), axis=1)
+        return quantiles(found, np.broadcast_to(resampling.tails, (len(found), 2)))
+
+    return limits_of
 
 
-def _of_shares(sample: Sample, resampling: ResamplingConfig, wanted: NDArray[np.bool_]) -> _Found:
-    """Take `difference_limits`; of hits from what each wins of another, which products count."""
-    confidence = resampling.confidence
-    hits = all(((part == 0) | (part == 1)).all() for part in sample.values)
+def _of_graded_shares(sample: Sample, resampling: ResamplingConfig) -> _Limits:
+    def limits_of(one: int, others: Places) -> Floats:
+        gaps = [paired_difference(part[one], part[others]) for part in sample.values]
+        return difference_limits(gaps, resampling.confidence)
+
+    return limits_of
+
+
+def _of_hits(sample: Sample, resampling: ResamplingConfig) -> _Limits:
+    """Take `difference_limits` from what each wins of another, which products count."""
     means = np.mean([part.mean(axis=1) for part in sample.values], axis=0)
-    for one, others in rows_of(wanted):
-        if not hits:
-            yield one, others, _directly(sample, one, others, confidence)
-            continue
+    reaches = [Reaches.of_hits(part.shape[1], resampling.confidence) for part in sample.values]
+    hits = [part.sum(axis=1) for part in sample.values]
+
+    def limits_of(one: int, others: Places) -> Floats:
         squares = np.zeros((2, len(others)))
-        for part in sample.values:
-            reaches = Reaches.of_hits(part.shape[1], confidence)
-            both, counts = part[others] @ part[one], part.sum(axis=1)
+        for part, reach, counts in zip(sample.values, reaches, hits, strict=True):
+            both = part[others] @ part[one]
             won, lost = ((counts[side] - both).astype(np.intp) for side in (one, others))
-            squares += squares_of_hits(reaches.at(won), reaches.at(lost), part.shape[1])
-        yield one, others, put_together(means[one] - means[others], squares, len(sample.values))
+            squares += squares_of_hits(reach.at(won), reach.at(lost), part.shape[1])
+        return put_together(means[one] - means[others], squares, len(sample.values))
 
-
-def _directly(sample: Sample, one: int, others: Places, confidence: float) -> Floats:
-    found = np.empty((len(others), 2))
-    step = max(1, _CELLS // sum(part.shape[1] for part in sample.values))
-    for start in range(0, len(others), step):
-        some = others[start : start + step]
-        parts = [paired_difference(part[one], part[some]) for part in sample.values]
-        found[start : start + step] = difference_limits(parts, confidence)
-    return found
-
-
-def _percentiles(draws: Floats, one: int, others: Places, confidence: float) -> Floats:
-    found = np.sort(paired_difference(draws[one], draws[others]), axis=1)
-    tails = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
-    return quantiles(found, np.broadcast_to(tails, (len(found), 2)))
+    return limits_of

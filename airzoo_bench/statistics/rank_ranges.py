@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.pair_tests import normal_tail
 from airzoo_bench.statistics.significance import LEVEL
 
 __all__ = ["correct_pairs", "rank_ranges", "told_apart", "unpaired_p_values"]
@@ -31,7 +32,7 @@ def correct_pairs(p_values: Floats) -> Floats:
     return np.minimum(corrected, corrected.T)
 
 
-def told_apart(values: Floats, corrected: Floats, level: float = LEVEL) -> NDArray[np.bool_]:
+def told_apart(values: Floats, corrected: Floats) -> Bools:
     """Return which two variables are significantly different; never two whose values are equal.
 
     Parameters
@@ -40,22 +41,19 @@ def told_apart(values: Floats, corrected: Floats, level: float = LEVEL) -> NDArr
         What variables are ranked by; may be infinite.
     corrected : (V, V) array
         From `correct_pairs`.
-    level : float
-        Of significance.
 
     Returns
     -------
     (V, V) bool
         Symmetric.
     """
-    values = np.asarray(values)
-    return np.asarray((corrected <= level) & (values[:, None] != values))
+    return np.asarray((corrected <= LEVEL) & (values[:, None] != values))
 
 
-def rank_ranges(
-    values: Floats, corrected: Floats, *, higher_is_better: bool, level: float = LEVEL
-) -> NDArray[np.int64]:
+def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) -> NDArray[np.int64]:
     """Count for each variable those that are significantly better, and those significantly worse.
+
+    With a chance of at least 95 %, all true ranks lie in their ranges.
 
     Parameters
     ----------
@@ -65,8 +63,6 @@ def rank_ranges(
         From `correct_pairs`.
     higher_is_better : bool
         Of the values.
-    level : float
-        With a chance of at least 1 - `level`, all true ranks lie in their ranges.
 
     Returns
     -------
@@ -79,10 +75,9 @@ def rank_ranges(
     mobility across neighbourhoods and academic achievement across countries, Review of Economic
     Studies 91 (2024): differences that are all significant together give confidence sets of ranks.
     """
-    signed = np.asarray(values) if higher_is_better else -np.asarray(values)
-    told = told_apart(signed, corrected, level)
-    better = told & (signed[None, :] > signed[:, None])
-    worse = told & (signed[None, :] < signed[:, None])
+    signed = values if higher_is_better else -values
+    apart = told_apart(signed, corrected)
+    better, worse = apart & (signed > signed[:, None]), apart & (signed < signed[:, None])
     return np.stack([1 + better.sum(axis=1), len(signed) - worse.sum(axis=1)], axis=1)
 
 
@@ -103,12 +98,9 @@ def unpaired_p_values(values: Floats, errors: Floats) -> Floats:
         value, or without a standard error. The errors are added, as of values that are perfectly
         opposed: whatever the correlation of two variables, their difference varies no more.
     """
-    from scipy.special import ndtr
-
     known = np.isfinite(values) & np.isfinite(errors)
     centre, spread = np.where(known, values, 0.0), np.where(known, errors, 1.0)
     apart = np.abs(centre[:, None] - centre)
     scale = spread[:, None] + spread
     scores = np.divide(apart, scale, out=np.zeros_like(apart), where=scale > 0)
-    both = known[:, None] & known
-    return np.where(both, np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny), 1.0)
+    return np.where(known & known[:, None], normal_tail(scores), 1.0)

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 
 __all__ = ["Method", "ResamplingConfig", "Sample", "difference", "paired_difference"]
 
 Method = Literal["bca", "percentile"]
 
-_SAME = 1e-9
+TIE = 1e-9
 """Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
 
 
@@ -38,6 +37,11 @@ class ResamplingConfig:
     seed: int = 0
     interval: Method = "bca"
     confidence: float = 0.95
+
+    @property
+    def tails(self) -> Floats:
+        """Levels of the two limits (2,)."""
+        return np.array([(1 - self.confidence) / 2, (1 + self.confidence) / 2])
 
 
 @dataclass(frozen=True)
@@ -64,12 +68,14 @@ class Sample:
     unit: str
     groups: tuple[str, ...]
     values: tuple[Floats, ...]
-    medians: NDArray[np.bool_]
-    shares: NDArray[np.bool_] | None = None
+    medians: Bools
+    shares: Bools | None = None
 
-    def __post_init__(self) -> None:
-        if len(set(self.groups)) < len(self.groups):
-            raise ValueError(f"groups are not all different: {self.groups}")
+    @property
+    def fewest(self) -> tuple[int, str]:
+        """The size and name of the smallest group."""
+        sizes = [part.shape[1] for part in self.values]
+        return min(zip(sizes, self.groups, strict=True))
 
 
 def difference(first: Floats, second: Floats) -> Floats:
@@ -107,5 +113,5 @@ def paired_difference(first: Floats, second: Floats) -> Floats:
     """
     found = difference(first, second)
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
-    tied = np.isfinite(found) & (np.abs(found) <= _SAME * np.where(np.isinf(sizes), 1.0, sizes))
+    tied = np.isfinite(found) & (np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes))
     return np.where(tied, 0.0, found)
