@@ -1,8 +1,6 @@
 """Limits of intervals from resamples, percentile and BCa, and the test that agrees with them.
 
-References
-----------
-B. Efron and R. Tibshirani, An introduction to the bootstrap (1993), chapter 14 and section 15.4.
+They are those of Efron and Tibshirani, An introduction to the bootstrap (1993).
 """
 
 from __future__ import annotations

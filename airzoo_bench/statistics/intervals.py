@@ -24,21 +24,12 @@ __all__ = ["FEWEST", "Interval", "SampleIntervals", "bootstrap"]
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
 
-_TINY = 1e-50
-
 
 @dataclass(frozen=True)
 class Interval:
-    """A confidence interval, or the reason why there is none.
+    """A confidence interval, whose limits may be infinite, or the reason why there is none.
 
-    Attributes
-    ----------
-    low, high : float or None
-        None where there is none; a limit may be infinite.
-    method : str
-        "bca", "percentile", "wilson", "mover", "student" or "lognormal"; empty where there is none.
-    reason : str
-        Why there is none; else empty.
+    The method is "bca", "percentile", "wilson", "mover", "student", "lognormal", or empty.
     """
 
     low: float | None
@@ -51,15 +42,9 @@ class Interval:
 class SampleIntervals:
     """Intervals of every variable, then of every difference, in the order that was asked for.
 
-    Attributes
-    ----------
-    groups : dict of str to list of Interval
-        Of each group, by its name; empty where they were not asked for.
-    overall : list of Interval
-        Of the unweighted mean over groups.
-    p_values : list of float or None
-        Of every difference of medians, that of all groups: whether it is 0, two-sided. None where
-        there is no interval, or the difference is not one of medians.
+    They are of each group by its name, and overall of the unweighted mean over groups. Every
+    difference of medians or over scenes has the two-sided p of its being 0, or None where it has no
+    interval.
     """
 
     groups: dict[str, list[Interval]]
@@ -88,36 +73,16 @@ def bootstrap(
 ) -> SampleIntervals:
     """Resample units within groups, all variables alike, and take intervals.
 
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of resamples, seed, kind of interval, confidence.
-    differences : sequence of (int, int)
-        Pairs of variables: the first minus the second.
-    groups : bool
-        Whether to take the intervals of each group too.
-
-    Returns
-    -------
-    SampleIntervals
-        The same for any number of threads. There is no interval where a group has fewer than
-        `FEWEST` units, or all of them are alike. BCa becomes percentile, and says so, where it
-        does not exist: with infinite leave-one-out values, or all resamples on one side.
-        Differences of medians always have percentile intervals: BCa's leave out the true
-        difference too often where there are few units (docs/statistics.md).
-
-    Raises
-    ------
-    ValueError
-        The sample has no group.
+    Values are finite or +inf; `differences` are pairs of variables, the first minus the second.
+    There is no interval where a group has fewer than `FEWEST` units, or all of them are alike. BCa
+    becomes percentile, and says so, where it does not exist: with infinite leave-one-out values, or
+    all resamples on one side. Differences of medians always have percentile intervals: BCa's leave
+    out the true difference too often where there are few units (docs/statistics.md).
     """
     if not sample.groups:
         raise ValueError("a sample has at least one group")
     pairs = np.array(differences, np.intp).reshape(-1, 2)
     variables, rows = len(sample.medians), len(sample.medians) + len(pairs)
-    exponents = _exponents(sample.values, pairs)
     found: dict[str, list[Interval]] = {}
     total = _Part(
         np.zeros(variables),
@@ -130,7 +95,7 @@ def bootstrap(
         if few is not None:
             found[group] = [few] * rows
             continue
-        part = _resample(group, values, sample.medians, pairs, exponents, resampling)
+        part = _resample(group, values, sample.medians, pairs, resampling)
         found[group] = _intervals(part, pairs, resampling, sample.unit) if groups else []
         total = _Part(*map(np.add, total, part))
     found = found if groups else {}
@@ -158,13 +123,12 @@ def _resample(
     values: Floats,
     medians: Bools,
     pairs: NDArray[np.intp],
-    exponents: NDArray[np.int32],
     resampling: ResamplingConfig,
 ) -> _Part:
     differences = paired_difference(values[pairs[:, 0]], values[pairs[:, 1]])
     left_out = leave_one_out(values, medians)
     contrasts = difference(left_out[pairs[:, 0]], left_out[pairs[:, 1]])
-    moments = _moments(np.ldexp(np.concatenate([left_out, contrasts]), -exponents[:, None]))
+    moments = _moments(np.concatenate([left_out, contrasts]))
     moments[len(values) :][medians[pairs[:, 0]]] = np.inf  # BCa is not for these
     both = np.concatenate([values, differences])
     return _Part(
@@ -174,16 +138,6 @@ def _resample(
         moments,
         np.asarray((both != both[:, :1]).any(axis=1)),
     )
-
-
-def _exponents(values: Sequence[Floats], pairs: NDArray[np.intp]) -> NDArray[np.int32]:
-    """Return by which powers of two (V + D,) tiny values are divided: their cubes would be 0."""
-    largest = np.zeros(len(values[0]) + len(pairs))
-    for part in values:
-        differences = paired_difference(part[pairs[:, 0]], part[pairs[:, 1]])
-        every = np.abs(np.concatenate([part, differences]))
-        largest = np.maximum(largest, np.where(np.isinf(every), 0.0, every).max(axis=1, initial=0))
-    return np.asarray(np.where(largest < _TINY, np.frexp(largest)[1], 0), np.int32)
 
 
 def _moments(left_out: Floats) -> Floats:

@@ -8,13 +8,8 @@ two medians' resamples.
 
 Corrected for many pairs, p must be resolved far below one draw. Where fewer than 25 draws are as
 extreme as what was observed, p of a mean is the normal tail with the exact variance of the signed
-sum, which sums of random signs hardly exceed (Pinelis 1994); that of a median, where no resample
-lies beyond 0, is the normal tail with the resamples' spread.
-
-References
-----------
-I. Pinelis, Extremal probabilistic problems and Hotelling's T2 test under a symmetry condition,
-Annals of Statistics 22 (1994).
+sum, which sums of random signs hardly exceed (Pinelis 1994, see docs/statistics.md); that of a
+median, where no resample lies beyond 0, is the normal tail with the resamples' spread.
 """
 
 from __future__ import annotations
@@ -61,36 +56,15 @@ Tested = Iterator[tuple[int, Places, Floats]]
 
 
 def resamples_for(count: int) -> int:
-    """Return how many draws all pairs of so many variables can share in seconds.
-
-    Parameters
-    ----------
-    count : int
-        Of variables.
-
-    Returns
-    -------
-    int
-        10,000, as everywhere else, up to 224 variables; 2,000 of more.
-    """
+    """Return how many draws all pairs of so many variables can share in seconds."""
     return _MANY if count <= _MOST_METHODS else _FEW
 
 
 def pair_p_values(sample: Sample, resampling: ResamplingConfig) -> Floats:
-    """Test every two variables of a sample.
+    """Test every two of V variables of one kind, all medians or none: two-sided p (V, V).
 
-    Parameters
-    ----------
-    sample : Sample
-        V variables of one kind: all averaged by the median, or none. Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of draws, seed.
-
-    Returns
-    -------
-    (V, V) array
-        Two-sided p, symmetric; 1 on the diagonal. That of a pair is the same to the last bit
-        whatever the other variables are.
+    The matrix is symmetric, with 1 on the diagonal. That of a pair is the same to the last bit
+    whatever the other variables are.
     """
     count = len(sample.medians)
     found, wanted = np.ones((count, count)), np.triu(np.ones((count, count), np.bool_), 1)

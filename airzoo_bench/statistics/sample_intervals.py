@@ -24,27 +24,8 @@ def sample_intervals(
 ) -> SampleIntervals:
     """Take intervals: over scenes by Student's t, of shares by MOVER, of all else by bootstrap.
 
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of resamples, seed, kind of interval, confidence.
-    differences : sequence of (int, int)
-        Pairs of variables: the first minus the second, both shares or neither.
-    groups : bool
-        Whether to take the intervals of each group too.
-
-    Returns
-    -------
-    SampleIntervals
-        There is no interval where a group has fewer than `FEWEST` units, or all units of what is
-        resampled are alike.
-
-    Raises
-    ------
-    ValueError
-        The sample has no group.
+    Values are finite or +inf; `differences` are pairs of variables, both shares or neither: the
+    first minus the second. `groups` asks for the intervals of each group too.
     """
     if sample.unit == "scene":
         return intervals_over_scenes(sample, resampling, differences)

@@ -2,13 +2,8 @@
 
 Shares and paired differences have Student's limits, and p from the same t. Distances are positive
 and skewed: the mean of a log-normal variable is exp(mu + sigma**2 / 2), and MOVER puts together
-Student's limits of mu and those of sigma**2 / 2 by chi-squared. (Student's limits of logarithms
-alone are those of the geometric mean.)
-
-References
-----------
-G. Zou, J. Taleban and C. Huo, Confidence interval estimation for lognormal data with application
-to health economics, Computational Statistics and Data Analysis 53 (2009).
+Student's limits of mu and those of sigma**2 / 2 by chi-squared (Zou, Taleban and Huo 2009, see
+docs/statistics.md). Student's limits of logarithms alone are those of the geometric mean.
 """
 
 from __future__ import annotations
@@ -33,19 +28,7 @@ def intervals_over_scenes(
 ) -> SampleIntervals:
     """Take the intervals of means, then of differences, with p of these from the same t.
 
-    Parameters
-    ----------
-    sample : Sample
-        Of scenes; `shares` says which variables are no distances.
-    resampling : ResamplingConfig
-        Of which the confidence counts.
-    differences : sequence of (int, int)
-        Pairs of variables: the first minus the second.
-
-    Returns
-    -------
-    SampleIntervals
-        An infinite upper limit is one that is not known. Several groups have no overall interval.
+    An infinite upper limit is one that is not known. Several groups have no overall interval.
     """
     pairs = np.array(differences, np.intp).reshape(-1, 2)
     shares = np.zeros(len(sample.medians), np.bool_) if sample.shares is None else sample.shares
@@ -68,21 +51,10 @@ def intervals_over_scenes(
 
 
 def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, Floats]:
-    """Return Student's limits of means, and p of their being 0.
+    """Return Student's limits (R, 2) of the means of rows (R, N), and p (R,) of their being 0.
 
-    Parameters
-    ----------
-    values : (R, N) array
-        R rows of means or paired differences of N scenes.
-    shares : (R,) bool
-        Which are shares, whose limits lie between -1 and 1.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    limits, p_values : (R, 2) array, (R,) array
-        NaN of fewer than `FEWEST` scenes, of a failed one, and where all are alike.
+    Those of `shares` (R,) lie between -1 and 1. All are NaN of fewer than `FEWEST` scenes, of a
+    failed one, and where all are alike.
     """
     count = values.shape[1]
     usable = np.isfinite(values).all(axis=1) & (count >= FEWEST)

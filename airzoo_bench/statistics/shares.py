@@ -1,25 +1,13 @@
 """Intervals of mean shares, such as hit rates, that hold where all queries of a scene are alike.
 
 Resamples of a scene in which every query is a hit cannot differ, and so say that its rate is
-known. Here such a scene keeps the uncertainty of its size. One scene has Wilson's interval; the
-average over scenes is put together from the scenes' limits by MOVER, the method of variance
-estimates recovery (Zou and Donner 2008), with Jeffreys' limits, which cover better than Wilson's
-where many scenes are added (docs/statistics.md has the figures). A paired difference is the share
-won minus the share lost; where it has fractions, as of AP@5, it has Student's limits in each scene.
-
-References
-----------
-E. Wilson, Probable inference, the law of succession, and statistical inference, Journal of the
-American Statistical Association 22 (1927).
-G. Zou and A. Donner, Construction of confidence limits about effect measures: a general approach,
-Statistics in Medicine 27 (2008); for sums of rates G. Zou, W. Huang and X. Zhang, A note on
-confidence interval estimation for a linear function of binomial proportions, Computational
-Statistics and Data Analysis 53 (2009).
-L. Brown, T. Cai and A. DasGupta, Interval estimation for a binomial proportion, Statistical
-Science 16 (2001): Wilson's and Jeffreys' intervals.
-C. Franco, R. Little, T. Louis and E. Slud, Comparative study of confidence intervals for
-proportions in complex sample surveys, Journal of Survey Statistics and Methodology 7 (2019):
-effective sizes.
+known. Here such a scene keeps the uncertainty of its size. One scene has Wilson's interval (1927);
+the average over scenes is put together from the scenes' limits by MOVER, the method of variance
+estimates recovery (Zou and Donner 2008), with Jeffreys' limits (Brown, Cai and DasGupta 2001),
+which cover better than Wilson's where many scenes are added. A paired difference is the share won
+minus the share lost; where it has fractions, as of AP@5, it has Student's limits in each scene.
+Effective sizes are those of Franco, Little, Louis and Slud (2019); docs/statistics.md has figures
+of coverage, and the literature.
 """
 
 from __future__ import annotations
@@ -42,15 +30,10 @@ _ALIKE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Rates:
-    """Mean shares of a scene, as if they were hit rates.
+    """Mean shares (R,) of a scene, as if they were hit rates, with effective sizes (R,).
 
-    Attributes
-    ----------
-    means : (R,) array
-        0 to 1.
-    sizes : (R,) array
-        Effective sizes: of how many hits and misses a rate would vary as much. For hits that is how
-        many queries there are; for shares that vary less, more.
+    Of so many hits and misses a rate would vary as much. For hits that is how many queries there
+    are; for shares that vary less, more.
     """
 
     means: Floats
@@ -58,36 +41,14 @@ class Rates:
 
     @classmethod
     def of(cls, values: Floats) -> Rates:
-        """Measure shares; those that vary as much as hits count as hits.
-
-        Parameters
-        ----------
-        values : (R, N) array
-            Shares of N queries, 0 to 1.
-
-        Returns
-        -------
-        Rates
-            Of each of the R rows.
-        """
+        """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits."""
         count, means = values.shape[1], values.mean(axis=1)
         squares = ((values - means[:, None]) ** 2).sum(axis=1)
         return cls._steadied(count, means, count * means * (1 - means), squares)
 
     @classmethod
     def of_hits(cls, count: int) -> Rates:
-        """Return the rates of 0, 1, ..., `count` hits.
-
-        Parameters
-        ----------
-        count : int
-            Of queries.
-
-        Returns
-        -------
-        Rates
-            `count` + 1 of them.
-        """
+        """Return the rates of 0, 1, ..., `count` hits."""
         means = np.arange(count + 1) / count
         squares = count * means * (1 - means)
         return cls._steadied(count, means, squares, squares)
@@ -155,38 +116,12 @@ def _around(limits: Floats, means: Floats) -> Floats:
 
 
 def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
-    """Take the intervals of mean shares, averaged over scenes without weights.
-
-    Parameters
-    ----------
-    scenes : sequence of (R, N) arrays
-        R shares, from 0 to 1, of the N queries of each scene.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        Wilson's limits of one scene, MOVER's of Jeffreys' limits of several.
-    """
+    """Take the intervals (R, 2) of mean shares, (R, N) of each scene, averaged without weights."""
     return limits_of_rates([Rates.of(values) for values in scenes], confidence)
 
 
 def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
-    """Take the intervals of rates, averaged over scenes without weights.
-
-    Parameters
-    ----------
-    rates : sequence of Rates
-        R rates of each scene.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        See `average_limits`.
-    """
+    """Take the intervals (R, 2) of averaged rates: Wilson's of one scene, MOVER's of several."""
     if len(rates) == 1:
         return wilson_limits(rates[0], confidence)
     reaches = [Reaches.of(rate, confidence) for rate in rates]
@@ -197,22 +132,11 @@ def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
 
 
 def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
-    """Take the intervals of paired differences of mean shares, averaged over scenes.
+    """Take the intervals (R, 2) of paired differences, (R, N) of each scene, averaged over scenes.
 
-    Parameters
-    ----------
-    scenes : sequence of (R, N) arrays
-        R differences, from -1 to 1, on the N queries of each scene.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        Of hits, what is won and what is lost are two shares, whose covariance is known: a query
-        cannot be both. Graded shares, such as AP@5, have Student's limits in each scene, and those
-        of hits where all differences of a scene are alike. MOVER puts together the limits of all
-        scenes.
+    Of hits, what is won and what is lost are two shares, whose covariance is known: a query cannot
+    be both. Graded shares, such as AP@5, have Student's limits in each scene, and those of hits
+    where all differences of a scene are alike. MOVER puts together the limits of all scenes.
     """
     means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
     graded = np.any([(values != np.rint(values)).any(axis=1) for values in scenes], axis=0)

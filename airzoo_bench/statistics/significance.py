@@ -34,19 +34,11 @@ _Flips = Callable[[int, int, int], NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class PairedTest:
-    """A two-sided p-value.
+    """A two-sided p-value, above 0 and at most 1, and how it was found.
 
-    Attributes
-    ----------
-    p_value : float
-        Above 0, at most 1.
-    exact : bool
-        Whether every pattern was tried; else `patterns` random ones were.
-    patterns : int
-        Or resamples, or scenes; 0 where there was nothing to try, and p is 1.
-    kind : {"permutation", "bootstrap", "student"}
-        Bootstrap for medians, whose interval and p are of the same resamples; Student's t over
-        scenes, as their interval.
+    Exact is a test that tried every pattern; else `patterns` random ones were, or as many resamples
+    or scenes; 0 where there was nothing to try, and p is 1. Medians are tested by bootstrap, since
+    their interval is of the same resamples; scenes by Student's t, as their interval.
     """
 
     p_value: float
@@ -58,25 +50,11 @@ class PairedTest:
 def paired_tests(
     sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]]
 ) -> tuple[list[Interval], list[PairedTest]]:
-    """Take the interval of paired differences, and test whether they are 0.
+    """Take the interval of each pair's difference, and test whether it is 0.
 
     Means by permutation, medians by the interval itself: p of a median is that of the bootstrap's
     percentile interval, but never below what any test could find on as many units as differ. Where
     scenes are the units p is that of the interval's t, and by permutation without an interval.
-
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        How intervals and tests are made.
-    places : sequence of (int, int)
-        Of variables, both averaged in the same way.
-
-    Returns
-    -------
-    intervals, tests : list of Interval, list of PairedTest
-        One each for every pair of `places`.
     """
     found = sample_intervals(sample, resampling, places, groups=False)
     known = list(zip(places, found.p_values, strict=True))
@@ -100,30 +78,16 @@ def paired_tests(
 def paired_permutation(
     sample: Sample, resampling: ResamplingConfig, pairs: Sequence[tuple[int, int]]
 ) -> list[PairedTest]:
-    """Test whether two means differ: values change places, unit by unit.
+    """Test whether two means differ, for each pair: values change places, unit by unit.
 
     The statistic is the difference of the averages over groups. Where units are exchangeable
     between the two, each of the 2**k patterns of the k units that differ is as likely as the one
-    observed; p is the share of patterns that differ at least as much, either way. All are
-    tried where they are no more than `resampling.resamples`; else that many random ones are, the
-    same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0. Where
-    one side's average is infinite, patterns that make it so too are ordered by wins minus
-    losses. Of medians this would test whether units are exchangeable, which they are not where
-    one method's errors spread more: `paired_tests` takes theirs from the bootstrap.
-
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of patterns that are tried, seed.
-    pairs : sequence of (int, int)
-        Of variables, both averaged in the same way.
-
-    Returns
-    -------
-    list of PairedTest
-        One for each of `pairs`.
+    observed; p is the share of patterns that differ at least as much, either way. All are tried
+    where they are no more than `resampling.resamples`; else that many random ones are, the same for
+    all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0. Where one
+    side's average is infinite, patterns that make it so too are ordered by wins minus losses. Of
+    medians this would test whether units are exchangeable, which they are not where one method's
+    errors spread more: `paired_tests` takes theirs from the bootstrap.
     """
     exact: dict[int, PairedTest] = {}
     for index, pair in enumerate(pairs):
@@ -231,38 +195,14 @@ def _both_sides(pooled: Floats, medians: Bools, kept: NDArray[np.uint8]) -> Floa
 
 
 def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have, on as many units as differ.
-
-    Parameters
-    ----------
-    unlike : int
-        Units whose values differ.
-
-    Returns
-    -------
-    float
-        2 / 2**unlike, at most 1.
-    """
+    """Return the least p that any values could have, on as many units as differ."""
     return min(1.0, 2.0 ** (1 - unlike))
 
 
 def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
-    """Test hits of two methods by McNemar's exact test, two-sided.
+    """Return two-sided p of McNemar's exact test of hits (1947), the sign test.
 
-    Parameters
-    ----------
-    wins, losses : (...) int64
-        Units that only the first, and only the second method answers.
-
-    Returns
-    -------
-    (...) array
-        p-values: a fair coin for each unit on which the two differ.
-
-    References
-    ----------
-    Q. McNemar, Note on the sampling error of the difference between correlated proportions,
-    Psychometrika 12 (1947); its exact form is the sign test.
+    A fair coin for each unit that only the first (`wins`), or only the second method answers.
     """
     fewer = np.minimum(wins, losses)
     # A multiple of a power of 2, which `bdtr` misses by a hair: 0.34375 shall not print as 0.3437.
