@@ -9,7 +9,6 @@ import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import make_sample
@@ -17,16 +16,15 @@ from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL, paired_tests
 
-__all__ = [
-    "AgainstBest",
-    "against_best",
-    "best_place",
-    "family_of",
-    "find_one",
-    "value_of",
-]
+__all__ = ["AgainstBest", "against_best", "best_place", "family_of", "find_one", "value_of"]
 
 _BEST = "best"
+
+
+def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:
+    """Return a method's value on a scene, or the unweighted mean over scenes."""
+    values = method.result.overall if scene is None else method.result.scenes[scene]
+    return values[score.key]
 
 
 def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
@@ -65,30 +63,19 @@ def find_one(
     )
 
 
-def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:
-    """Return a method's value on a scene, or the unweighted mean over scenes."""
-    values = method.result.overall if scene is None else method.result.scenes[scene]
-    return values[score.key]
-
-
 def family_of(names: Sequence[str], reference: str | None) -> int:
     """Count the comparisons of one score for which p is to be corrected."""
-    chosen_by_value = reference == _BEST and _BEST not in names
     others = len(names) - 1
-    return len(names) * others // 2 if chosen_by_value else others
+    is_chosen_by_value = reference == _BEST and _BEST not in names
+    return len(names) * others // 2 if is_chosen_by_value else others
 
 
 @dataclass(frozen=True)
 class AgainstBest:
-    """Every method against the best by a score.
+    """Every method against the best by a score, the first of equals, which stands at `best`.
 
-    Attributes
-    ----------
-    best : int
-        The place of the best method, the first of equals.
-    p_values : tuple of float
-        Of each method, paired, two-sided, after Holm's correction for all pairs of methods, since
-        the best was chosen for its value; 1 of the best itself.
+    p is paired, two-sided, after Holm's correction for all pairs of methods, since the best was
+    chosen for its value; that of the best itself is 1.
     """
 
     best: int
@@ -117,11 +104,8 @@ def against_best(
     ]
     _, tests = paired_tests(make_sample(methods, scores, scene), resampling, places)
     found = np.array([test.p_value for test in tests]).reshape(len(scores), count - 1)
+    corrected = [holm(row, count * (count - 1) // 2) for row in found]
     return {
-        score.key: AgainstBest(place, tuple(np.insert(_corrected(row), place, 1.0).tolist()))
-        for score, place, row in zip(scores, best, found, strict=True)
+        score.key: AgainstBest(place, tuple(np.insert(row, place, 1.0).tolist()))
+        for score, place, row in zip(scores, best, corrected, strict=True)
     }
-
-
-def _corrected(p_values: Floats) -> Floats:
-    return holm(p_values, len(p_values) * (len(p_values) + 1) // 2)

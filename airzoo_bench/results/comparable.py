@@ -26,13 +26,8 @@ _LONGEST = 60
 
 def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
     """Refuse results whose numbers do not measure the same."""
-    _check(names, results, "protocol")
-    _check(names, results, "truth")
-    _check_meanings(names, results)
-
-
-def _check_meanings(names: Sequence[str], results: Sequence[Result]) -> None:
-    """Refuse scores of one key that are called, counted or averaged differently."""
+    _check_alike(names, results, "protocol")
+    _check_alike(names, results, "truth")
     known: dict[str, tuple[str, ScoreColumn]] = {}
     for name, result in zip(names, results, strict=True):
         for column in result.columns:
@@ -43,6 +38,42 @@ def _check_meanings(names: Sequence[str], results: Sequence[Result]) -> None:
                     expected="the same title, unit, direction and average, as one protocol gives",
                     fix="score all predictions again with the same version",
                 )
+
+
+def check_same_queries(methods: Sequence[Scored]) -> None:
+    """Refuse results whose numbers do not measure the same on the same queries."""
+    check_comparable([m.name for m in methods], [m.result for m in methods])
+    first = methods[0]
+    for other in methods[1:]:
+        if first.records["query"].equals(other.records["query"]):
+            continue
+        one, two = set(first.records["query"]), set(other.records["query"])
+        if one != two:
+            lonely = first_of(sorted(one ^ two), len(one | two))
+            shared = f"only {counted(len(one & two), 'query')}" if one & two else "no query"
+            raise ResultError(
+                f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
+                expected="results on the same queries",
+                fix="score all predictions again with the same benchmark folder",
+            )
+
+
+def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
+    """Return the first method, on the same queries, that has a column otherwise than the first."""
+    own = methods[0].records[column]
+    unlike = (m for m in methods if column not in m.records or not own.equals(m.records[column]))
+    return next(unlike, None)
+
+
+def check_same_column(methods: Sequence[Scored], by: str) -> None:
+    """Refuse to put all methods' queries into groups that one of them made."""
+    other = apart_in(methods, by) if by in methods[0].records else None
+    if other is not None:
+        raise UsageError(
+            f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
+            expected="what is the same for all methods, such as a condition of the queries",
+            fix="name one result at a time",
+        )
 
 
 def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
@@ -65,138 +96,75 @@ def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
     return ", ".join(names[:shown]) + (f" and {more} more" if more > 0 else "")
 
 
-def _check(
+def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
+    """Say in what the settings of two protocols differ, see `Protocol.settings`."""
+    return _first_settings(list(_compare_settings(one, two)))
+
+
+def _check_alike(
     names: Sequence[str], results: Sequence[Result], what: Literal["protocol", "truth"]
 ) -> None:
     prints = [getattr(result, what).fingerprint for result in results]
     others = [place for place, found in enumerate(prints) if found != prints[0]]
     if not others:
         return
-    second = others[0]
-    why = {"protocol": _other_settings, "truth": _other_truth}[what](results[0], results[second])
-    made = {"protocol": "made with different protocols", "truth": "compared with different truths"}
+    first, second = results[0], results[others[0]]
+    if what == "protocol":
+        made, why = "made with different protocols", _explain_protocols(first, second)
+        expected = "one protocol: a difference would be its doing as well as the methods'"
+        fix = "name results of one protocol only"
+        # Of other names, they ask different things: one is no slip for the other.
+        if first.protocol.name == second.protocol.name:
+            fix = f"score all predictions again with the same --protocol, or {fix}"
+        else:
+            fix += "; `airzoo-bench table` takes several"
+    else:
+        made, why = "compared with different truths", _explain_truths(first, second)
+        expected = "one truth: the same queries with the same answers"
+        fix = "score all predictions again with the same benchmark folder"
+    many = first_names([names[place] for place in others])
     raise ResultError(
-        f"{names[0]} and {names[second]} were {made[what]} "
-        f"({prints[0][:12]} and {prints[second][:12]}): {why}"
-        + _how_many([names[place] for place in others], len(results)),
-        expected={
-            "protocol": "one protocol: a difference would be its doing as well as the methods'",
-            "truth": "one truth: the same queries with the same answers",
-        }[what],
-        fix=_fix(results[0], results[second], what),
+        f"{names[0]} and {names[others[0]]} were {made} "
+        f"({prints[0][:12]} and {prints[others[0]][:12]}): {why}"
+        + f"; {len(others)} of {len(results)} results differ from the first: {many}"
+        * (len(others) > 1),
+        expected=expected,
+        fix=fix,
     )
 
 
-def _fix(first: Result, other: Result, what: Literal["protocol", "truth"]) -> str:
-    if what == "truth":
-        return "score all predictions again with the same benchmark folder"
-    if first.protocol.name != other.protocol.name:
-        # They ask different things, often of different predictions: one is no slip for the other.
-        return "name results of one protocol only; `airzoo-bench table` takes several"
-    return (
-        "score all predictions again with the same --protocol, or name results of one protocol only"
-    )
-
-
-def _how_many(others: list[str], number: int) -> str:
-    if len(others) == 1:
-        return ""
-    return f"; {len(others)} of {number} results differ from the first: {first_names(others)}"
-
-
-def _other_settings(first: Result, other: Result) -> str:
+def _explain_protocols(first: Result, other: Result) -> str:
     one, two = first.protocol, other.protocol
     names = f"{one.name} v{one.version} against {two.name} v{two.version}"
     if one.name != two.name:
         return names
-    found = list(_different(one.settings, two.settings))
-    if one.version != two.version:
-        found.insert(0, names)
-    return _some_of(found)
+    found = list(_compare_settings(one.settings, two.settings))
+    return _first_settings([names, *found] if one.version != two.version else found)
 
 
-def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
-    """Say in what the settings of two protocols differ, see `Protocol.settings`."""
-    return _some_of(list(_different(one, two)))
-
-
-def _some_of(found: Sequence[str]) -> str:
+def _first_settings(found: Sequence[str]) -> str:
     more = len(found) - _SHOWN
-    return "; ".join(found[:_SHOWN]) + (
-        f"; and {counted(more, 'more setting')}" if more > 0 else ""
-    )
+    rest = f"; and {counted(more, 'more setting')}" if more > 0 else ""
+    return "; ".join(found[:_SHOWN]) + rest
 
 
-def _different(one: Any, two: Any, key: str = "") -> Iterator[str]:
+def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
     """Yield the settings that differ, with both values."""
     if isinstance(one, dict) and isinstance(two, dict):
         for name in dict.fromkeys([*one, *two]):
             inner = f"{key}.{name}" if key else str(name)
-            yield from _different(one.get(name), two.get(name), inner)
+            yield from _compare_settings(one.get(name), two.get(name), inner)
     elif one != two:
-        yield f"{key} is {_short(one)} against {_short(two)}"
+        texts = ["absent" if value is None else str(value) for value in (one, two)]
+        first, second = (t if len(t) <= _LONGEST else t[: _LONGEST - 3] + "..." for t in texts)
+        yield f"{key} is {first} against {second}"
 
 
-def _short(value: Any) -> str:
-    text = "absent" if value is None else str(value)
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
-
-
-def _other_truth(first: Result, other: Result) -> str:
-    one, two = first.truth, other.truth
-    names = [f"{truth.benchmark} v{truth.version}" for truth in (one, two)]
-    differ = names[0] != names[1]
-    why = f"benchmark {names[0]}" + (f" against {names[1]}" if differ else ", prepared anew")
-    for scene in one.scene_titles:
+def _explain_truths(first: Result, other: Result) -> str:
+    one, two = (f"{r.truth.benchmark} v{r.truth.version}" for r in (first, other))
+    why = f"benchmark {one}" + (f" against {two}" if one != two else ", prepared anew")
+    for scene in first.truth.scene_titles:
         counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
         if len(set(counts)) > 1:
             return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
     return why
-
-
-def check_same_queries(methods: Sequence[Scored]) -> None:
-    """Refuse results whose numbers do not measure the same on the same queries."""
-    check_comparable([m.name for m in methods], [m.result for m in methods])
-    for other in methods[1:]:
-        _check_queries(methods[0], other)
-
-
-def _check_queries(first: Scored, other: Scored) -> None:
-    if first.records["query"].equals(other.records["query"]):
-        return
-    one, two = set(first.records["query"]), set(other.records["query"])
-    if one == two:
-        return
-    lonely = first_of(sorted(one ^ two), len(one | two))
-    shared = f"only {counted(len(one & two), 'query')}" if one & two else "no query"
-    raise ResultError(
-        f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
-        expected="results on the same queries",
-        fix="score all predictions again with the same benchmark folder",
-    )
-
-
-def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
-    """Return the first method whose records have a column otherwise than the first one's, if any.
-
-    Parameters
-    ----------
-    methods : sequence of Scored
-        On the same queries, see `check_same_queries`.
-    column : str
-        Of the first one's records.
-    """
-    own = methods[0].records[column]
-    unlike = (m for m in methods if column not in m.records or not own.equals(m.records[column]))
-    return next(unlike, None)
-
-
-def check_same_column(methods: Sequence[Scored], by: str) -> None:
-    """Refuse to put all methods' queries into groups that one of them made."""
-    other = apart_in(methods, by) if by in methods[0].records else None
-    if other is not None:
-        raise UsageError(
-            f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
-            expected="what is the same for all methods, such as a condition of the queries",
-            fix="name one result at a time",
-        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,32 +18,21 @@ from airzoo_bench.results.sampling import is_hit, make_sample
 from airzoo_bench.results.selection import find_scene
 from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
+from airzoo_bench.statistics.samples import TIE, ResamplingConfig, paired_difference
 from airzoo_bench.statistics.significance import PairedTest, mcnemar, p_floor, paired_tests
 
 __all__ = ["Comparison", "Pair", "compare"]
-
-_ROUNDING = 1e-9  # what processors may differ by; see `paired_difference`
 
 
 @dataclass(frozen=True)
 class Pair:
     """A method and the reference, by one score.
 
-    Attributes
-    ----------
-    value, reference_value : float
-        Of the scene, or the unweighted mean over scenes.
-    difference : float or None
-        The method's value minus the reference's; None where both are infinite.
-    interval : Interval
-        Of the difference.
-    p_holm : float
-        p adjusted for the number of comparisons, `Comparison.family`.
-    p_mcnemar : float or None
-        Over all queries, whatever their scene; None where the score is no hit.
-    wins, ties, losses : int
-        Queries, or scenes, on which the method is better, as good, worse.
+    Values are of the scene, or the unweighted mean over scenes. The difference is the method's
+    value minus the reference's, and None where both are infinite. `p_holm` is adjusted for
+    `Comparison.family`; `p_mcnemar` is over all queries, whatever their scene, and None where the
+    score is no hit. Wins, ties and losses count the queries, or scenes, on which the method is
+    better, as good, worse.
     """
 
     score: ScoreColumn
@@ -75,7 +64,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All methods against one.
+    """All methods against one, score by score, in each the methods in their order.
 
     Attributes
     ----------
@@ -83,12 +72,8 @@ class Comparison:
         The one: the `reference` of every pair, or where `of_one` the `method` of every pair.
     unit : str
         What was resampled: "query" or "scene".
-    units : int
-        How many there are.
     scene : str or None
         None for all scenes.
-    pairs : list of Pair
-        Score by score, in each the methods in their order.
     family : int
         So many comparisons of a score p was adjusted for: those with the reference, or where the
         reference was chosen for being the best, those of every method with every other.
@@ -127,28 +112,31 @@ def compare(
 ) -> Comparison:
     """Compare methods with one of them, or one of them with the others."""
     check_same_queries(methods)
-    titles = methods[0].result.truth.scene_titles
-    scene = None if scene is None else find_scene(titles, scene)
-    base = find_one(methods, reference, method, scores[0], scene)
+    if scene is not None:
+        scene = find_scene(methods[0].result.truth.scene_titles, scene)
+    base, count = find_one(methods, reference, method, scores[0], scene), len(methods)
     sample = make_sample(methods, scores, scene)
-    others = [place for place in range(len(methods)) if place != base]
-    starts = range(0, len(scores) * len(methods), len(methods))
-    places = [(start + other, start + base) for start in starts for other in others]
+    others = [place for place in range(count) if place != base]
+    places = [(s * count + other, s * count + base) for s in range(len(scores)) for other in others]
     if method is not None:
         places = [(one, other) for other, one in places]
     intervals, tests = paired_tests(sample, resampling, places)
-    pairs = [
-        _pair(sample, scores[place[0] // len(methods)], methods, place, scene, interval, test)
-        for place, interval, test in zip(places, intervals, tests, strict=True)
-    ]
-    units = sum(values.shape[1] for values in sample.values)
     family = family_of([m.name for m in methods], reference if method is None else method)
+    p_values = np.array([test.p_value for test in tests]).reshape(-1, len(others))
+    adjusted = np.array([holm(row, family) for row in p_values]).ravel().tolist()
+    pairs = []
+    for (one, other), interval, test, p_holm in zip(
+        places, intervals, tests, adjusted, strict=True
+    ):
+        sides = (methods[one % count], methods[other % count])
+        values = [np.concatenate([part[row] for part in sample.values]) for row in (one, other)]
+        pairs.append(_pair(scores[one // count], sides, values, scene, interval, test, p_holm))
     return Comparison(
         reference=methods[base].name,
         unit=sample.unit,
-        units=units,
+        units=sum(values.shape[1] for values in sample.values),
         scene=scene,
-        pairs=_adjusted(pairs, len(others), family),
+        pairs=pairs,
         family=family,
         resampling=resampling,
         notes=_notes(methods),
@@ -169,19 +157,22 @@ def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
 
 
 def _pair(
-    sample: Sample,
     score: ScoreColumn,
-    methods: Sequence[Scored],
-    place: tuple[int, int],
+    sides: tuple[Scored, Scored],
+    values: Sequence[Floats],
     scene: str | None,
     interval: Interval,
     test: PairedTest,
+    p_holm: float,
 ) -> Pair:
-    method, base = (methods[row % len(methods)] for row in place)
-    one, other = (np.concatenate([part[row] for part in sample.values]) for row in place)
-    value, base_value = value_of(method, score, scene), value_of(base, score, scene)
+    """Put together what is known of two methods by a score, with their values unit by unit."""
+    method, base = sides
+    value, base_value = (value_of(side, score, scene) for side in sides)
     both_infinite = math.isinf(value) and value == base_value
-    wins, losses = _wins(score, one, other), _wins(score, other, one)
+    # What equal numbers differ by after averaging in another order is nothing.
+    equal = math.isclose(value, base_value, rel_tol=TIE)
+    ahead = paired_difference(*values) * (1 if score.higher_is_better else -1)
+    wins, losses = int((ahead > 0).sum()), int((ahead < 0).sum())
     hits = is_hit(method.result.track, score)
     return Pair(
         score=score,
@@ -189,31 +180,12 @@ def _pair(
         reference=base.name,
         value=value,
         reference_value=base_value,
-        difference=None if both_infinite else _difference(value, base_value),
+        difference=None if both_infinite else 0.0 if equal else value - base_value,
         interval=Interval(None, None, "", "both are infinite") if both_infinite else interval,
         test=test,
-        p_holm=test.p_value,
+        p_holm=p_holm,
         p_mcnemar=float(mcnemar(np.array(wins), np.array(losses))) if hits else None,
         wins=wins,
-        ties=len(one) - wins - losses,
+        ties=len(ahead) - wins - losses,
         losses=losses,
     )
-
-
-def _difference(value: float, other: float) -> float:
-    """Subtract; what equal numbers differ by after averaging in another order is nothing."""
-    return 0.0 if math.isclose(value, other, rel_tol=_ROUNDING) else value - other
-
-
-def _wins(score: ScoreColumn, one: Floats, other: Floats) -> int:
-    ahead = (
-        paired_difference(one, other) if score.higher_is_better else paired_difference(other, one)
-    )
-    return int((ahead > 0).sum())
-
-
-def _adjusted(pairs: list[Pair], others: int, family: int) -> list[Pair]:
-    """Correct over the methods of each score."""
-    found = np.array([pair.test.p_value for pair in pairs]).reshape(-1, others)
-    corrected = np.array([holm(row, family) for row in found]).ravel().tolist()
-    return [replace(pair, p_holm=p) for pair, p in zip(pairs, corrected, strict=True)]

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.results.result import Result, read_result
 from airzoo_bench.storage.faults import settled
 from airzoo_bench.storage.listing import matching
 from airzoo_bench.storage.mirror import Mirror, fetched
 from airzoo_bench.storage.remote import find
 from airzoo_bench.storage.urls import Url, url_of
-
-if TYPE_CHECKING:
-    from airzoo_bench.results.result import Result
 
 __all__ = ["method_names", "records_path", "result_paths", "results_here"]
 
@@ -50,16 +48,15 @@ def results_here(given: Sequence[str | Path]) -> list[Path]:
     found: list[Path] = []
     for location in given:
         url = url_of(location)
-        found += [Path(location)] if url is None else _all_here(matching(url))
+        if url is None:
+            found.append(Path(location))
+        else:
+            found += [settled(partial(_mirror_result, one)) for one in matching(url)]
     return found
 
 
-def _all_here(urls: Sequence[Url]) -> list[Path]:
-    return [settled(partial(_result_here, url)) for url in urls]
-
-
-def _result_here(url: Url) -> Path:
-    """Mirror a result; its records follow when they are asked for (`records_path`)."""
+def _mirror_result(url: Url) -> Path:
+    """Copy a result; its records follow when they are asked for (`records_path`)."""
     file = url if url.name.endswith(".json") and not url.says_folder else url.child(_FILE)
     entry = find(file)
     if entry is None:
@@ -79,23 +76,11 @@ def records_path(path: Path) -> Path:
     there = [place for place in places if place.is_file()]
     if len(there) == 1:
         return there[0]
-    stated, there = _stated_checksum(path), []
-    for place in map(fetched, places):
-        if place.is_file():
-            there.append(place)
-            if sha256_of(place) == stated:
-                return place
+    there = [place for place in map(fetched, places) if place.is_file()]
+    with suppress(ResultError):  # which whoever reads the result will say
+        stated = read_result(path).records_sha256 if there else ""
+        there.sort(key=lambda place: sha256_of(place) != stated)
     return next(iter(there), path.with_name(_RECORDS))
-
-
-def _stated_checksum(path: Path) -> str | None:
-    """Return the checksum of its records that a result states, if it can be read."""
-    from airzoo_bench.results.result import read_result
-
-    try:
-        return read_result(path).records_sha256
-    except ResultError:  # which whoever reads it will say
-        return None
 
 
 def method_names(
@@ -103,13 +88,7 @@ def method_names(
 ) -> list[str]:
     """Return the methods' names; where several are alike, with what their files' paths differ in.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-    results : sequence of Result
-        As many.
-    by_protocol : bool
-        Whether results that do not measure the same may have the same method's name.
+    Where `by_protocol`, results that do not measure the same may have the same method's name.
     """
     names = [result.predictions.method for result in results]
     alike: dict[tuple[str, ...], list[int]] = {}
@@ -127,13 +106,13 @@ def method_names(
 def _differing(paths: Sequence[Path]) -> list[str]:
     """Return paths without the folders at their beginning and end that all have."""
     parts = [path.parts for path in paths]
-    first = _alike(parts)
-    last = _alike([part[first:][::-1] for part in parts])
+    first = _count_alike(parts)
+    last = _count_alike([part[first:][::-1] for part in parts])
     cut = ["/".join(part[first : len(part) - last]) for part in parts]
     return cut if all(cut) else [str(path) for path in paths]
 
 
-def _alike(parts: Sequence[Sequence[str]]) -> int:
+def _count_alike(parts: Sequence[Sequence[str]]) -> int:
     """Count the leading parts that all have."""
     same = (len(set(these)) == 1 for these in zip(*parts, strict=False))
     return sum(1 for _ in takewhile(bool, same))

@@ -15,14 +15,14 @@ from pydantic import (
 __all__ = ["Name", "PredictionsUsed", "ProtocolUsed", "ReaderUsed", "ResultModel", "TruthUsed"]
 
 
-def _printable(name: object) -> object:
+def _make_printable(name: object) -> object:
     # Names of files may hold bytes that are no text, and a name stands on one line of a table.
     if not isinstance(name, str):
         return name
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
 
 
-Name = Annotated[str, BeforeValidator(_printable)]
+Name = Annotated[str, BeforeValidator(_make_printable)]
 
 
 class ResultModel(BaseModel):
@@ -61,7 +61,7 @@ class ReaderUsed(ResultModel):
 class PredictionsUsed(ResultModel):
     """The predictions; the name is the file's, without its folder.
 
-    Files of the suite's own layout have no reader.
+    Files of the suite's own layout have no reader, and results of them no such key.
     """
 
     file: Name
@@ -72,6 +72,5 @@ class PredictionsUsed(ResultModel):
 
     @model_serializer(mode="wrap")
     def _without_reader(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # Results of the suite's own files are the same bytes as before there were readers.
         fields: dict[str, Any] = write(self)
         return fields if self.reader else {k: v for k, v in fields.items() if k != "reader"}

@@ -8,27 +8,18 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.records_reading import (
-    SCORE_AGAIN,
-    column_names,
-    no_number,
-    read_table,
-)
+from airzoo_bench.results.records_reading import SCORE_AGAIN, column_names, no_number, read_table
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
-from airzoo_bench.results.scores import Score, Summary, summarise
+from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.storage.mirror import fetched
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["Scored", "checked_records", "read_records", "read_scored"]
 
@@ -61,32 +52,34 @@ def read_records(
 ) -> pd.DataFrame:
     """Read the records that stand next to a result, see `airzoo_bench.results.files.records_path`.
 
-    Parameters
-    ----------
-    path : Path
-        Of the result.
-    result : Result, optional
-        Its content, where it was read before.
-    columns : collection of str, optional
-        What to read besides ``scene`` and ``query``; all where left out. Names that the file does
-        not have are passed over. The checksum is that of the whole file all the same.
-
-    Returns
-    -------
-    DataFrame
-        In the order of the file's columns, sorted by ``query``, which is the scene where records
-        are of scenes. Scores are float64, the same to the last bit as when they were written,
-        +inf included. Other columns are numbers or booleans where every field is written like
-        one, else texts; an empty field has no value.
-
-    Raises
-    ------
-    ResultError
-        They are missing, were changed, or are not those of the result: another checksum, number
-        of queries or average of a score that is read.
+    Of a file's columns are read ``scene``, ``query`` and those of `columns`, or all where left out;
+    the checksum is that of the whole file. Rows are sorted by ``query``, which is the scene where
+    records are of scenes. Scores are float64, the same to the last bit as when they were written,
+    +inf included. Other columns are numbers or booleans where every field is written like one, else
+    texts; an empty field has no value. Refused are records of another checksum, number of queries
+    or average of a score that is read.
     """
     result = read_result(path) if result is None else result
     file = records_path(path)
+    content = _read_content(path, file, result)
+    scores = [column.key for column in result.columns]
+    names = column_names(file)
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise ResultError(f"has {times} columns {name}", where=file, fix=SCORE_AGAIN)
+    lacking = [name for name in ("scene", *scores) if name not in names]
+    if lacking:
+        raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=SCORE_AGAIN)
+    if columns is not None:
+        names = [name for name in names if name in ("scene", "query") or name in columns]
+    records: pd.DataFrame = read_table(file, content, names, scores).to_pandas()
+    if "query" not in records:
+        records.insert(1, "query", records["scene"])
+    return checked_records(records, result, file)
+
+
+def _read_content(path: Path, file: Path, result: Result) -> bytes:
+    """Read the bytes of records and hold them to the checksum that their result states."""
     if not result.records_sha256:
         raise ResultError("does not say which records belong to it", where=path, fix=SCORE_AGAIN)
     if not file.is_file():
@@ -98,40 +91,17 @@ def read_records(
             + SCORE_AGAIN,
         )
     content = file.read_bytes()
-    if not _is_of(result, content):  # in a mirror, it may be what an upload of that time had left
+    if hashlib.sha256(content).hexdigest() != result.records_sha256:
+        # In a mirror, it may be what an upload of that time had left.
         content = fetched(file, anew=True).read_bytes()
-    if not _is_of(result, content):
-        raise ResultError(
-            "not the records of the result next to it: the checksum does not fit",
-            where=file,
-            expected="the file as `airzoo-bench eval` wrote it together with result.json",
-            fix=SCORE_AGAIN,
-        )
-    scores = [column.key for column in result.columns]
-    wanted = _wanted(column_names(file), scores, columns, file)
-    records: pd.DataFrame = read_table(file, content, wanted, scores).to_pandas()
-    if "query" not in records:
-        records.insert(1, "query", records["scene"])
-    return checked_records(records, result, file)
-
-
-def _is_of(result: Result, content: bytes) -> bool:
-    return hashlib.sha256(content).hexdigest() == result.records_sha256
-
-
-def _wanted(
-    names: list[str], scores: list[str], columns: Collection[str] | None, file: Path
-) -> list[str]:
-    """Return the columns to read, in their order; those that every result has must be there."""
-    for name, times in Counter(names).items():
-        if times > 1:
-            raise ResultError(f"has {times} columns {name}", where=file, fix=SCORE_AGAIN)
-    lacking = [name for name in ("scene", *scores) if name not in names]
-    if lacking:
-        raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=SCORE_AGAIN)
-    if columns is None:
-        return names
-    return [name for name in names if name in ("scene", "query") or name in columns]
+        if hashlib.sha256(content).hexdigest() != result.records_sha256:
+            raise ResultError(
+                "not the records of the result next to it: the checksum does not fit",
+                where=file,
+                expected="the file as `airzoo-bench eval` wrote it together with result.json",
+                fix=SCORE_AGAIN,
+            )
+    return content
 
 
 def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
@@ -139,7 +109,22 @@ def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.D
     columns = [column for column in result.columns if column.key in records]
     for column in columns:
         _check_values(records[column.key].to_numpy(np.float64), column, file)
-    _check_sums(records, columns, result, file)
+    rows, scenes = pd.factorize(records["scene"])
+    queries = records["query"]
+    is_of_scenes = (rows >= 0).all() and set(scenes) == set(result.scenes)
+    if not is_of_scenes or queries.isna().any() or not queries.is_unique:
+        raise ResultError(
+            "its scenes are not those of the result, or a query stands twice or has no name",
+            where=file,
+            fix=SCORE_AGAIN,
+        )
+    for scene, count in zip(scenes, np.bincount(rows).tolist(), strict=True):
+        expected = result.counts[scene]["queries"]
+        if count != expected:
+            raise _unlike(f"scene {scene} has {counted(count, 'query')}", expected, file)
+    # Numbers in place of names: a scene's rows are found much faster.
+    numbered = records[[column.key for column in columns]].assign(scene=rows)
+    _check_averages(numbered, list(scenes), result, file)
     return records.sort_values("query", ignore_index=True)
 
 
@@ -157,33 +142,16 @@ def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
         )
 
 
-def _check_sums(
-    records: pd.DataFrame, columns: Sequence[ScoreColumn], result: Result, file: object
+def _check_averages(
+    numbered: pd.DataFrame, scenes: list[str], result: Result, file: object
 ) -> None:
-    """Hold the numbers of queries and the averages of records against those of their result."""
-    import pandas as pd
-
-    rows, found = pd.factorize(records["scene"])
-    queries = records["query"]
-    is_of_scenes = (rows >= 0).all() and set(found) == set(result.scenes)
-    if not is_of_scenes or queries.isna().any() or not queries.is_unique:
-        raise ResultError(
-            "its scenes are not those of the result, or a query stands twice or has no name",
-            where=file,
-            fix=SCORE_AGAIN,
-        )
-    for scene, count in zip(found, np.bincount(rows).tolist(), strict=True):
-        expected = result.counts[scene]["queries"]
-        if count != expected:
-            raise _unlike(f"scene {scene} has {counted(count, 'query')}", expected, file)
-    # Numbers in place of names: a scene's rows are found much faster.
-    scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
-    numbered = records[[column.key for column in columns]].assign(scene=rows)
-    summary = summarise(numbered, scores, [*range(len(found))])
-    _check_averages(summary, list(found), result, file)
-
-
-def _check_averages(summary: Summary, scenes: list[str], result: Result, file: object) -> None:
+    """Hold the averages of records, with numbers of scenes, against those of their result."""
+    scores = [
+        Score(c.key, c.title, c.unit, c.higher_is_better, c.average)
+        for c in result.columns
+        if c.key in numbered
+    ]
+    summary = summarise(numbered, scores, [*range(len(scenes))])
     by_scene = zip(scenes, summary.scenes.values(), strict=True)
     parts = {f"in scene {scene}": (values, result.scenes[scene]) for scene, values in by_scene}
     parts["over scenes"] = (summary.overall, result.overall)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+import pyarrow as pa
+from pyarrow import compute
+from pyarrow import csv as arrow_csv
 
 from airzoo_bench.core.errors import ResultError
 
@@ -32,58 +37,27 @@ def column_names(file: Path) -> list[str]:
 
 
 def read_table(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
-    """Read columns of records."""
-    import pyarrow as pa
-
-    plain = [name for name in names if name in scores]
-    table = _from_csv(file, content, names, plain)
-    as_text = (*plain, "scene", "query")
-    return pa.table(
-        {name: table[name] if name in as_text else _with_type(table[name]) for name in names}
-    )
-
-
-def _from_csv(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
-    import pyarrow as pa
-
+    """Read columns of records as an Arrow table; Arrow rounds to the nearest, as IEEE 754 asks."""
+    types = {name: pa.float64() if name in scores else pa.string() for name in names}
     try:
-        return _read_csv(content, {name: name in scores for name in names})
+        table = arrow_csv.read_csv(
+            pa.BufferReader(content),
+            read_options=arrow_csv.ReadOptions(block_size=_BLOCK_BYTES),
+            parse_options=arrow_csv.ParseOptions(newlines_in_values=True),
+            convert_options=arrow_csv.ConvertOptions(
+                column_types=types,
+                include_columns=list(types),
+                null_values=[""],
+                strings_can_be_null=True,
+            ),
+        )
     except pa.ArrowInvalid as error:
-        raise _refusal(content, scores, error, file) from error
-
-
-def _read_csv(content: bytes, is_score: dict[str, bool]) -> Any:
-    """Read columns as numbers or texts; Arrow rounds as IEEE 754 asks, to the nearest."""
-    import pyarrow as pa
-    from pyarrow import csv as arrow_csv
-
-    types = {name: pa.float64() if score else pa.string() for name, score in is_score.items()}
-    return arrow_csv.read_csv(
-        pa.BufferReader(content),
-        read_options=arrow_csv.ReadOptions(block_size=_BLOCK_BYTES),
-        parse_options=arrow_csv.ParseOptions(newlines_in_values=True),
-        convert_options=arrow_csv.ConvertOptions(
-            column_types=types,
-            include_columns=list(types),
-            null_values=[""],
-            strings_can_be_null=True,
-        ),
-    )
-
-
-def _refusal(content: bytes, scores: Sequence[str], error: Exception, file: Path) -> ResultError:
-    """Name the score that is not a number, if that is what is wrong."""
-    import pyarrow as pa
-
-    for name in scores:
-        try:
-            _read_csv(content, {name: False})
-            _read_csv(content, {name: True})
-        except pa.ArrowInvalid as cause:
-            if "conversion error" in str(cause):
-                return no_number(name, file)
-            break
-    return _no_table(file, error)
+        place = re.search(r"column #(\d+): .*conversion error to double", str(error))
+        if place is not None:
+            raise no_number(column_names(file)[int(place[1])], file) from error
+        raise _no_table(file, error) from error
+    as_read = (*scores, "scene", "query")
+    return pa.table({n: table[n] if n in as_read else _with_type(table[n]) for n in names})
 
 
 def _no_table(file: Path, error: Exception) -> ResultError:
@@ -97,8 +71,6 @@ def no_number(key: str, file: object) -> ResultError:
 
 def _with_type(texts: Any) -> Any:
     """Turn texts into what they were before they were written, where that is beyond doubt."""
-    import pyarrow as pa
-    from pyarrow import compute
 
     def all_are(pattern: str) -> bool:
         matches = compute.match_substring_regex(texts, pattern)

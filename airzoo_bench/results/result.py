@@ -8,18 +8,12 @@ from __future__ import annotations
 
 import json
 import math
-import operator
 from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    ValidationError,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
@@ -44,23 +38,20 @@ __all__ = [
     "write_result",
 ]
 
+_ROUNDING = 1e-12  # of averages: sums depend on the order of what is added
+SHARE_SLACK = 1e-9
+"""By how much rounding may lift a share above 1."""
 
-def _is_number(value: float) -> float:
+
+def _refuse_nan(value: float) -> float:
     if math.isnan(value):
         raise ValueError("a score is never NaN")
     return value
 
 
-_ROUNDING = 1e-12  # of averages: sums depend on the order of what is added
-SHARE_SLACK = 1e-9
-"""By how much rounding may lift a share above 1."""
-
-Value = Annotated[float, AfterValidator(_is_number)]
+Value = Annotated[float, AfterValidator(_refuse_nan)]
 # The largest is that which JavaScript still counts with.
 Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
-
-_EXPECTED = "a result.json that `airzoo-bench eval ... --out DIR` wrote"
-_MEND = "score the predictions again"
 
 
 class ScoreColumn(ResultModel):
@@ -75,16 +66,10 @@ class ScoreColumn(ResultModel):
 
 
 class Reference(ResultModel):
-    """What scores without a method at work, in the shape of a method's own summary.
+    """What scores without a method at work, such as chance, or the prior pose taken as the answer.
 
-    Such as the chance level of a retrieval, or the prior pose taken as the answer.
-
-    Attributes
-    ----------
-    meaning : str
-        How it was made, in a sentence that tables print below the row.
-    scenes, overall, pooled
-        As in `Result`; scores for which it makes no sense are left out, of all three alike.
+    `meaning` says in a sentence how it was made, which tables print below the row. Scores are as in
+    `Result`; those for which it makes no sense are left out, of all three parts alike.
     """
 
     meaning: str
@@ -93,57 +78,13 @@ class Reference(ResultModel):
     pooled: dict[str, Value]
 
 
-def _check_range(value: float, column: ScoreColumn) -> None:
-    if value < 0 or (column.unit == "share" and value > 1 + SHARE_SLACK):
-        allowed = "0 to 1" if column.unit == "share" else "0 or more"
-        raise ValueError(f"the score {column.key} is {value:g}, expected {allowed}")
-
-
-def _check_reference(
-    name: str, reference: Reference, columns: dict[str, ScoreColumn], scenes: set[str]
-) -> None:
-    if set(reference.scenes) != scenes:
-        raise ValueError(f"the reference {name!r} and the scores are not of the same scenes")
-    for part in (*reference.scenes.values(), reference.overall, reference.pooled):
-        if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
-            raise ValueError(f"scores of the reference {name!r} do not fit the columns")
-        for key, value in part.items():
-            _check_range(value, columns[key])
-
-
-def _check_averages(part: Result | Reference, columns: Collection[ScoreColumn]) -> None:
-    """Hold averages to the scenes that they are of, as far as these tell."""
-    for column in columns:
-        key = column.key
-        values = [scores[key] for scores in part.scenes.values()]
-        mean = sum(values) / len(values)
-        if not math.isclose(part.overall[key], mean, rel_tol=_ROUNDING):
-            raise ValueError(f"overall {key} is {part.overall[key]!r}, its scenes give {mean!r}")
-        low, high, pooled = min(values), max(values), part.pooled[key]
-        if isinstance(part, Result) and column.average == "mean":
-            numbers = [part.counts[scene]["queries"] for scene in part.scenes]
-            low = high = sum(map(operator.mul, numbers, values)) / max(sum(numbers), 1)
-        if not low * (1 - _ROUNDING) <= pooled <= high * (1 + _ROUNDING):
-            raise ValueError(f"pooled {key} is {pooled!r}, its scenes give {low!r} to {high!r}")
-
-
 class Result(ResultModel):
     """All that is known of one evaluation.
 
-    Attributes
-    ----------
-    counts : dict of str to dict of str to int
-        Of each scene: queries, missing ones, and what else the track counts.
-    notes : tuple of str
-        What a reader of the numbers must know, in sentences.
-    scenes, overall, pooled
-        Scores by key; `overall` is the unweighted mean over scenes.
-    references : dict of str to Reference
-        By the name that tables print; none in results of older versions.
-    records_sha256 : str
-        Of the file of records that was written with it; empty where none was.
-    checksum : str
-        Over everything else.
+    Each scene has counts of queries, missing ones, and what else the track counts. Scores are by
+    key; `overall` is the unweighted mean over scenes. References are by the name that tables print;
+    results of older versions have none. `records_sha256` is of the file of records that was written
+    with it, or empty; the checksum is over everything else.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -170,8 +111,7 @@ class Result(ResultModel):
             if set(part) != set(columns):
                 differing = sorted(set(columns) ^ set(part))
                 raise ValueError(f"scores do not fit the columns: {differing[:3]}")
-            for key, value in part.items():
-                _check_range(value, columns[key])
+            _check_ranges(part, columns)
         for what in (self.counts, self.truth.scene_titles):
             if not what or set(what) != set(self.scenes):
                 raise ValueError("counts, titles and scores are not of the same scenes")
@@ -179,15 +119,9 @@ class Result(ResultModel):
             raise ValueError("a scene has no count of queries")
         if "airzoo-bench" not in self.versions:
             raise ValueError("the version of airzoo-bench is not given")
-        return self
-
-    @model_validator(mode="after")
-    def _averages_fit(self) -> Result:
         _check_averages(self, self.columns)
-        columns = {column.key: column for column in self.columns}
         for name, reference in self.references.items():
             _check_reference(name, reference, columns, set(self.scenes))
-            _check_averages(reference, [columns[key] for key in reference.overall])
         return self
 
     @property
@@ -197,7 +131,7 @@ class Result(ResultModel):
 
     def with_checksum(self) -> Result:
         """Return the same result with its checksum."""
-        return self.model_copy(update={"checksum": self._content_hash()})
+        return self.model_copy(update={"checksum": self._hash_content()})
 
     def with_records(self, sha256: str) -> Result:
         """Return the same result, with its checksum, for records whose file has that hash."""
@@ -205,13 +139,50 @@ class Result(ResultModel):
 
     def is_intact(self) -> bool:
         """Whether the checksum fits the content."""
-        return self.checksum == self._content_hash()
+        return self.checksum == self._hash_content()
 
-    def _content_hash(self) -> str:
+    def _hash_content(self) -> str:
         content = json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"}))
         if not self.references:  # a field that older results lack
             del content["references"]
         return fingerprint(content)
+
+
+def _check_ranges(part: dict[str, float], columns: dict[str, ScoreColumn]) -> None:
+    for key, value in part.items():
+        is_share = columns[key].unit == "share"
+        if value < 0 or (is_share and value > 1 + SHARE_SLACK):
+            allowed = "0 to 1" if is_share else "0 or more"
+            raise ValueError(f"the score {key} is {value:g}, expected {allowed}")
+
+
+def _check_reference(
+    name: str, reference: Reference, columns: dict[str, ScoreColumn], scenes: set[str]
+) -> None:
+    if set(reference.scenes) != scenes:
+        raise ValueError(f"the reference {name!r} and the scores are not of the same scenes")
+    for part in (*reference.scenes.values(), reference.overall, reference.pooled):
+        if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
+            raise ValueError(f"scores of the reference {name!r} do not fit the columns")
+        _check_ranges(part, columns)
+    _check_averages(reference, [columns[key] for key in reference.overall])
+
+
+def _check_averages(part: Result | Reference, columns: Collection[ScoreColumn]) -> None:
+    """Hold averages to the scenes that they are of, as far as these tell."""
+    for column in columns:
+        key = column.key
+        values = [scores[key] for scores in part.scenes.values()]
+        mean = sum(values) / len(values)
+        if not math.isclose(part.overall[key], mean, rel_tol=_ROUNDING):
+            raise ValueError(f"overall {key} is {part.overall[key]!r}, its scenes give {mean!r}")
+        low, high, pooled = min(values), max(values), part.pooled[key]
+        if isinstance(part, Result) and column.average == "mean":
+            numbers = [part.counts[scene]["queries"] for scene in part.scenes]
+            sums = (number * value for number, value in zip(numbers, values, strict=True))
+            low = high = sum(sums) / max(sum(numbers), 1)
+        if not low * (1 - _ROUNDING) <= pooled <= high * (1 + _ROUNDING):
+            raise ValueError(f"pooled {key} is {pooled!r}, its scenes give {low!r} to {high!r}")
 
 
 def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
@@ -228,9 +199,9 @@ def write_result(path: Path, result: Result) -> None:
 
 def read_result(path: Path) -> Result:
     """Read a result and hold it to its checksum."""
-    text = read_text(path, ResultError, "result file")
+    mend = "score the predictions again"
     try:
-        result = Result.model_validate_json(text)
+        result = Result.model_validate_json(read_text(path, ResultError, "result file"))
     except ValidationError as error:
         is_json = error.errors()[0]["type"] != "json_invalid"
         # Of what is no JSON, Pydantic names line and column.
@@ -238,14 +209,14 @@ def read_result(path: Path) -> Result:
         raise ResultError(
             f"{what}{validation_message(error, Result)}",
             where=path,
-            expected=_EXPECTED,
-            fix=_MEND,
+            expected="a result.json that `airzoo-bench eval ... --out DIR` wrote",
+            fix=mend,
         ) from error
     if not result.is_intact():
         raise ResultError(
             "its content was changed after it was written: the checksum does not fit",
             where=path,
             expected="a result as `airzoo-bench eval` wrote it",
-            fix=_MEND,
+            fix=mend,
         )
     return result

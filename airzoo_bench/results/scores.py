@@ -18,20 +18,10 @@ __all__ = ["Score", "Summary", "concatenate", "summarise"]
 
 @dataclass(frozen=True)
 class Score:
-    """A score: a column of the records and the way its rows are averaged.
+    """A score: a column of the records and the way its rows are averaged over a scene.
 
-    Attributes
-    ----------
-    column : str
-        The column of the records, which is also the score's key in results.
-    title : str
-        What tables call it.
-    unit : {"share", "m", "deg"}
-        Shares are 0 to 1 in records and results, and percent in tables.
-    average : {"mean", "median"}
-        Over the rows of a scene.
-    headline : bool
-        Whether tables show it without being asked.
+    The column is also the score's key in results; the title is what tables call it, without being
+    asked where it is a headline. Shares are 0 to 1 in records and results, and percent in tables.
     """
 
     column: str
@@ -49,14 +39,9 @@ class Score:
 
 @dataclass(frozen=True)
 class Summary:
-    """Scores by name: for each scene, over scenes, and over all rows.
+    """Scores by name: for each scene, over scenes, and pooled over all rows.
 
-    Attributes
-    ----------
-    overall : dict of str to float
-        The unweighted mean over scenes, of medians too, as the paper has it.
-    pooled : dict of str to float
-        Over all rows, whatever their scene.
+    Over scenes is the unweighted mean, of medians too, as the paper has it.
     """
 
     scenes: dict[str, dict[str, float]]
@@ -66,7 +51,7 @@ class Summary:
 
 def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Put the records of scenes under each other; those of a single one are not copied."""
-    import pandas as pd
+    import pandas as pd  # tracks name their scores without it
 
     return parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)
 
@@ -85,11 +70,11 @@ def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> 
 
 
 def _average(records: pd.DataFrame, rows: Bools | slice, scores: list[Score]) -> dict[str, float]:
-    return {score.column: _average_one(records, rows, score) for score in scores}
-
-
-def _average_one(records: pd.DataFrame, rows: Bools | slice, score: Score) -> float:
-    values = records[score.column].to_numpy(np.float64)[rows]
-    if values.size == 0 or np.isnan(values).any():
-        raise ValueError(f"{score.column}: no record, or NaN, in {values.size} rows")
-    return float(np.median(values) if score.average == "median" else np.mean(values))
+    found = {}
+    for score in scores:
+        values = records[score.column].to_numpy(np.float64)[rows]
+        if values.size == 0 or np.isnan(values).any():
+            raise ValueError(f"{score.column}: no record, or NaN, in {values.size} rows")
+        average = np.median if score.average == "median" else np.mean
+        found[score.column] = float(average(values))
+    return found

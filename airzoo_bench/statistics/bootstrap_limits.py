@@ -1,33 +1,23 @@
-"""Limits of intervals from resamples, percentile and BCa, and the test that agrees with them."""
+"""Limits of intervals from resamples, percentile and BCa, and the test that agrees with them.
+
+They are those of Efron and Tibshirani, An introduction to the bootstrap (1993).
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.samples import ResamplingConfig, difference
 
-__all__ = ["acceleration", "interval_limits", "percentile_p_values", "quantiles"]
+__all__: list[str] = []  # nothing here is for other rooms
 
 _TIE = 1e-12  # of the numbers' size: closer ones differ by rounding alone
 
 
 def quantiles(ranked: Floats, levels: Floats) -> Floats:
-    """Take quantiles, linear between ranks; NumPy's own make NaN of infinite ones.
-
-    Parameters
-    ----------
-    ranked : (R, B) array
-        Sorted along the rows; infinite values are values like any other.
-    levels : (R, L) array
-        From 0 to 1.
-
-    Returns
-    -------
-    (R, L) array
-        The quantile of each level.
-    """
+    """Take quantiles (R, L) of sorted rows (R, B), linear between ranks, infinite ones included."""
     place = levels * (ranked.shape[1] - 1)
     below = np.floor(place).astype(np.intp)
     above = np.minimum(below + 1, ranked.shape[1] - 1)
@@ -44,22 +34,9 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
 
 
 def percentile_p_values(resamples: Floats) -> Floats:
-    """Test whether statistics are 0 by the percentile intervals of their resamples, two-sided.
+    """Return the p up to which percentile intervals of confidence 1 - p of resamples hold 0, (R,).
 
-    Parameters
-    ----------
-    resamples : (R, B) array
-        B resamples of R statistics; may hold infinity.
-
-    Returns
-    -------
-    (R,) array
-        The p up to which the interval of confidence 1 - p holds 0: whichever the confidence, test
-        and interval agree. At least 2 / (B + 1).
-
-    References
-    ----------
-    B. Efron and R. Tibshirani, An introduction to the bootstrap (1993), section 15.4.
+    Test and interval agree, whichever the confidence. p is at least 2 / (B + 1) of B resamples.
     """
     ranked = np.sort(resamples, axis=1)
     levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
@@ -83,17 +60,9 @@ def _level_of_0(ranked: Floats) -> Floats:
 
 
 def acceleration(moments: Floats) -> Floats:
-    """Return the acceleration of BCa (Efron and Tibshirani 1993, eq. 14.15), NaN where none.
+    """Return the acceleration of BCa (eq. 14.15) from sums of influence values, (R,).
 
-    Parameters
-    ----------
-    moments : (R, 2) array
-        Sums over units of the influence values to the third and second power.
-
-    Returns
-    -------
-    (R,) array
-        NaN where all influence values are 0.
+    `moments` (R, 2) are sums of the third and second power; NaN where all influence values are 0.
     """
     third, second = moments.T
     defined = (second > 0) & np.isfinite(second)
@@ -112,35 +81,17 @@ def interval_limits(
     scales: Floats,
     accelerations: Floats,
     resampling: ResamplingConfig,
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Take the limits of intervals from resamples.
+) -> tuple[Floats, Bools]:
+    """Take the limits of intervals (R, 2), and whether the kind that was asked for exists (R,).
 
-    Parameters
-    ----------
-    resamples : (R, B) array
-        B resamples of R statistics.
-    estimates : (R,) array
-        The statistics of the sample itself.
-    scales : (R,) array
-        Of what size the numbers are that a statistic was made of: those of a difference may be
-        large where it is almost 0, and their rounding with them.
-    accelerations : (R,) array
-        From `acceleration`; NaN where BCa does not exist.
-    resampling : ResamplingConfig
-        Kind of interval, confidence.
-
-    Returns
-    -------
-    limits : (R, 2) array
-        Low and high.
-    exists : (R,) bool
-        Whether the method that was asked for exists; elsewhere the limits are percentile's.
+    Elsewhere the limits are percentile's. `resamples` are (R, B) and `estimates` (R,); `scales`
+    (R,) is the size of the numbers that a statistic is made of, since those of a difference may be
+    large where it is almost 0. `accelerations` (R,) are NaN where BCa does not exist.
     """
-    tails = np.array([(1 - resampling.confidence) / 2, (1 + resampling.confidence) / 2])
-    levels = np.broadcast_to(tails, (len(resamples), 2))
+    levels = np.broadcast_to(resampling.tails, (len(resamples), 2))
     exists = np.ones(len(resamples), np.bool_)
     if resampling.interval == "bca":
-        adjusted = _bca_levels(resamples, estimates, scales, accelerations, tails)
+        adjusted = _bca_levels(resamples, estimates, scales, accelerations, resampling.tails)
         exists = np.asarray(np.isfinite(adjusted).all(axis=1))
         levels = np.where(exists[:, None], adjusted, levels)
     return quantiles(np.sort(resamples, axis=1), levels), exists
@@ -149,9 +100,7 @@ def interval_limits(
 def _bca_levels(
     resamples: Floats, estimates: Floats, scales: Floats, accelerations: Floats, tails: Floats
 ) -> Floats:
-    """Return the levels of Efron and Tibshirani 1993, eq. 14.10; a tie counts half."""
-    from scipy.special import ndtr, ndtri
-
+    """Return the levels of eq. 14.10; a tie counts half."""
     tie = (_TIE * scales)[:, None]
     below = (resamples < estimates[:, None] - tie).sum(axis=1)
     up_to = (resamples <= estimates[:, None] + tie).sum(axis=1)

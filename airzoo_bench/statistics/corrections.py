@@ -10,25 +10,10 @@ __all__ = ["holm"]
 
 
 def holm(p_values: Floats, family: int | None = None) -> Floats:
-    """Adjust p-values so that the chance of any false finding stays below the level.
+    """Adjust p-values (M,) so that the chance of any false finding stays below a level (Holm 1979).
 
-    Parameters
-    ----------
-    p_values : (M,) array
-        Of the comparisons that are reported.
-    family : int, optional
-        How many were looked at, at least M; M where left out. Those that are not given count as 1,
-        so that the given ones come out as large as they can.
-
-    Returns
-    -------
-    (M,) array
-        In the same order, at most 1.
-
-    References
-    ----------
-    S. Holm, A simple sequentially rejective multiple test procedure, Scandinavian Journal of
-    Statistics 6 (1979).
+    `family` is how many comparisons were looked at, at least M. Those that are not given count as
+    1, so that the given ones come out as large as they can.
     """
     order = np.argsort(p_values, kind="stable")
     factors = (family or len(p_values)) - np.arange(len(p_values))

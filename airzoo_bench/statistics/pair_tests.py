@@ -8,85 +8,84 @@ two medians' resamples.
 
 Corrected for many pairs, p must be resolved far below one draw. Where fewer than 25 draws are as
 extreme as what was observed, p of a mean is the normal tail with the exact variance of the signed
-sum, which sums of random signs hardly exceed (Pinelis 1994); that of a median, where no resample
-lies beyond 0, is the normal tail with the resamples' spread.
-
-References
-----------
-I. Pinelis, Extremal probabilistic problems and Hotelling's T2 test under a symmetry condition,
-Annals of Statistics 22 (1994).
+sum, which sums of random signs hardly exceed (Pinelis 1994, see docs/statistics.md); that of a
+median, where no resample lies beyond 0, is the normal tail with the resamples' spread.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterator
+from functools import cache
 
-from airzoo_bench.geometry.arrays import Floats
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.bootstrap_limits import percentile_p_values
 from airzoo_bench.statistics.intervals import FEWEST
-from airzoo_bench.statistics.pair_means import SignedSums, Tested, codes_of, normal_tail
-from airzoo_bench.statistics.pairs import Places, Wanted, rows_of
 from airzoo_bench.statistics.resampling import (
+    EXACT_BITS,
     blocks,
     exact_products,
-    resample_counts,
+    resampled_averages,
     sign_flips,
     stream_key,
-    weighted_averages,
 )
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
+from airzoo_bench.statistics.samples import (
+    TIE,
+    ResamplingConfig,
+    Sample,
+    difference,
+    paired_difference,
+)
 from airzoo_bench.statistics.scene_means import student
 from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
 
-__all__ = [
-    "mean_draws",
-    "pair_draws",
-    "pair_p_values",
-    "resamples_for",
-]
+__all__ = ["pair_p_values", "resamples_for"]
 
-_WORK = 2.5e8
-_FEW, _MANY = 2_000, 10_000
-_CELLS = 1 << 22
-_TIE = 1e-9
+_FEW, _MANY, _MOST_METHODS = 2_000, 10_000, 224
+_RESOLVED = 25
+_SURE = 6.0  # standard deviations; Hoeffding: less than one of 10**7 draws is as extreme
+_CANCELLED = 1e-3  # of two squares: what is left of their difference has few digits
+_CELLS = 1 << 17
+
+Places = NDArray[np.intp]
+Tested = Iterator[tuple[int, Places, Floats]]
+"""A variable, those that it is paired with, and p of each."""
 
 
 def resamples_for(count: int) -> int:
-    """Return how many draws all pairs of so many variables can share in seconds.
+    """Return how many draws all pairs of so many variables can share in seconds."""
+    return _MANY if count <= _MOST_METHODS else _FEW
 
-    Parameters
-    ----------
-    count : int
-        Of variables.
 
-    Returns
-    -------
-    int
-        10,000, as everywhere else, up to 224 variables; 2,000 of more.
+def pair_p_values(sample: Sample, resampling: ResamplingConfig) -> Floats:
+    """Test every two of V variables of one kind, all medians or none: two-sided p (V, V).
+
+    The matrix is symmetric, with 1 on the diagonal. That of a pair is the same to the last bit
+    whatever the other variables are.
     """
-    return _MANY if count * (count - 1) // 2 * _MANY <= _WORK else _FEW
+    count = len(sample.medians)
+    found, wanted = np.ones((count, count)), np.triu(np.ones((count, count), np.bool_), 1)
+    if wanted.any():
+        of_medians, of_scenes = sample.medians.any(), sample.unit == "scene"
+        tests = _test_medians if of_medians else _test_scenes if of_scenes else _test_means
+        for one, others, p_values in tests(sample, resampling, wanted):
+            found[one, others] = found[others, one] = p_values
+    return found
 
 
-def pair_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
-    """Draw what the tests of all pairs share.
+def rows_of(wanted: Bools, width: int = 1) -> Iterator[tuple[int, Places]]:
+    """Yield each wanted pair once: a variable, with so few others that memory is bounded."""
+    step = max(1, _CELLS // max(width, 1))
+    for one in np.flatnonzero(wanted.any(axis=1)).tolist():
+        others = np.flatnonzero(wanted[one])
+        yield from ((one, others[first : first + step]) for first in range(0, len(others), step))
 
-    Parameters
-    ----------
-    sample : Sample
-        V variables of one kind: all averaged by the median, or none. Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of draws, seed.
 
-    Returns
-    -------
-    (V, B) array
-        Of means, sums under random signs; of medians, their resamples; none over scenes. A
-        variable's row is the same to the last bit whatever the others are.
-    """
-    if sample.unit == "scene":
-        return np.empty((len(sample.medians), 0))
-    if sample.medians.any():
-        return mean_draws(sample, resampling)
+def signed_sums(sample: Sample, resampling: ResamplingConfig) -> Floats:
+    """Sum the groups' means under random signs, (V, B); infinite values count as 0."""
     draws = np.zeros((len(sample.medians), resampling.resamples))
     for group, part in zip(sample.groups, sample.values, strict=True):
         units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
@@ -99,147 +98,152 @@ def pair_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
     return draws
 
 
-def pair_p_values(
-    sample: Sample,
-    resampling: ResamplingConfig,
-    draws: Floats | None = None,
-) -> Floats:
-    """Test every two variables of a sample.
-
-    Parameters
-    ----------
-    sample : Sample
-        V variables of one kind: all averaged by the median, or none. Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of draws, seed.
-    draws : (V, B) array, optional
-        From `pair_draws` of the same sample, where they were made before.
-
-    Returns
-    -------
-    (V, V) array
-        Two-sided p, symmetric; 1 on the diagonal. That of a
-        pair is the same to the last bit whatever the other variables are.
-    """
-    count = len(sample.medians)
-    found = np.where(np.eye(count, dtype=bool), 1.0, np.nan)
-    wanted = np.triu(np.ones((count, count), np.bool_), 1)
-    if wanted.any():
-        draws = pair_draws(sample, resampling) if draws is None else draws
-        over_scenes = sample.unit == "scene"
-        tests = _of_medians if sample.medians.any() else _over_scenes if over_scenes else _of_means
-        for one, others, p_values in tests(sample, resampling, draws, wanted):
-            found[one, others] = found[others, one] = p_values
-    return found
+def mean_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
+    """Average the resamples of `intervals.bootstrap` over groups, (V, B)."""
+    seed, count = resampling.seed, resampling.resamples
+    total = np.zeros((len(sample.medians), count))
+    for group, values in zip(sample.groups, sample.values, strict=True):
+        total += resampled_averages(values, sample.medians, group, seed, count)
+    return total / len(sample.groups)
 
 
-def _of_means(
-    sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: Wanted
-) -> Tested:
-    failing = np.any([np.isinf(part.max(axis=1, initial=0.0)) for part in sample.values], axis=0)
-    either = failing | failing[:, None]
-    for one, others in rows_of(wanted & either):
-        yield from _permuted(sample, resampling, one, others)
-    finite = wanted & ~either
-    if finite.any():
-        yield from SignedSums.of(sample, draws, finite).tests(finite)
-
-
-def _over_scenes(
-    sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: Wanted
-) -> Tested:
+def _test_scenes(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> Tested:
     [values] = sample.values
     for one, others in rows_of(wanted):
         gaps = paired_difference(values[others], values[one])
         _, p_values = student(gaps, np.zeros(len(others), np.bool_), resampling.confidence)
+        without = np.isnan(p_values)
+        p_values[without] = _permuted(sample, resampling, one, others[without])
         yield one, others, p_values
-        yield from _permuted(sample, resampling, one, others[np.isnan(p_values)])
 
 
-def _permuted(sample: Sample, resampling: ResamplingConfig, one: int, others: Places) -> Tested:
-    for first, size in blocks(2 * resampling.resamples, len(others)):
-        part = others[first : first + size]
-        pairs = [(min(one, other), max(one, other)) for other in part.tolist()]
-        tests = paired_permutation(sample, resampling, pairs)
-        yield one, part, np.array([test.p_value for test in tests])
+def _permuted(sample: Sample, resampling: ResamplingConfig, one: int, others: Places) -> Floats:
+    tests = paired_permutation(sample, resampling, [(one, other) for other in others.tolist()])
+    return np.array([test.p_value for test in tests])
 
 
-def _of_medians(
-    sample: Sample, resampling: ResamplingConfig, draws: Floats, wanted: Wanted
-) -> Tested:
-    if not draws.shape[1]:  # too few units: no interval, and so no finding
-        yield from ((one, others, np.ones(len(others))) for one, others in rows_of(wanted))
-        return
-    codes = [codes_of(part) for part in sample.values]
-    floors = np.array([p_floor(k) for k in range(sum(part.shape[1] for part in codes) + 1)])
-    step = max(1, (_CELLS >> 2) // resampling.resamples)
-    for one, others in rows_of(wanted):
-        for start in range(0, len(others), step):
-            some = others[start : start + step]
-            unlike = np.zeros(len(some), np.int64)
-            for part in codes:
-                unlike += np.count_nonzero(part[some] != part[one], axis=1)
-            p_values = _median_p_values(sample, draws, one, some)
-            yield one, some, np.maximum(p_values, floors[unlike])
+def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> Tested:
+    failing = np.any([np.isinf(part).any(axis=1) for part in sample.values], axis=0)
+    either = failing | failing[:, None]
+    for one, others in rows_of(wanted & either, resampling.resamples >> 4):
+        yield one, others, _permuted(sample, resampling, one, others)
+    draws, most = signed_sums(sample, resampling), int(np.log2(resampling.resamples))
+    parts = [np.where(np.isinf(part), 0.0, part) for part in sample.values]
+    codes = tie_codes(np.concatenate(parts, axis=1))
+    values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
+    sums, products = values.sum(axis=1), _exact_gram(values)
+    for one, others in rows_of(wanted & ~either, resampling.resamples):
+        spread = _spread(values, products, one, others)
+        observed = np.abs(sums[others] - sums[one])
+        scores = np.divide(observed, spread, out=np.zeros(len(others)), where=spread > 0)
+        p_values = normal_tail(scores)
+        near = scores < _SURE
+        least = (observed - TIE * spread)[near, None]
+        extreme = (np.abs(draws[others[near]] - draws[one]) >= least).sum(axis=1)
+        p_values[near] = _resolved(extreme, resampling.resamples, p_values[near])
+        # Of k differences the score is at most the root of k.
+        close = np.flatnonzero(scores**2 <= most + 1)
+        unlike = codes[others[close]] != codes[one]
+        counts = unlike.sum(axis=1)
+        for number in np.unique(counts[counts <= most]).tolist():
+            chosen = counts == number
+            places = np.nonzero(unlike[chosen])[1].reshape(np.count_nonzero(chosen), number)
+            gaps = values[others[close[chosen], None], places] - values[one, places]
+            p_values[close[chosen]] = _exact_p_values(gaps)
+        yield one, others, p_values
 
 
-def mean_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
-    """Average resamples of all variables, those of `intervals.bootstrap`.
+def tie_codes(values: Floats) -> Floats:
+    """Round values to 30 binary digits, those of 1 where they are smaller: what is alike, ties."""
+    known = np.where(np.isinf(values), 0.0, np.abs(values))
+    sizes = np.frexp(np.maximum(1.0, known))[1]
+    return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
 
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of resamples, seed.
 
-    Returns
-    -------
-    (V, B) array
-        The mean over groups in each resample; no resamples where a group has fewer units than
-        `FEWEST`.
+def _exact_gram(values: Floats) -> Floats:
+    """Multiply every two variables unit by unit, rounded to some 20 binary digits, and sum, (V, V).
+
+    A product is the same to the last bit whatever the number of threads and the other variables.
     """
-    if min(part.shape[1] for part in sample.values) < FEWEST:
-        return np.empty((len(sample.medians), 0))
-    total = np.zeros((len(sample.medians), resampling.resamples))
-    for group, values in zip(sample.groups, sample.values, strict=True):
-        units = values.shape[1]
-        key = stream_key(resampling.seed, "bootstrap", group)
-        for first, size in blocks(units, resampling.resamples):
-            counts = resample_counts(units, first, size, key)
-            total[:, first : first + size] += weighted_averages(values, sample.medians, counts)
-    return total / len(sample.groups)
+    largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
+    sizes = np.frexp(largest)[1].astype(np.int64)
+    digits = (EXACT_BITS - int(values.shape[1]).bit_length()) // 2
+    whole = np.rint(np.ldexp(values, (digits - sizes)[:, None]))
+    return np.asarray(np.ldexp(whole @ whole.T, sizes[:, None] + sizes - 2 * digits))
+
+
+def _spread(values: Floats, products: Floats, one: int, others: Places) -> Floats:
+    """Return the standard deviation of the signed sum of differences."""
+    both = products[one, one] + products[others, others]
+    squares = both - 2 * products[one, others]
+    cancelled = squares < _CANCELLED * both
+    squares[cancelled] = ((values[one] - values[others[cancelled]]) ** 2).sum(axis=1)
+    return np.sqrt(np.where(squares <= TIE**2 * both, 0.0, squares))
+
+
+def normal_tail(scores: Floats) -> Floats:
+    """Return two-sided p of normal scores of at least 0, never 0."""
+    return np.asarray(np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny))
+
+
+def _resolved(extreme: NDArray[np.int64], draws: int, tail: Floats) -> Floats:
+    counted = (extreme + 1) / (draws + 1)
+    bound = (_RESOLVED + 1) / (draws + 1)
+    return np.asarray(np.where(extreme >= _RESOLVED, counted, np.minimum(tail, bound)))
+
+
+def _exact_p_values(gaps: Floats) -> Floats:
+    """Try all patterns of signs of k differences, (C, k): p of each row."""
+    if not gaps.shape[1]:
+        return np.ones(len(gaps))
+    sums = np.abs(gaps @ _every_sign(gaps.shape[1]))
+    least = np.abs(gaps.sum(axis=1)) - TIE * np.abs(gaps).max(axis=1)
+    return np.asarray((sums >= least[:, None]).mean(axis=1))
+
+
+@cache
+def _every_sign(number: int) -> Floats:
+    """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
+    digits = (np.arange(2 ** (number - 1)) >> np.arange(number)[:, None]) & 1
+    return np.asarray(1.0 - 2.0 * digits, np.float64)
+
+
+def _test_medians(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> Tested:
+    if sample.fewest[0] < FEWEST:  # no interval, and so no finding
+        return
+    draws = mean_draws(sample, resampling)
+    codes = tie_codes(np.concatenate(sample.values, axis=1))
+    floors = np.array([p_floor(unlike) for unlike in range(codes.shape[1] + 1)])
+    for one, others in rows_of(wanted, resampling.resamples):
+        least = floors[(codes[others] != codes[one]).sum(axis=1)]
+        yield one, others, np.maximum(_median_p_values(sample, draws, one, others), least)
 
 
 def _median_p_values(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
+    """Return the bootstrap's p; where all resamples lie on one side of 0, less than one draw."""
     found = difference(draws[others], draws[one])
-    least = 2 / (found.shape[1] + 1)
-    p_values = np.full(len(others), least)
     low, high = found.min(axis=1), found.max(axis=1)
-    least_size = np.minimum(np.abs(low), np.abs(high))
-    near = _TIE * np.maximum(1.0, np.where(np.isinf(least_size), 0.0, least_size))
+    nearest = np.minimum(np.abs(low), np.abs(high))
+    near = TIE * np.maximum(1.0, np.where(np.isinf(nearest), 0.0, nearest))
     mixed = (low <= near) & (high >= -near)
+    p_values = np.empty(len(others))
     p_values[mixed] = percentile_p_values(paired_difference(draws[others[mixed]], draws[one]))
-    p_values[~mixed] = np.minimum(least, _beyond(sample, found[~mixed], one, others[~mixed]))
+    beyond = _beyond(sample, found[~mixed], one, others[~mixed])
+    p_values[~mixed] = np.minimum(2 / (found.shape[1] + 1), beyond)
     return p_values
 
 
 def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
-    """Return p where all resamples lie on one side of 0."""
-    usual = np.asarray(np.isfinite(draws).all(axis=1))
-    known = draws[usual]
+    """Return the normal tail of resamples, or by wins and losses where they have no spread."""
+    finite = np.isfinite(draws).all(axis=1, keepdims=True)
+    known = np.where(finite, draws, 0.0)
     spread = known.std(axis=1)
-    varied = spread > 0
-    p_values = np.empty(len(draws))
-    usual[usual] = varied
-    p_values[usual] = normal_tail(np.abs(known[varied].mean(axis=1)) / spread[varied])
-    p_values[~usual] = _by_wins(sample, one, others[~usual])
-    return p_values
-
-
-def _by_wins(sample: Sample, one: int, others: Places) -> Floats:
-    wins, losses = np.zeros((2, len(others)), np.int64)
+    usual = spread > 0
+    p_values = np.empty(len(others))
+    p_values[usual] = normal_tail(np.abs(known[usual].mean(axis=1)) / spread[usual])
+    wins, losses = np.zeros((2, np.count_nonzero(~usual)), np.int64)
     for part in sample.values:
-        wins += np.count_nonzero(part[others] < part[one], axis=1)
-        losses += np.count_nonzero(part[others] > part[one], axis=1)
-    return mcnemar(wins, losses)
+        wins += (part[others[~usual]] < part[one]).sum(axis=1)
+        losses += (part[others[~usual]] > part[one]).sum(axis=1)
+    p_values[~usual] = mcnemar(wins, losses)
+    return p_values

@@ -17,82 +17,35 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 
-__all__ = [
-    "blocks",
-    "exact_products",
-    "leave_one_out",
-    "resample_counts",
-    "sign_flips",
-    "stream_key",
-    "weighted_averages",
-]
+__all__: list[str] = []  # nothing here is for other rooms
 
+EXACT_BITS = 52
 _CELLS = 1 << 22
 _WORDS_A_STEP = 4  # Philox-4x64 makes four words of 64 bits a step of its counter
 _LOW_BITS, _HALF_WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
-Weights = NDArray[np.integer]
-_EXACT_BITS = 52
+_Weights = NDArray[np.integer]
 
 
 def stream_key(seed: int, purpose: str, group: str) -> int:
-    """Name a stream: the same for a group whatever other groups there are.
-
-    Parameters
-    ----------
-    seed : int
-        The user's.
-    purpose : str
-        Such as "bootstrap": different purposes have different streams.
-    group : str
-        Such as a scene.
-
-    Returns
-    -------
-    int
-        A key of the random generator, of 128 bits.
-    """
+    """Name a stream of random bits by 128 bits, the same for a group whatever others there are."""
     text = f"{seed}\n{purpose}\n{group}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 
 
 def blocks(units: int, resamples: int) -> Iterator[tuple[int, int]]:
-    """Cut resamples into pieces of bounded memory: the first of each, and how many.
-
-    Parameters
-    ----------
-    units : int
-        What is resampled.
-    resamples : int
-        At least 1.
-
-    Yields
-    ------
-    first, count : int
-        The number of the first resample of a piece, and how many it has.
-    """
+    """Cut resamples into pieces of bounded memory: yield the first of each, and how many."""
     size = max(1, _CELLS // max(units, 1))
     for first in range(0, resamples, size):
         yield first, min(size, resamples - first)
 
 
 def resample_counts(units: int, first: int, count: int, key: int) -> NDArray[np.int64]:
-    """Count how often each unit is drawn, with replacement, in each resample.
+    """Count how often each unit is drawn, with replacement, in `count` resamples from `first` on.
 
-    Parameters
-    ----------
-    units : int
-        How many units there are, and how many are drawn: at most 2**32 - 1.
-    first, count : int
-        Which resamples: `first`, ..., `first + count - 1`.
-    key : int
-        Of the stream, from `stream_key`.
-
-    Returns
-    -------
-    (units, count) int64
-        Each column sums to `units`. A unit's chance is 1 / units to within 2**-32.
+    Of (units, count) each column sums to `units`, at most 2**32 - 1. A unit's chance is 1 / units
+    to within 2**-32.
     """
     words = _words(-(-units // 2), first, count, key)
     draws = np.concatenate((words & _LOW_BITS, words >> _HALF_WORD), axis=1)[:, :units]
@@ -102,18 +55,7 @@ def resample_counts(units: int, first: int, count: int, key: int) -> NDArray[np.
 
 
 def sign_flips(units: int, first: int, count: int, key: int) -> NDArray[np.uint8]:
-    """Toss a fair coin for each unit: 1 keeps its sign, 0 turns it.
-
-    Parameters
-    ----------
-    units, first, count, key : int
-        See `resample_counts`.
-
-    Returns
-    -------
-    (units, count) uint8
-        1 or 0.
-    """
+    """Toss a fair coin for each unit, (units, count): 1 keeps its sign, 0 turns it."""
     words = _words(-(-units // 64), first, count, key).astype("<u8")
     bits = np.unpackbits(words.view(np.uint8), axis=1, count=units, bitorder="little")
     return np.ascontiguousarray(bits.T)
@@ -126,22 +68,23 @@ def _words(needed: int, first: int, count: int, key: int) -> NDArray[np.uint64]:
     return source.random_raw(count * steps * _WORDS_A_STEP).reshape(count, -1)
 
 
-def weighted_averages(values: Floats, medians: NDArray[np.bool_], weights: Weights) -> Floats:
-    """Average values by integer weights.
+def resampled_averages(
+    values: Floats, medians: Bools, group: str, seed: int, resamples: int
+) -> Floats:
+    """Average resamples of a group's units, (V, resamples), all variables by the same draws."""
+    units, key = values.shape[1], stream_key(seed, "bootstrap", group)
+    found = np.empty((len(values), resamples))
+    for first, count in blocks(units, resamples):
+        counts = resample_counts(units, first, count, key)
+        found[:, first : first + count] = weighted_averages(values, medians, counts)
+    return found
 
-    Parameters
-    ----------
-    values : (V, N) array
-        V variables of N units; +inf is a value like any other.
-    medians : (V,) bool
-        Which variables are averaged by their median; the others by their mean.
-    weights : (N, B) array of integers, at least 0
-        How often each unit counts; all columns have the same sum.
 
-    Returns
-    -------
-    (V, B) array
-        The same to the last bit whatever the number of threads and columns.
+def weighted_averages(values: Floats, medians: Bools, weights: _Weights) -> Floats:
+    """Average values (V, N) by integer weights (N, B) whose columns have one sum, (V, B).
+
+    `medians` says which variables are averaged by their median. The result is the same to the last
+    bit whatever the number of threads and columns; +inf is a value like any other.
     """
     total = int(weights[:, 0].sum())
     factors = weights.astype(np.float64)
@@ -162,31 +105,19 @@ def _means(values: Floats, factors: Floats, total: int) -> Floats:
 
 
 def exact_products(values: Floats, factors: Floats, total: int) -> Floats:
-    """Multiply matrices, with values rounded to a grid on which no sum is rounded.
+    """Multiply finite values (V, N), rounded to a grid on which no sum is rounded, by (N, B).
 
-    Parameters
-    ----------
-    values : (V, N) array
-        Finite.
-    factors : (N, B) array
-        Whole numbers.
-    total : int
-        No column of `factors` has a larger sum of sizes.
-
-    Returns
-    -------
-    (V, B) array
-        A row is the same to the last bit whatever the number of threads, columns and other rows.
+    Factors are whole numbers, and no column of them has a larger sum of sizes than `total`. A row
+    is the same to the last bit whatever the number of threads, columns and other rows.
     """
     largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
-    exponents = _EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
+    exponents = EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
     # Two steps: one power of two for tiny values would be infinite.
-    halves = np.exp2(np.floor(exponents / 2)), np.exp2(np.ceil(exponents / 2))
-    whole = np.rint(values * halves[0][:, None] * halves[1][:, None])
-    return np.asarray((whole @ factors) / halves[0][:, None] / halves[1][:, None])
+    one, other = (np.exp2(half(exponents / 2))[:, None] for half in (np.floor, np.ceil))
+    return np.asarray((np.rint(values * one * other) @ factors) / one / other)
 
 
-def _medians(values: Floats, factors: Floats, counts: Weights, total: int) -> Floats:
+def _medians(values: Floats, factors: Floats, counts: _Weights, total: int) -> Floats:
     """Median of each resample: only units near the middle are looked at one by one."""
     units = values.shape[1]
     order = np.argsort(values, axis=1, kind="stable")
@@ -205,25 +136,11 @@ def _medians(values: Floats, factors: Floats, counts: Weights, total: int) -> Fl
     return found
 
 
-def leave_one_out(values: Floats, medians: NDArray[np.bool_]) -> Floats:
-    """Average all units but one, for each one: the jackknife.
-
-    Parameters
-    ----------
-    values : (V, N) array
-        With N at least 2; +inf where all that are left include it.
-    medians : (V,) bool
-        See `weighted_averages`.
-
-    Returns
-    -------
-    (V, N) array
-        The average without each unit.
-    """
+def leave_one_out(values: Floats, medians: Bools) -> Floats:
+    """Average all units but one, for each one of at least 2: the jackknife, (V, N)."""
     averages = np.empty_like(values)
-    means = values[~medians]
-    failing = np.isinf(means)
-    finite = np.where(failing, 0.0, means)
+    failing = np.isinf(values[~medians])
+    finite = np.where(failing, 0.0, values[~medians])
     rest = (finite.sum(axis=1, keepdims=True) - finite) / (values.shape[1] - 1)
     others_fail = failing.sum(axis=1, keepdims=True) - failing > 0
     averages[~medians] = np.where(others_fail, np.inf, rest)
@@ -234,8 +151,7 @@ def leave_one_out(values: Floats, medians: NDArray[np.bool_]) -> Floats:
 def _medians_without_one(values: Floats) -> Floats:
     order = np.argsort(values, axis=1, kind="stable")
     ranked = np.take_along_axis(values, order, axis=1)
-    left = values.shape[1] - 1
-    gone = np.arange(values.shape[1])
+    left, gone = values.shape[1] - 1, np.arange(values.shape[1])
     low, high = (rank + (rank >= gone) for rank in ((left - 1) // 2, left // 2))
     without = np.empty_like(values)
     np.put_along_axis(without, order, (ranked[:, low] + ranked[:, high]) / 2.0, axis=1)

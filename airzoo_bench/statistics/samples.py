@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 
 __all__ = ["Method", "ResamplingConfig", "Sample", "difference", "paired_difference"]
 
 Method = Literal["bca", "percentile"]
 
-_SAME = 1e-9
+TIE = 1e-9
 """Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
 
 
@@ -22,22 +21,20 @@ _SAME = 1e-9
 class ResamplingConfig:
     """How intervals and tests are made.
 
-    Attributes
-    ----------
-    resamples : int
-        Of the bootstrap and, where not all can be tried, of the permutation test.
-    seed : int
-        Of the random draws of both.
-    interval : {"bca", "percentile"}
-        Kind of the bootstrap's intervals.
-    confidence : float
-        Between 0 and 1.
+    `resamples` are of the bootstrap and, where not all can be tried, of the permutation test; the
+    seed is of the random draws of both. `interval` is the kind of the bootstrap's intervals, and
+    `confidence` lies between 0 and 1.
     """
 
     resamples: int = 10_000
     seed: int = 0
     interval: Method = "bca"
     confidence: float = 0.95
+
+    @property
+    def tails(self) -> Floats:
+        """Levels of the two limits (2,)."""
+        return np.array([(1 - self.confidence) / 2, (1 + self.confidence) / 2])
 
 
 @dataclass(frozen=True)
@@ -64,48 +61,30 @@ class Sample:
     unit: str
     groups: tuple[str, ...]
     values: tuple[Floats, ...]
-    medians: NDArray[np.bool_]
-    shares: NDArray[np.bool_] | None = None
+    medians: Bools
+    shares: Bools | None = None
 
-    def __post_init__(self) -> None:
-        if len(set(self.groups)) < len(self.groups):
-            raise ValueError(f"groups are not all different: {self.groups}")
+    @property
+    def fewest(self) -> tuple[int, str]:
+        """The size and name of the smallest group."""
+        sizes = [part.shape[1] for part in self.values]
+        return min(zip(sizes, self.groups, strict=True))
 
 
 def difference(first: Floats, second: Floats) -> Floats:
-    """Subtract; two infinite values, which are failures both, differ by nothing.
-
-    Parameters
-    ----------
-    first, second : (...) arrays
-        Numbers, which may be infinite; shapes broadcast.
-
-    Returns
-    -------
-    (...) array
-        first - second; 0 where both are infinite.
-    """
+    """Subtract arrays that broadcast; two infinite values, which are failures both, differ by 0."""
     both = np.isinf(first) & (first == second)
     return np.subtract(first, second, out=np.zeros(np.broadcast(first, second).shape), where=~both)
 
 
 def paired_difference(first: Floats, second: Floats) -> Floats:
-    """Subtract what two methods have on the same units: what differs by its last digits is a tie.
+    """Subtract what two methods have on the same units; 0 where it is at most 1e-9 of their size.
 
-    Scores agree between processors to some 12 digits, not to the last. What is a tie on one of them
-    must be one on the other, since wins, signs and patterns are counted.
-
-    Parameters
-    ----------
-    first, second : (...) arrays
-        Values of two methods, unit by unit.
-
-    Returns
-    -------
-    (...) array
-        0 where the values differ by at most 1e-9, of their size where that is above 1.
+    Sizes count as at least 1. Scores agree between processors to some 12 digits, not to the last,
+    and what is a tie on one of them must be one on the other, since wins, signs and patterns are
+    counted.
     """
     found = difference(first, second)
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
-    tied = np.isfinite(found) & (np.abs(found) <= _SAME * np.where(np.isinf(sizes), 1.0, sizes))
+    tied = np.isfinite(found) & (np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes))
     return np.where(tied, 0.0, found)

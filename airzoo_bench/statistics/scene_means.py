@@ -1,14 +1,9 @@
-"""Intervals and tests of means over scenes, where scenes are the units.
+"""Limits and tests of means over scenes, where scenes are the units.
 
 Shares and paired differences have Student's limits, and p from the same t. Distances are positive
 and skewed: the mean of a log-normal variable is exp(mu + sigma**2 / 2), and MOVER puts together
-Student's limits of mu and those of sigma**2 / 2 by chi-squared. (Student's limits of logarithms
-alone are those of the geometric mean.)
-
-References
-----------
-G. Zou, J. Taleban and C. Huo, Confidence interval estimation for lognormal data with application
-to health economics, Computational Statistics and Data Analysis 53 (2009).
+Student's limits of mu and those of sigma**2 / 2 by chi-squared (Zou, Taleban and Huo 2009, see
+docs/statistics.md). Student's limits of logarithms alone are those of the geometric mean.
 """
 
 from __future__ import annotations
@@ -16,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import chdtri, stdtr, stdtrit
 
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.intervals import FEWEST, Interval, SampleIntervals, few_units
-from airzoo_bench.statistics.samples import Sample, paired_difference
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, paired_difference
 
 __all__ = ["intervals_over_scenes", "student"]
 
@@ -28,69 +24,38 @@ _ALIKE = 1e-9
 
 
 def intervals_over_scenes(
-    sample: Sample, confidence: float, differences: Sequence[tuple[int, int]] = ()
+    sample: Sample, resampling: ResamplingConfig, differences: Sequence[tuple[int, int]] = ()
 ) -> SampleIntervals:
     """Take the intervals of means, then of differences, with p of these from the same t.
 
-    Parameters
-    ----------
-    sample : Sample
-        Of scenes; `shares` says which variables are no distances.
-    confidence : float
-        Between 0 and 1.
-    differences : sequence of (int, int)
-        Pairs of variables: the first minus the second.
-
-    Returns
-    -------
-    SampleIntervals
-        An infinite upper limit is one that is not known. Several groups have no overall interval.
+    An infinite upper limit is one that is not known. Several groups have no overall interval.
     """
     pairs = np.array(differences, np.intp).reshape(-1, 2)
-    is_share = np.zeros(len(sample.medians), np.bool_) if sample.shares is None else sample.shares
+    shares = np.zeros(len(sample.medians), np.bool_) if sample.shares is None else sample.shares
     found: dict[str, list[Interval]] = {}
     p_values = np.empty(0)
     for group, values in zip(sample.groups, sample.values, strict=True):
         gaps = paired_difference(values[pairs[:, 0]], values[pairs[:, 1]])
-        limits, p_values = student(gaps, is_share[pairs[:, 0]], confidence)
+        limits, p_values = student(gaps, shares[pairs[:, 0]], resampling.confidence)
         few = few_units(values.shape[1], group, sample.unit)
-        found[group] = (
-            [few] * (len(values) + len(pairs))
-            if few
-            else [
-                *(
-                    _mean(row, confidence, share=bool(s))
-                    for row, s in zip(values, is_share, strict=True)
-                ),
-                *(
-                    _interval(row, low_high, "student", "the differences of all scenes are")
-                    for row, low_high in zip(gaps, limits, strict=True)
-                ),
-            ]
-        )
+        if few is not None:
+            found[group] = [few] * (len(values) + len(pairs))
+            continue
+        means = [_mean(*row, resampling) for row in zip(values, shares.tolist(), strict=True)]
+        found[group] = means + [
+            _interval(row, two, "student", "the differences of all scenes are")
+            for row, two in zip(gaps, limits, strict=True)
+        ]
     overall = found[sample.groups[0]] if len(found) == 1 else []
     return SampleIntervals(found, overall, [None if np.isnan(p) else float(p) for p in p_values])
 
 
 def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, Floats]:
-    """Return Student's limits of means, and p of their being 0.
+    """Return Student's limits (R, 2) of the means of rows (R, N), and p (R,) of their being 0.
 
-    Parameters
-    ----------
-    values : (R, N) array
-        R rows of means or paired differences of N scenes.
-    shares : (R,) bool
-        Which are shares, whose limits lie between -1 and 1.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    limits, p_values : (R, 2) array, (R,) array
-        NaN of fewer than `FEWEST` scenes, of a failed one, and where all are alike.
+    Those of `shares` (R,) lie between -1 and 1. All are NaN of fewer than `FEWEST` scenes, of a
+    failed one, and where all are alike.
     """
-    from scipy.special import stdtr, stdtrit
-
     count = values.shape[1]
     usable = np.isfinite(values).all(axis=1) & (count >= FEWEST)
     known = np.where(usable[:, None], values, 0.0)
@@ -106,13 +71,13 @@ def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, F
     return limits, np.maximum(p_values, np.finfo(np.float64).tiny)
 
 
-def _mean(values: Floats, confidence: float, *, share: bool) -> Interval:
+def _mean(values: Floats, share: bool, resampling: ResamplingConfig) -> Interval:
     if share or not np.isfinite(values).all():
-        [limits], _ = student(values[None], np.array([True]), confidence)
+        [limits], _ = student(values[None], np.array([True]), resampling.confidence)
         return _interval(values, np.maximum(limits, 0.0), "student", "all scenes are")
     if values.min() <= 0:
         return Interval(None, None, "", "a distance of 0 has no logarithm")
-    return _interval(values, _lognormal(values, confidence), "lognormal", "all scenes are")
+    return _interval(values, _lognormal(values, resampling), "lognormal", "all scenes are")
 
 
 def _interval(values: Floats, limits: Floats, method: str, which: str) -> Interval:
@@ -123,14 +88,13 @@ def _interval(values: Floats, limits: Floats, method: str, which: str) -> Interv
     return Interval(float(limits[0]), float(limits[1]), method)
 
 
-def _lognormal(values: Floats, confidence: float) -> Floats:
-    from scipy.special import chdtri
-
+def _lognormal(values: Floats, resampling: ResamplingConfig) -> Floats:
+    """Take the limits (2,) of a log-normal mean by MOVER; an infinite one is not known."""
     count, logs = len(values), np.log(values)
     middle, half = logs.mean(), logs.var(ddof=1) / 2
-    [[_, highest]], _ = student(logs[None], np.array([False]), confidence)
-    tails = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
-    reaches = np.hypot(highest - middle, half * ((count - 1) / chdtri(count - 1, tails) - 1))
+    [[_, highest]], _ = student(logs[None], np.array([False]), resampling.confidence)
+    ratios = (count - 1) / chdtri(count - 1, resampling.tails)
+    reaches = np.hypot(highest - middle, half * (ratios - 1))
     with np.errstate(over="ignore"):
         low, high = np.exp(middle + half + np.array([-1, 1]) * reaches)
     return np.array([low, high if high <= _MOST * values.mean() else np.inf])

@@ -1,60 +1,39 @@
 """Intervals of mean shares, such as hit rates, that hold where all queries of a scene are alike.
 
 Resamples of a scene in which every query is a hit cannot differ, and so say that its rate is
-known. Here such a scene keeps the uncertainty of its size. One scene has Wilson's interval; the
-average over scenes is put together from the scenes' limits by MOVER, the method of variance
-estimates recovery (Zou and Donner 2008), with Jeffreys' limits, which cover better than Wilson's
-where many scenes are added (docs/statistics.md has the figures). `share_differences` has those of
-paired differences.
-
-References
-----------
-E. Wilson, Probable inference, the law of succession, and statistical inference, Journal of the
-American Statistical Association 22 (1927).
-G. Zou and A. Donner, Construction of confidence limits about effect measures: a general approach,
-Statistics in Medicine 27 (2008); for sums of rates G. Zou, W. Huang and X. Zhang, A note on
-confidence interval estimation for a linear function of binomial proportions, Computational
-Statistics and Data Analysis 53 (2009).
-L. Brown, T. Cai and A. DasGupta, Interval estimation for a binomial proportion, Statistical
-Science 16 (2001): Wilson's and Jeffreys' intervals.
-C. Franco, R. Little, T. Louis and E. Slud, Comparative study of confidence intervals for
-proportions in complex sample surveys, Journal of Survey Statistics and Methodology 7 (2019):
-effective sizes.
+known. Here such a scene keeps the uncertainty of its size. One scene has Wilson's interval (1927);
+the average over scenes is put together from the scenes' limits by MOVER, the method of variance
+estimates recovery (Zou and Donner 2008), with Jeffreys' limits (Brown, Cai and DasGupta 2001),
+which cover better than Wilson's where many scenes are added. A paired difference is the share won
+minus the share lost; where it has fractions, as of AP@5, it has Student's limits in each scene.
+Effective sizes are those of Franco, Little, Louis and Slud (2019); docs/statistics.md has figures
+of coverage, and the literature.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincinv, ndtri, stdtrit
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = [
-    "PRIOR",
-    "Rates",
-    "average_limits",
-    "jeffreys_limits",
-    "jeffreys_reaches",
-    "limits_of_rates",
-    "wilson_limits",
-]
+__all__ = ["Rates", "average_limits", "difference_limits", "limits_of_rates"]
 
-PRIOR = 0.5
-"""So many queries more at 0, and at 1, as Jeffreys' prior has it, steady the variance of AP."""
+_PRIOR = 0.5  # so many queries more at 0, and at 1, as Jeffreys' prior has it
+_ALIKE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Rates:
-    """Mean shares of a scene, as if they were hit rates.
+    """Mean shares (R,) of a scene, as if they were hit rates, with effective sizes (R,).
 
-    Attributes
-    ----------
-    means : (R,) array
-    sizes : (R,) array
-        Effective sizes: of how many hits and misses a rate would vary as much. For hits that is how
-        many queries there are; for shares that vary less, more.
+    Of so many hits and misses a rate would vary as much. For hits that is how many queries there
+    are; for shares that vary less, more.
     """
 
     means: Floats
@@ -62,51 +41,58 @@ class Rates:
 
     @classmethod
     def of(cls, values: Floats) -> Rates:
-        """Measure shares, (R, N) from 0 to 1; those that vary as much as hits count as hits.
-
-        Parameters
-        ----------
-        values : (R, N) array
-            Shares of N queries, 0 to 1.
-
-        Returns
-        -------
-        Rates
-            Of each of the R rows.
-        """
-        count = values.shape[1]
-        means = values.mean(axis=1)
-        ends = PRIOR * (means**2 + (1 - means) ** 2)
+        """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits."""
+        count, means = values.shape[1], values.mean(axis=1)
         squares = ((values - means[:, None]) ** 2).sum(axis=1)
-        sizes = count * means * (1 - means) * (count + 2 * PRIOR) / (squares + ends)
-        return cls(means, np.maximum(sizes, count))
+        return cls._steadied(count, means, count * means * (1 - means), squares)
+
+    @classmethod
+    def of_hits(cls, count: int) -> Rates:
+        """Return the rates of 0, 1, ..., `count` hits."""
+        means = np.arange(count + 1) / count
+        squares = count * means * (1 - means)
+        return cls._steadied(count, means, squares, squares)
 
     @property
     def spread(self) -> Floats:
         """Standard errors (R,)."""
         return np.asarray(np.sqrt(self.means * (1 - self.means) / self.sizes))
 
+    @classmethod
+    def _steadied(cls, count: int, means: Floats, most: Floats, squares: Floats) -> Rates:
+        """Take sizes from sums of squares, with the prior's queries added, beside those of hits."""
+        ends = _PRIOR * (means**2 + (1 - means) ** 2)
+        return cls(means, np.maximum(most * (count + 2 * _PRIOR) / (squares + ends), count))
 
-Limits = Callable[[Rates, float], Floats]
+
+@dataclass(frozen=True, eq=False)
+class Reaches:
+    """Rates (R,) with standard errors, and how far Jeffreys' limits lie below and above them."""
+
+    means: Floats
+    spread: Floats
+    down: Floats
+    up: Floats
+
+    @classmethod
+    def of(cls, rates: Rates, confidence: float) -> Reaches:
+        """Take Jeffreys' limits of rates."""
+        low, high = jeffreys_limits(rates, confidence).T
+        return cls(rates.means, rates.spread, rates.means - low, high - rates.means)
+
+    @classmethod
+    @lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
+    def of_hits(cls, count: int, confidence: float) -> Reaches:
+        """Take those of 0, 1, ..., `count` hits of so many queries."""
+        return cls.of(Rates.of_hits(count), confidence)
+
+    def at(self, places: NDArray[np.intp]) -> Reaches:
+        """Choose some rates."""
+        return Reaches(*(part[places] for part in (self.means, self.spread, self.down, self.up)))
 
 
 def wilson_limits(rates: Rates, confidence: float) -> Floats:
-    """Return Wilson's limits of rates, (R, 2).
-
-    Parameters
-    ----------
-    rates : Rates
-        R rates and their numbers of queries.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        Low and high, 0 to 1.
-    """
-    from scipy.special import ndtri
-
+    """Return Wilson's limits of rates, (R, 2)."""
     squared = float(ndtri((1 + confidence) / 2)) ** 2
     means, sizes = rates.means, rates.sizes
     centre = means + squared / (2 * sizes)
@@ -117,22 +103,7 @@ def wilson_limits(rates: Rates, confidence: float) -> Floats:
 
 
 def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
-    """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was.
-
-    Parameters
-    ----------
-    rates : Rates
-        R rates and their numbers of queries.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        Low and high, 0 to 1.
-    """
-    from scipy.special import betaincinv
-
+    """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was."""
     hits, misses = rates.means * rates.sizes, (1 - rates.means) * rates.sizes
     tails = (1 - confidence) / 2, (1 + confidence) / 2
     limits = [betaincinv(hits + 0.5, misses + 0.5, tail) for tail in tails]
@@ -145,60 +116,58 @@ def _around(limits: Floats, means: Floats) -> Floats:
 
 
 def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
-    """Take the intervals of mean shares, averaged over scenes without weights.
-
-    Parameters
-    ----------
-    scenes : sequence of (R, N) arrays
-        R shares, from 0 to 1, of the N queries of each scene.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        Wilson's limits of one scene, MOVER's of Jeffreys' limits of several.
-    """
+    """Take the intervals (R, 2) of mean shares, (R, N) of each scene, averaged without weights."""
     return limits_of_rates([Rates.of(values) for values in scenes], confidence)
 
 
 def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
-    """Take the intervals of rates, averaged over scenes without weights.
-
-    Parameters
-    ----------
-    rates : sequence of Rates
-        R rates of each scene.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    (R, 2) array
-        See `average_limits`.
-    """
+    """Take the intervals (R, 2) of averaged rates: Wilson's of one scene, MOVER's of several."""
     if len(rates) == 1:
         return wilson_limits(rates[0], confidence)
-    reaches = [jeffreys_reaches(rate, confidence) for rate in rates]
+    reaches = [Reaches.of(rate, confidence) for rate in rates]
     means = np.mean([rate.means for rate in rates], axis=0)
-    down, up = (np.sqrt(sum(reach[side] ** 2 for reach in reaches)) for side in (0, 1))
+    down = np.sqrt(sum(reach.down**2 for reach in reaches))
+    up = np.sqrt(sum(reach.up**2 for reach in reaches))
     return np.stack([means - down / len(rates), means + up / len(rates)], axis=1)
 
 
-def jeffreys_reaches(rates: Rates, confidence: float) -> tuple[Floats, Floats]:
-    """Return how far Jeffreys' limits lie from the rates.
+def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
+    """Take the intervals (R, 2) of paired differences, (R, N) of each scene, averaged over scenes.
 
-    Parameters
-    ----------
-    rates : Rates
-        R rates and their numbers of queries.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    tuple of (R,) arrays
-        Below, above.
+    Of hits, what is won and what is lost are two shares, whose covariance is known: a query cannot
+    be both. Graded shares, such as AP@5, have Student's limits in each scene, and those of hits
+    where all differences of a scene are alike. MOVER puts together the limits of all scenes.
     """
-    low, high = jeffreys_limits(rates, confidence).T
-    return rates.means - low, high - rates.means
+    means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
+    graded = np.any([(values != np.rint(values)).any(axis=1) for values in scenes], axis=0)
+    squares = np.zeros((2, len(means)))
+    for values in scenes:
+        count = values.shape[1]
+        student = stdtrit(count - 1, (1 + confidence) / 2) ** 2 * values.var(axis=1, ddof=1) / count
+        of_scene = np.stack([student, student])
+        as_hits = ~graded | (np.ptp(values, axis=1) <= _ALIKE)
+        if as_hits.any():
+            won, lost = (
+                Reaches.of(Rates.of(np.maximum(side, 0.0)), confidence)
+                for side in (values[as_hits], -values[as_hits])
+            )
+            of_scene[:, as_hits] = squares_of_hits(won, lost, count)
+        squares += of_scene
+    return put_together(means, squares, len(scenes))
+
+
+def squares_of_hits(won: Reaches, lost: Reaches, count: int) -> Floats:
+    """Return the squared reaches, down and up (2, R), of a scene's share won minus share lost."""
+    spread = won.spread * lost.spread * count
+    correlation = np.divide(
+        -won.means * lost.means, spread, out=np.zeros(len(won.means)), where=spread > 0
+    )
+    correlation = np.maximum(correlation, -1.0)
+    pairs = ((won.down, lost.up), (won.up, lost.down))
+    return np.stack([one**2 + other**2 - 2 * correlation * one * other for one, other in pairs])
+
+
+def put_together(means: Floats, squares: Floats, count: int) -> Floats:
+    """Put squared reaches (2, R), summed over `count` scenes, around mean differences, (R, 2)."""
+    down, up = np.sqrt(np.maximum(squares, 0.0)) / count
+    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)

@@ -8,46 +8,37 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtr
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.resampling import blocks, sign_flips, stream_key, weighted_averages
 from airzoo_bench.statistics.sample_intervals import sample_intervals
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample, difference, paired_difference
+from airzoo_bench.statistics.samples import (
+    TIE,
+    ResamplingConfig,
+    Sample,
+    difference,
+    paired_difference,
+)
 
-__all__ = [
-    "LEVEL",
-    "PairedTest",
-    "mcnemar",
-    "p_floor",
-    "paired_permutation",
-    "paired_tests",
-]
+__all__ = ["LEVEL", "PairedTest", "mcnemar", "p_floor", "paired_permutation", "paired_tests"]
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
 
-_SLACK = 1e-9  # as `paired_difference`: sums that are closer differ by the processor alone
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
-Flips = Callable[[int, int, int], NDArray[np.uint8]]
+_Flips = Callable[[int, int, int], NDArray[np.uint8]]
 """Group, first pattern, count of patterns -> (N, count): 0 where two values change places."""
 
 
 @dataclass(frozen=True)
 class PairedTest:
-    """A two-sided p-value.
+    """A two-sided p-value, above 0 and at most 1, and how it was found.
 
-    Attributes
-    ----------
-    p_value : float
-        Above 0, at most 1.
-    exact : bool
-        Whether every pattern was tried; else `patterns` random ones were.
-    patterns : int
-        Or resamples, or scenes; 0 where there was nothing to try, and p is 1.
-    kind : {"permutation", "bootstrap", "student"}
-        Bootstrap for medians, whose interval and p are of the same resamples; Student's t over
-        scenes, as their interval.
+    Exact is a test that tried every pattern; else `patterns` random ones were, or as many resamples
+    or scenes; 0 where there was nothing to try, and p is 1. Medians are tested by bootstrap, since
+    their interval is of the same resamples; scenes by Student's t, as their interval.
     """
 
     p_value: float
@@ -56,53 +47,60 @@ class PairedTest:
     kind: Literal["permutation", "bootstrap", "student"] = "permutation"
 
 
+def paired_tests(
+    sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]]
+) -> tuple[list[Interval], list[PairedTest]]:
+    """Take the interval of each pair's difference, and test whether it is 0.
+
+    Means by permutation, medians by the interval itself: p of a median is that of the bootstrap's
+    percentile interval, but never below what any test could find on as many units as differ. Where
+    scenes are the units p is that of the interval's t, and by permutation without an interval.
+    """
+    found = sample_intervals(sample, resampling, places, groups=False)
+    known = list(zip(places, found.p_values, strict=True))
+    means = [pair for pair, p_value in known if p_value is None and not sample.medians[pair[0]]]
+    permuted = iter(paired_permutation(sample, resampling, means))
+    tests = []
+    for pair, p_value in known:
+        if not sample.medians[pair[0]]:
+            units = sample.values[0].shape[1]
+            of_scenes = None if p_value is None else PairedTest(p_value, True, units, "student")
+            tests.append(of_scenes or next(permuted))
+        elif p_value is None:
+            tests.append(PairedTest(1.0, False, 0, "bootstrap"))
+        else:
+            unlike = sum(int((part != 0).sum()) for part in _differences(sample, np.array([pair])))
+            p_value = max(p_value, p_floor(unlike))
+            tests.append(PairedTest(p_value, False, resampling.resamples, "bootstrap"))
+    return found.overall[len(sample.medians) :], tests
+
+
 def paired_permutation(
     sample: Sample, resampling: ResamplingConfig, pairs: Sequence[tuple[int, int]]
 ) -> list[PairedTest]:
-    """Test whether two means differ: values change places, unit by unit.
+    """Test whether two means differ, for each pair: values change places, unit by unit.
 
     The statistic is the difference of the averages over groups. Where units are exchangeable
     between the two, each of the 2**k patterns of the k units that differ is as likely as the one
-    observed; p is the share of patterns that differ at least as much, either way. All are
-    tried where they are no more than `resampling.resamples`; else that many random ones are, the
-    same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0. Where
-    one side's average is infinite, patterns that make it so too are ordered by wins minus
-    losses. Of medians this would test whether units are exchangeable, which they are not where
-    one method's errors spread more: `paired_tests` takes theirs from the bootstrap.
-
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        Number of patterns that are tried, seed.
-    pairs : sequence of (int, int)
-        Of variables, both averaged in the same way.
-
-    Returns
-    -------
-    list of PairedTest
-        One for each of `pairs`.
+    observed; p is the share of patterns that differ at least as much, either way. All are tried
+    where they are no more than `resampling.resamples`; else that many random ones are, the same for
+    all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0. Where one
+    side's average is infinite, patterns that make it so too are ordered by wins minus losses. Of
+    medians this would test whether units are exchangeable, which they are not where one method's
+    errors spread more: `paired_tests` takes theirs from the bootstrap.
     """
-    tests: list[PairedTest | None] = [None] * len(pairs)
-    many = []
+    exact: dict[int, PairedTest] = {}
     for index, pair in enumerate(pairs):
         unlike = [part[0] != 0 for part in _differences(sample, np.array([pair]))]
-        bits = sum(int(mask.sum()) for mask in unlike)
-        if 2**bits > resampling.resamples:
-            many.append(index)
-        else:
-            extreme = _count_extreme(sample, [pair], 2**bits, _every_pattern(unlike))
-            tests[index] = PairedTest(int(extreme[0]) / 2**bits, True, 2**bits)
-    if many:
-        chosen = [pairs[index] for index in many]
-        counts = _count_extreme(
-            sample, chosen, resampling.resamples, _random_patterns(sample, resampling)
-        )
-        for index, extreme in zip(many, counts.tolist(), strict=True):
-            p_value = (extreme + 1) / (resampling.resamples + 1)
-            tests[index] = PairedTest(p_value, False, resampling.resamples)
-    return [test for test in tests if test is not None]
+        patterns = 2 ** sum(int(mask.sum()) for mask in unlike)
+        if patterns <= resampling.resamples:
+            [extreme] = _count_extreme(sample, [pair], patterns, _every_pattern(unlike))
+            exact[index] = PairedTest(int(extreme) / patterns, True, patterns)
+    many = [pair for index, pair in enumerate(pairs) if index not in exact]
+    count, flips = resampling.resamples, _random_patterns(sample, resampling.seed)
+    p_values = (_count_extreme(sample, many, count, flips) + 1) / (count + 1)
+    drawn = iter([PairedTest(p_value, False, count) for p_value in p_values.tolist()])
+    return [exact.get(index) or next(drawn) for index in range(len(pairs))]
 
 
 def _differences(sample: Sample, pairs: NDArray[np.intp]) -> list[Floats]:
@@ -110,7 +108,7 @@ def _differences(sample: Sample, pairs: NDArray[np.intp]) -> list[Floats]:
     return [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
 
 
-def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
+def _every_pattern(unlike: Sequence[Bools]) -> _Flips:
     """Count in binary: one digit for each unit that differs."""
     starts = np.cumsum([0, *(int(mask.sum()) for mask in unlike)])
 
@@ -123,8 +121,9 @@ def _every_pattern(unlike: Sequence[NDArray[np.bool_]]) -> Flips:
     return flips
 
 
-def _random_patterns(sample: Sample, resampling: ResamplingConfig) -> Flips:
-    keys = [stream_key(resampling.seed, "permutation", group) for group in sample.groups]
+def _random_patterns(sample: Sample, seed: int) -> _Flips:
+    """Toss coins by the seed and the group's name."""
+    keys = [stream_key(seed, "permutation", group) for group in sample.groups]
 
     def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
         return sign_flips(sample.values[group].shape[1], first, count, keys[group])
@@ -133,32 +132,28 @@ def _random_patterns(sample: Sample, resampling: ResamplingConfig) -> Flips:
 
 
 def _count_extreme(
-    sample: Sample, pairs: Sequence[tuple[int, int]], patterns: int, flips: Flips
+    sample: Sample, pairs: Sequence[tuple[int, int]], patterns: int, flips: _Flips
 ) -> NDArray[np.int64]:
     """Count, for each pair, the patterns that differ at least as much as what was observed."""
     chosen = np.array(pairs, np.intp).reshape(-1, 2)
-    finite = [np.isfinite(values).all(axis=1) for values in sample.values]
-    simple = ~sample.medians[chosen[:, 0]] & np.all(finite, axis=0)[chosen].all(axis=1)
+    finite = np.all([np.isfinite(values).all(axis=1) for values in sample.values], axis=0)
+    simple = ~sample.medians[chosen[:, 0]] & finite[chosen].all(axis=1)
     counts = np.zeros(len(chosen), np.int64)
     if simple.any():
-        counts[simple] = _by_signs(sample, chosen[simple], patterns, flips)
+        observed, found = _signed_means(_differences(sample, chosen[simple]), patterns, flips)
+        counts[simple] = (found >= observed[:, None]).sum(axis=1)
     if not simple.all():
         counts[~simple] = _by_swaps(sample, chosen[~simple], patterns, flips)
     return counts
 
 
-def _by_signs(
-    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
-) -> NDArray[np.int64]:
-    """For means: a change of places turns the sign of a unit's difference."""
-    observed, found = _signed_means(_differences(sample, pairs), patterns, flips)
-    return np.asarray((found >= observed[:, None]).sum(axis=1))
-
-
 def _signed_means(
-    differences: Sequence[Floats], patterns: int, flips: Flips
+    differences: Sequence[Floats], patterns: int, flips: _Flips
 ) -> tuple[Floats, Floats]:
-    """Sum the groups' means, up to the sign: as they are (C,), and by pattern (C, patterns)."""
+    """Sum the groups' means, up to the sign: as they are (C,), and by pattern (C, patterns).
+
+    A change of places turns the sign of a unit's difference.
+    """
     count = len(differences[0])
     observed, largest, found = np.zeros(count), np.zeros(count), np.zeros((count, patterns))
     for group, values in enumerate(differences):
@@ -168,16 +163,15 @@ def _signed_means(
         for first, size in blocks(units, patterns):
             kept = values @ flips(group, first, size).astype(np.float64)
             found[:, first : first + size] += (2 * kept - total[:, None]) / units
-    return np.abs(observed) - _SLACK * largest, np.abs(found)
+    return np.abs(observed) - TIE * largest, np.abs(found)
 
 
 def _by_swaps(
-    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
+    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: _Flips
 ) -> NDArray[np.int64]:
-    """For medians, and means with infinite values: average what each side then has."""
+    """Count for medians, and means with infinite values: average what each side then has."""
     medians = sample.medians[pairs[:, 0]]
-    sides = np.zeros((2, len(pairs), patterns))
-    before = np.zeros((2, len(pairs), 1))
+    sides, before = np.zeros((2, len(pairs), patterns)), np.zeros((2, len(pairs), 1))
     for group, values in enumerate(sample.values):
         pooled = np.concatenate([values[pairs[:, 0]], values[pairs[:, 1]]], axis=1)
         units = values.shape[1]
@@ -186,115 +180,31 @@ def _by_swaps(
             block = flips(group, first, count)
             sides[:, :, first : first + count] += _both_sides(pooled, medians, block)
     observed = np.abs(difference(before[0], before[1]))
-    extreme = np.abs(difference(sides[0], sides[1])) >= (1 - _SLACK) * observed
+    extreme = np.abs(difference(sides[0], sides[1])) >= (1 - TIE) * observed
     boundless = np.isinf(observed[:, 0])
-    if boundless.any():
-        extreme[boundless] &= _more_wins(sample, pairs[boundless], patterns, flips)
+    if boundless.any():  # these are all alike: wins minus losses order them
+        signs = [np.sign(part) for part in _differences(sample, pairs[boundless])]
+        ahead, found = _signed_means(signs, patterns, flips)
+        extreme[boundless] &= found >= ahead[:, None]
     return np.asarray(extreme.sum(axis=1))
 
 
-def _more_wins(
-    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: Flips
-) -> NDArray[np.bool_]:
-    """Order infinite differences, which are all alike, by wins minus losses."""
-    signs = [np.sign(part) for part in _differences(sample, pairs)]
-    observed, found = _signed_means(signs, patterns, flips)
-    return np.asarray(found >= observed[:, None])
-
-
-def _both_sides(pooled: Floats, medians: NDArray[np.bool_], kept: NDArray[np.uint8]) -> Floats:
+def _both_sides(pooled: Floats, medians: Bools, kept: NDArray[np.uint8]) -> Floats:
     first = np.concatenate([kept, 1 - kept])
     return np.stack([weighted_averages(pooled, medians, side) for side in (first, 1 - first)])
 
 
 def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have, on as many units as differ.
-
-    Parameters
-    ----------
-    unlike : int
-        Units whose values differ.
-
-    Returns
-    -------
-    float
-        2 / 2**unlike, at most 1.
-    """
+    """Return the least p that any values could have, on as many units as differ."""
     return min(1.0, 2.0 ** (1 - unlike))
 
 
 def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
-    """Test hits of two methods by McNemar's exact test, two-sided.
+    """Return two-sided p of McNemar's exact test of hits (1947), the sign test.
 
-    Parameters
-    ----------
-    wins, losses : (...) int64
-        Units that only the first, and only the second method answers.
-
-    Returns
-    -------
-    (...) array
-        p-values: a fair coin for each unit on which the two differ.
-
-    References
-    ----------
-    Q. McNemar, Note on the sampling error of the difference between correlated proportions,
-    Psychometrika 12 (1947); its exact form is the sign test.
+    A fair coin for each unit that only the first (`wins`), or only the second method answers.
     """
-    from scipy.special import bdtr
-
     fewer = np.minimum(wins, losses)
     # A multiple of a power of 2, which `bdtr` misses by a hair: 0.34375 shall not print as 0.3437.
     digits, power = np.frexp(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))
     return np.asarray(np.ldexp(np.rint(digits * _P_STEPS) / _P_STEPS, power))
-
-
-def paired_tests(
-    sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]]
-) -> tuple[list[Interval], list[PairedTest]]:
-    """Take the interval of paired differences, and test whether they are 0.
-
-    Means by permutation, medians by the interval itself: p of a median is that of the bootstrap's
-    percentile interval, but never below what any test could find on as many units as differ. Where
-    scenes are the units p is that of the interval's t, and by permutation without an interval.
-
-    Parameters
-    ----------
-    sample : Sample
-        Values are finite or +inf.
-    resampling : ResamplingConfig
-        How intervals and tests are made.
-    places : sequence of (int, int)
-        Of variables, both averaged in the same way.
-
-    Returns
-    -------
-    intervals, tests : list of Interval, list of PairedTest
-        One each for every pair of `places`.
-    """
-    found = sample_intervals(sample, resampling, places, groups=False)
-    by_median = [bool(sample.medians[one]) for one, _ in places]
-    known = list(zip(places, by_median, found.p_values, strict=True))
-    means = [place for place, median, p_value in known if p_value is None and not median]
-    permuted = iter(paired_permutation(sample, resampling, means))
-    tests = [
-        _test_of_medians(sample, place, p_value, resampling)
-        if median
-        else next(permuted)
-        if p_value is None
-        else PairedTest(p_value, True, sample.values[0].shape[1], "student")
-        for place, median, p_value in known
-    ]
-    return found.overall[len(sample.medians) :], tests
-
-
-def _test_of_medians(
-    sample: Sample, place: tuple[int, int], p_value: float | None, resampling: ResamplingConfig
-) -> PairedTest:
-    if p_value is None:
-        return PairedTest(1.0, exact=False, patterns=0, kind="bootstrap")
-    unlike = sum(int((part != 0).sum()) for part in _differences(sample, np.array([place])))
-    least = p_floor(unlike)
-    return PairedTest(
-        max(p_value, least), exact=False, patterns=resampling.resamples, kind="bootstrap"
-    )

@@ -32,9 +32,8 @@ FORMULAS = [
     *("retrieval.metrics", "retrieval.distance_metrics", "matching.metrics"),
     *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
     *(
-        f"{room}.{path.stem}"
-        for room in ("statistics", "geometry")
-        for path in sorted((ROOT / room).glob("[a-z]*.py"))
+        f"geometry.{path.stem}"
+        for path in sorted((ROOT / "geometry").glob("[a-z]*.py"))
         if path.stem not in OF_FILES
     ),
 ]

@@ -16,8 +16,7 @@ from airzoo_bench.statistics.pair_tests import pair_p_values
 from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.share_differences import difference_limits
-from airzoo_bench.statistics.shares import average_limits
+from airzoo_bench.statistics.shares import average_limits, difference_limits
 
 Scenes = Sequence[tuple[int, float]]
 

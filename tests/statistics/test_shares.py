@@ -12,10 +12,10 @@ from scipy import stats
 from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.share_differences import difference_limits
 from airzoo_bench.statistics.shares import (
     Rates,
     average_limits,
+    difference_limits,
     jeffreys_limits,
     wilson_limits,
 )
