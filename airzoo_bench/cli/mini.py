@@ -76,11 +76,14 @@ def render(
     from functools import partial
 
     from airzoo_bench.core.places import data_root
-    from airzoo_bench.datasets.mini.export.frame_list import FrameList
-    from airzoo_bench.datasets.mini.export.frames import render_frames
-    from airzoo_bench.datasets.mini.flights.keyframes import key_frames
-    from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-    from airzoo_bench.datasets.mini.flights.trajectory import Airspace, trajectory_poses
+    from airzoo_bench.datasets.mini.flights import (
+        Airspace,
+        barrel_roll,
+        key_frames,
+        survey,
+        trajectory_poses,
+    )
+    from airzoo_bench.datasets.mini.frames import FrameList, render_frames
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.rendering.renderer import default_camera
     from airzoo_bench.datasets.mini.world.model import REGIONS

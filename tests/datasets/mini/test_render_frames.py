@@ -15,8 +15,8 @@ import rasterio
 from PIL import Image
 
 from airzoo_bench.core.errors import CameraError, UsageError
-from airzoo_bench.datasets.mini.export.frame_list import FrameList
-from airzoo_bench.datasets.mini.export.frames import (
+from airzoo_bench.datasets.mini.frames import (
+    FrameList,
     RenderCounts,
     frame_paths,
     read_depth,

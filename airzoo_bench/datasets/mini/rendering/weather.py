@@ -15,17 +15,6 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Light
 
-__all__ = [
-    "TIMES",
-    "WEATHERS",
-    "Conditions",
-    "column",
-    "conditions",
-    "haze",
-    "sky_colour",
-    "sky_with_clouds",
-]
-
 Weather = Literal["sunny", "cloudy", "rainy", "foggy", "snowy"]
 Time = Literal["day", "sunset", "night"]
 Falling = Literal["nothing", "rain", "snow"]
