@@ -13,23 +13,19 @@ import csv
 import hashlib
 import io
 import json
-import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from airzoo_bench.core.errors import UsageError, first_of
 from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import (
     RENDERER_VERSION,
@@ -60,8 +56,7 @@ class FrameList:
     Raises
     ------
     UsageError
-        Fields of other lengths, names that are there twice or cannot be names of files, an
-        unknown weather or time of day, photos that would not fit memory.
+        An unknown weather or time of day, or photos that would not fit memory.
     """
 
     names: tuple[str, ...]  # each once; they become names of files
@@ -72,18 +67,6 @@ class FrameList:
     seed: int = 0  # of the noise, together with each frame's name
 
     def __post_init__(self) -> None:
-        count = len(self.names)
-        if {len(self.poses), len(self.weather), len(self.time_of_day)} != {count}:
-            raise UsageError("lists of frames differ in length", expected=f"{count} of each")
-        twice = [name for name, found in Counter(self.names).items() if found > 1]
-        if twice:
-            raise UsageError(f"names of frames are there twice: {first_of(twice)}")
-        unsafe = [name for name in self.names if not re.fullmatch(SAFE_NAME, name)]
-        if unsafe:
-            raise UsageError(
-                f"names of frames cannot be names of files: {first_of(unsafe, count)}",
-                expected="letters, digits, dots, hyphens and underscores, at most 64",
-            )
         for pair in sorted(set(zip(self.weather, self.time_of_day, strict=True))):
             conditions(*pair)
         check_size(self.camera)
@@ -167,8 +150,7 @@ _PREDICTOR_TAG = 317
 _FLOATING_POINT = 3
 
 
-@dataclass(frozen=True)
-class RenderCounts:
+class RenderCounts(NamedTuple):
     """How many frames were rendered, and how many were there already."""
 
     rendered: int
@@ -191,7 +173,7 @@ def render_frames(
     tables = {f"colmap/{name}": text for name, text in model.items()}
     tables["frames.csv"] = frames_csv(frames)
     _remove_stale(folder, tables)
-    todo = [job for job in _jobs(frames, source.key) if not job.is_done(folder)]
+    todo = [job for job in _jobs(frames, source.key) if not _is_done(folder, job)]
     if engine.distributed:
         del world  # each process has its own
     try:
@@ -231,21 +213,12 @@ class _Source:
     load: Callable[[], World] = field(compare=False)
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
+class _Job(NamedTuple):
     """A frame to be rendered, with the fingerprint of what it is made from."""
 
     name: str
-    camera: Cameras
-    pose: Poses
-    weather: str
-    time_of_day: str
-    seed: int
+    view: tuple[Cameras, Poses, str, str, int]  # what `Renderer.render` takes
     made_from: str
-
-    def is_done(self, folder: Path) -> bool:
-        """Say whether both files are there, whole, and made from the same as now."""
-        return all(_mark(path) == self.made_from for path in frame_paths(folder, self.name))
 
 
 def _jobs(frames: FrameList, world: str) -> list[_Job]:
@@ -263,15 +236,19 @@ def _jobs(frames: FrameList, world: str) -> list[_Job]:
             "conditions": list(given),
             "seed": seed,
         }
-        pose = poses.take(number)
-        jobs.append(_Job(name, camera, pose, *given, seed, fingerprint(made_from)))
+        view = (camera, poses.take(number), *given, seed)
+        jobs.append(_Job(name, view, fingerprint(made_from)))
     return jobs
+
+
+def _is_done(folder: Path, job: _Job) -> bool:
+    """Return whether both files are there, whole, and made from the same as now."""
+    return all(_mark(path) == job.made_from for path in frame_paths(folder, job.name))
 
 
 def _render_job(shared: tuple[_Source, Path], job: _Job) -> None:
     source, folder = shared
-    frame = _renderer(source).render(job.camera, job.pose, job.weather, job.time_of_day, job.seed)
-    _write_frame(folder, job.name, frame, job.made_from)
+    _write_frame(folder, job.name, _renderer(source).render(*job.view), job.made_from)
 
 
 @lru_cache(maxsize=1)
