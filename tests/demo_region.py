@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.folder import write_benchmark
-from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
-from airzoo_bench.datasets.mini.export.frames import render_frames
+from airzoo_bench.datasets.mini.frames import IMAGE_SUFFIX, FrameList, render_frames
 from airzoo_bench.datasets.mini.prepare import SURVEY, Photos, mini_photos, seen_surface
 from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera

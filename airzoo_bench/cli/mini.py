@@ -76,11 +76,8 @@ def render(
     from functools import partial
 
     from airzoo_bench.core.places import data_root
-    from airzoo_bench.datasets.mini.export.frame_list import FrameList
-    from airzoo_bench.datasets.mini.export.frames import render_frames
-    from airzoo_bench.datasets.mini.flights.keyframes import key_frames
-    from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-    from airzoo_bench.datasets.mini.flights.trajectory import Airspace, trajectory_poses
+    from airzoo_bench.datasets.mini import flights
+    from airzoo_bench.datasets.mini.frames import FrameList, render_frames
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.rendering.renderer import default_camera
     from airzoo_bench.datasets.mini.world.model import REGIONS
@@ -89,13 +86,14 @@ def render(
 
     (folder,) = make_worlds([REGIONS[region]], data_root(), seed, progress=progress, note=say)
     camera = default_camera()
-    airspace = Airspace.over(REGIONS[region], load_world(folder).dsm)
-    flown = survey(airspace) if flight is _Flight.SURVEY else barrel_roll(airspace, seed)
-    flown = flown.take(key_frames(flown, camera, airspace.ground_m, overlap))
+    airspace = flights.Airspace.over(REGIONS[region], load_world(folder).dsm)
+    orbits = flight is _Flight.BARREL_ROLL
+    flown = flights.barrel_roll(airspace, seed) if orbits else flights.survey(airspace)
+    flown = flown.take(flights.key_frames(flown, camera, airspace.ground_m, overlap))
     frames = FrameList(
         names=flown.names,
         camera=camera,
-        poses=trajectory_poses(flown),
+        poses=flights.trajectory_poses(flown),
         weather=(weather,) * len(flown),
         time_of_day=(time_of_day,) * len(flown),
         seed=seed,

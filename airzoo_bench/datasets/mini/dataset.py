@@ -67,7 +67,7 @@ class AirZooMini(Dataset[MiniOptions]):
 
 def _key_of(file: Path, seed: int) -> int:
     from airzoo_bench.core.files import read_text
-    from airzoo_bench.datasets.mini.keys import keyed
+    from airzoo_bench.datasets.mini.noise import keyed
 
     if seed:
         raise UsageError("--seed and --key-file are both given", fix="leave one of them out")

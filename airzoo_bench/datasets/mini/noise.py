@@ -20,32 +20,46 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.keys import derived, is_keyed, word_of
-
-__all__ = [
-    "GOLDEN",
-    "Dice",
-    "Singles",
-    "Textures",
-    "direction",
-    "floor_log2",
-    "gaussians",
-    "hash64",
-    "hash_of",
-    "mixed",
-    "octaves",
-    "seed_of",
-    "textures",
-    "uniforms",
-    "volume_noise",
-]
-
 T = TypeVar("T")
 Singles = NDArray[np.float32]
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _MASK = (1 << 64) - 1
 _STREAM = 77
+_VOLUME_SIDE = 64
+_KEYED = 1 << 128
+
+
+def keyed(key: bytes) -> int:
+    """Return the seed of a sealed edition, of a key of 16 bytes."""
+    return _KEYED | int.from_bytes(key, "big")
+
+
+def is_keyed(seed: int) -> bool:
+    """Tell whether a seed is a key."""
+    return seed >= _KEYED
+
+
+def derived(seed: int, purpose: str) -> int:
+    """Return a key of its own for a purpose, which does not lead back; a seed stays as it is."""
+    return _KEYED | int.from_bytes(_digest(seed, purpose, 16), "big") if is_keyed(seed) else seed
+
+
+def words(seed: int, count: int) -> NDArray[np.uint64]:
+    """Return numbers of 64 bits, the same whatever the version of NumPy."""
+    if not is_keyed(seed):
+        return np.random.PCG64(seed).random_raw(count)
+    return np.array([word_of(seed, number) for number in range(count)], np.uint64)
+
+
+def word_of(seed: int, *keys: int) -> int:
+    """Return 64 bits for a few numbers under a key."""
+    return int.from_bytes(_digest(seed, ",".join(map(str, keys)), 8), "little")
+
+
+def _digest(seed: int, text: str, size: int) -> bytes:
+    key = seed.to_bytes(17, "big")
+    return hashlib.blake2b(text.encode(), digest_size=size, key=key).digest()
 
 
 def mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
@@ -173,9 +187,6 @@ def textures(seed: int, size: int) -> Textures:
     return Textures(
         *((octaves(seed, stream, size, c) >> 4).astype(np.int16) for stream, c in streams.items())
     )
-
-
-_VOLUME_SIDE = 64
 
 
 def seed_of(*parts: object) -> int:

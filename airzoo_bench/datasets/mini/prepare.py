@@ -22,13 +22,22 @@ from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.progress import Progress, shown, silent
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import write_benchmark
-from airzoo_bench.datasets.mini.export.frame_list import IMAGE_SUFFIX, FrameList
-from airzoo_bench.datasets.mini.export.frames import frame_paths, read_depth, render_frames
-from airzoo_bench.datasets.mini.flights.keyframes import key_frames
-from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-from airzoo_bench.datasets.mini.flights.trajectory import Airspace, Trajectory, trajectory_poses
-from airzoo_bench.datasets.mini.keys import derived, is_keyed, words
-from airzoo_bench.datasets.mini.noise import seed_of
+from airzoo_bench.datasets.mini.flights import (
+    Airspace,
+    Trajectory,
+    barrel_roll,
+    key_frames,
+    survey,
+    trajectory_poses,
+)
+from airzoo_bench.datasets.mini.frames import (
+    IMAGE_SUFFIX,
+    FrameList,
+    frame_paths,
+    read_depth,
+    render_frames,
+)
+from airzoo_bench.datasets.mini.noise import derived, is_keyed, seed_of, words
 from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS

@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, fi
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.mini.export.frame_list import ECEF_COLUMNS, PLACE_COLUMNS
+from airzoo_bench.datasets.mini.frames import ECEF_COLUMNS, PLACE_COLUMNS
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table
 from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred

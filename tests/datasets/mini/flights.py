@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from pyproj import Transformer
 
-from airzoo_bench.datasets.mini.flights.trajectory import (
+from airzoo_bench.datasets.mini.flights import (
     Trajectory,
 )
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS

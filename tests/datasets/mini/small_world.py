@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.raycast import Raycaster
+from airzoo_bench.datasets.mini.rendering.renderer import Raycaster
 from airzoo_bench.datasets.mini.world.model import (
     SURVEY_SUN,
     Buildings,

@@ -12,13 +12,15 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.dataset import MiniOptions
-from airzoo_bench.datasets.mini.keys import derived, keyed, words
 from airzoo_bench.datasets.mini.noise import (
     GOLDEN,
     Dice,
+    derived,
     hash64,
     hash_of,
+    keyed,
     seed_of,
+    words,
 )
 from airzoo_bench.datasets.mini.prepare import (
     Photos,

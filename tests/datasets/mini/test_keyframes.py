@@ -9,9 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.flights.keyframes import footprints, key_frames, overlaps
-from airzoo_bench.datasets.mini.flights.patterns import barrel_roll, survey
-from airzoo_bench.datasets.mini.flights.trajectory import Airspace, Trajectory, trajectory_poses
+from airzoo_bench.datasets.mini.flights import (
+    Airspace,
+    Trajectory,
+    barrel_roll,
+    footprints,
+    key_frames,
+    overlaps,
+    survey,
+    trajectory_poses,
+)
 from airzoo_bench.datasets.mini.world.model import REGIONS
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera

@@ -15,8 +15,8 @@ import rasterio
 from PIL import Image
 
 from airzoo_bench.core.errors import CameraError, UsageError
-from airzoo_bench.datasets.mini.export.frame_list import FrameList
-from airzoo_bench.datasets.mini.export.frames import (
+from airzoo_bench.datasets.mini.frames import (
+    FrameList,
     RenderCounts,
     frame_paths,
     read_depth,
@@ -254,12 +254,6 @@ def test_tables_of_other_frames_do_not_outlive_them(tmp_path: Path) -> None:
 
 def test_lists_that_cannot_be_rendered() -> None:
     frames = frame_list()
-    with pytest.raises(UsageError, match="twice: 1 \\(f001\\)"):
-        replace(frames, names=("f000", "f001", "f001", "f003"))
-    with pytest.raises(UsageError, match=r"names of files: 1 of 4 \(\.\./f\)"):
-        replace(frames, names=("f000", "../f", "f002", "f003"))
-    with pytest.raises(UsageError, match="differ in length"):
-        replace(frames, names=frames.names[:3])
     with pytest.raises(UsageError, match="unknown weather 'hail'"):
         replace(frames, weather=("sunny", "hail", "sunny", "sunny"))
     with pytest.raises(UsageError, match="would not fit memory"):

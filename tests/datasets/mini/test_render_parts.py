@@ -16,9 +16,14 @@ from airzoo_bench.datasets.mini.noise import (
     uniforms,
     volume_noise,
 )
-from airzoo_bench.datasets.mini.rendering.facades import Facades, Wall
-from airzoo_bench.datasets.mini.rendering.raycast import Points, Raycaster
-from airzoo_bench.datasets.mini.rendering.textures import Texture, surroundings
+from airzoo_bench.datasets.mini.rendering.renderer import Raycaster
+from airzoo_bench.datasets.mini.rendering.surfaces import (
+    Facades,
+    Points,
+    Texture,
+    Wall,
+    surroundings,
+)
 from tests.datasets.mini.small_world import BLOCK, SIDE_M, small_mesh, small_world
 
 Single = np.float32

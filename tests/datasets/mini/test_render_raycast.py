@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.datasets.mini.rendering.raycast import MISSED, Raycaster
+from airzoo_bench.datasets.mini.rendering.renderer import MISSED, Raycaster
 from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Material, Mesh
 from tests.datasets.mini.small_world import BLOCK, GROUND_M, RIDGE_M, small_mesh
 

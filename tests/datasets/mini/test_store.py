@@ -215,22 +215,6 @@ def test_a_cache_that_cannot_be_written_is_found_before_the_work(tmp_path: Path)
     assert not builder.built
 
 
-def test_a_sound_world_is_loaded_from_a_cache_that_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    builder = Builder()
-    builder.cached(tmp_path)
-
-    def refuse(**_: object) -> None:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr(store.tempfile, "TemporaryFile", refuse)
-    assert same(builder.cached(tmp_path), made_world())
-    flip(world_folder(tmp_path, REGION, 7) / "dom.tif")
-    with pytest.raises(UsageError, match=r"(?s)Permission denied.*AIRZOO_BENCH_DATA"):
-        builder.cached(tmp_path)
-
-
 @pytest.mark.parametrize("written", [0, 3, 12])
 def test_a_full_disk_leaves_nothing_half_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int
@@ -275,7 +259,7 @@ def test_an_interrupt_leaves_nothing_half_made(
     def interrupted(folder: Path, *_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(store, "_write_index", interrupted)
+    monkeypatch.setattr(store, "write_raster", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save_world(tmp_path / "worlds" / "w", made_world())
     assert not list((tmp_path / "worlds").iterdir())

@@ -12,11 +12,11 @@ from shapely import Polygon, STRtree
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.datasets.mini.world.build import build_world, digest
-from airzoo_bench.datasets.mini.world.city_plan import city_plan
+from airzoo_bench.datasets.mini.world.city import city_plan
 from airzoo_bench.datasets.mini.world.meshes import building_mesh
 from airzoo_bench.datasets.mini.world.model import REGIONS, SURVEY_SUN, Material, Mesh, World
 from airzoo_bench.datasets.mini.world.plan import Plan
-from airzoo_bench.datasets.mini.world.rural_plan import rural_plan
+from airzoo_bench.datasets.mini.world.rural import rural_plan
 
 PLANNED = pytest.mark.parametrize("region", sorted(REGIONS))
 # The other takes as long again.

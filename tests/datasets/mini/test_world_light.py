@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.datasets.mini.noise import Dice, direction, hash_of, value_noise
-from airzoo_bench.datasets.mini.world.build import lit, resampled, sunlit
+from airzoo_bench.datasets.mini.world.build import resampled
 from airzoo_bench.datasets.mini.world.model import OLDER_SUN, SURVEY_SUN, Light
 from airzoo_bench.datasets.mini.world.shapes import (
     Frame,
@@ -16,6 +16,7 @@ from airzoo_bench.datasets.mini.world.shapes import (
     Stroke,
     line_height,
 )
+from airzoo_bench.datasets.mini.world.surface import lit, sunlit
 
 NOON_SOUTH = Light((0.0, -0.6, 0.8), (0.5, 0.5, 0.5), (0.25, 0.25, 0.25))
 

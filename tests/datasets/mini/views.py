@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.flights.trajectory import Trajectory
+from airzoo_bench.datasets.mini.flights import Trajectory
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.world.model import CRS
 from airzoo_bench.geometry.arrays import Floats

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from airzoo_bench.datasets.mini.export.frame_list import FrameList, frames_csv
+from airzoo_bench.datasets.mini.frames import FrameList, frames_csv
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses

@@ -1,14 +1,20 @@
-"""Photos of a world with the depth of every pixel."""
+"""Photos of a world with the depth of every pixel.
+
+Embree, by Open3D, finds the triangle that a ray meets, in single precision. The distance is then
+that to the triangle's plane in double precision: exact for the ray as given, and the same wherever
+Embree's own rounding would have put it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.rendering.scene import Rays, Scene
+from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.datasets.mini.noise import Singles, hash64, uniforms
 from airzoo_bench.datasets.mini.rendering.sensor import (
     BLOCK_PIXELS,
     from_stored,
@@ -16,34 +22,43 @@ from airzoo_bench.datasets.mini.rendering.sensor import (
     take_photo,
     to_stored,
 )
-from airzoo_bench.datasets.mini.rendering.weather import Conditions, conditions
+from airzoo_bench.datasets.mini.rendering.shading import Shader
+from airzoo_bench.datasets.mini.rendering.surfaces import Points, dot
+from airzoo_bench.datasets.mini.rendering.weather import (
+    Conditions,
+    column,
+    conditions,
+    haze,
+    sky_with_clouds,
+)
 from airzoo_bench.datasets.mini.world.model import Material, Mesh, World
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["RENDERER_VERSION", "Frame", "Renderer", "check_size", "default_camera"]
+_Indices = NDArray[np.int64]
 
 RENDERER_VERSION = 2
 """To be raised with every change that changes photos, so that older ones are rendered again."""
+MISSED = -1
 
+# A ray that grazes a triangle within Embree's rounding of its edge may meet the plane far off the
+# triangle; beyond this (m, and share of the distance) Embree's own distance is the better one.
+_TRUST_M, _TRUST_SHARE = 0.02, 1e-4
+# How far shadow rays start above their surface: above single precision at 1.5 km (0.1 mm).
+_LIFT_M = 0.02
 # The largest photo; rendering it takes some 1.8 GB.
 _MOST_PIXELS = 64_000_000
-
 # Rays through the pixels are kept from one frame to the next where they are no more than this.
 _KEPT_RAYS = 1 << 21
-
 # A pixel next to another surface is its centre and, by a third, what lies a third of a pixel
 # towards that surface: the mean of three rays in a row, the one away from the edge being taken to
 # see what the centre sees.
 _THIRD = 1 / 3
-
-_LAND = (Material.GROUND, Material.APRON)
-_BUILT = (Material.ROOF, Material.WALL)
+_DITHER_SEED = 0xD17
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(NamedTuple):
     """A photo and what it is of."""
 
     rgb: NDArray[np.uint8]  # (H, W, 3)
@@ -71,12 +86,105 @@ def check_size(camera: Cameras) -> tuple[int, int]:
     return width, height
 
 
+class Raycaster:
+    """A mesh that rays can be cast at, on one thread (frames are spread over processes).
+
+    Attributes
+    ----------
+    normal : (3, T) float64
+        Of the mesh's triangles, unit; 0 where a triangle has no area.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        open3d = load_open3d()
+        self._tensor: Any = open3d.core.Tensor.from_numpy
+        self._scene: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene.add_triangles(
+            self._tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
+            self._tensor(np.ascontiguousarray(mesh.triangles, np.uint32)),
+        )
+        a, b, c = (mesh.vertices[mesh.triangles[:, corner]] for corner in range(3))
+        normal = np.cross(b - a, c - a)
+        length = np.sqrt((normal * normal).sum(axis=1))
+        unit = normal / np.where(length > 0.0, length, 1.0)[:, None]
+        self.normal = np.ascontiguousarray(unit.T)
+        # Of three corners each has its own rounding; their middle keeps the plane from tilting.
+        self._offset = (unit * (a + b + c)).sum(axis=1) / 3.0
+
+    def trace(self, origin: Floats, directions: Floats) -> tuple[_Indices, Floats]:
+        """Cast rays from one point (3,), or each from its own (3, N), in directions (3, N)."""
+        rays = np.empty((directions.shape[1], 6), np.float32)
+        rays[:, :3] = origin.T
+        # Embree does not say what a NaN does; any ray will do, its answer is not used.
+        rays[:, 3:] = np.nan_to_num(directions, nan=1.0).T
+        answer = self._scene.cast_rays(self._tensor(rays), nthreads=1)
+        triangle = answer["primitive_ids"].numpy().astype(np.int64)
+        missed = (triangle >= len(self._offset)) | np.isnan(directions[0])
+        triangle[missed] = MISSED
+        rough = answer["t_hit"].numpy().astype(np.float64)
+        slope, height = np.zeros(len(triangle)), self._offset.take(triangle)
+        for axis in range(3):
+            component = self.normal[axis].take(triangle)
+            slope += component * directions[axis]
+            height -= component * origin[axis]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance: Floats = height / slope
+            off = ~(np.abs(distance - rough) <= _TRUST_M + _TRUST_SHARE * rough)
+        np.copyto(distance, rough, where=off)
+        distance[missed] = 0.0
+        return triangle, distance
+
+    def occluded(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
+        """Say from which points (3, N), lifted off their surface, something stands in the way."""
+        rays = np.empty((points.shape[1], 6), np.float32)
+        np.add(points, normals * _LIFT_M, out=rays[:, :3].T, casting="same_kind")
+        rays[:, 3:] = direction
+        blocked: Bools = self._scene.test_occlusions(self._tensor(rays), nthreads=1).numpy()
+        return blocked
+
+
+class _Rays(NamedTuple):
+    """N rays of one camera."""
+
+    origin: Floats  # (3,): the camera's centre in the world's local frame
+    # (3, N): as long as makes their z in the camera 1; NaN where the lens has no ray
+    directions: Floats
+    pixel: _Indices  # (N,): number of the pixel
+    pixel_angle: float  # size of a pixel at distance 1
+
+    def take(self, index: _Indices) -> _Rays:
+        directions = self.directions.take(index, axis=1)
+        return _Rays(self.origin, directions, self.pixel.take(index), self.pixel_angle)
+
+
+class _View(NamedTuple):
+    """A camera at its place in the world's local frame."""
+
+    camera: Cameras
+    centre: Floats
+    rotation: Floats
+
+    def rays(self, xy: Floats, pixel: _Indices) -> _Rays:
+        """Return rays along (x, y, 1) of the camera, of pixels by number."""
+        directions = np.empty((3, xy.shape[1]))
+        for axis in range(3):
+            right, down, forward = self.rotation[:, axis]
+            np.multiply(xy[0], right, out=directions[axis])
+            directions[axis] += xy[1] * down
+            directions[axis] += forward
+        return _Rays(self.centre, directions, pixel, 1.0 / float(self.camera.focal[0].mean()))
+
+
 class Renderer:
     """Takes photos of a world, one at a time on one thread."""
 
     def __init__(self, world: World) -> None:
-        self._scene = Scene(world)
-        self._keys = _surface_keys(world.mesh, self._scene.normal)
+        self._mesh = world.mesh
+        self._caster = Raycaster(world.mesh)
+        self._shader = Shader(world, self._caster.normal)
+        self._keys = _surface_keys(world.mesh, self._caster.normal)
+        border = [world.dsm[0], world.dsm[-1], world.dsm[:, 0], world.dsm[:, -1]]
+        self._far_level_m = float(np.median(np.concatenate(border)))
         self._corner = np.array([world.region.west, world.region.south, 0.0])
         self._kept: tuple[bytes, Floats] | None = None
 
@@ -87,43 +195,20 @@ class Renderer:
             raise UsageError(f"{len(camera)} cameras and {len(pose)} poses", expected="one of each")
         width, height = check_size(camera)
         view = _View(camera, pose.centres[0] - self._corner, pose.rotation[0])
-        light, depth = self._shoot(view, width, height, given)
-        return Frame(take_photo(light, view.rotation, given, seed), depth)
-
-    def _shoot(
-        self, view: _View, width: int, height: int, given: Conditions
-    ) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
         light = np.empty((3, height, width), np.uint16)
         depth = np.empty((height, width), np.float32)
         triangle = np.empty((height, width), np.int32)
         for rows in row_blocks(width, height):
             pixel = np.arange(rows.start * width, rows.stop * width)
-            rays = view.rays(self._through_pixels(view.camera, pixel), pixel)
-            seen, far, what = self._scene.look(rays, given)
+            rays = view.rays(self._through_pixels(camera, pixel), pixel)
+            seen, far, what = self._look(rays, given)
             light[:, rows] = to_stored(seen).reshape(3, -1, width)
             depth[rows] = far.reshape(-1, width)
             triangle[rows] = what.reshape(-1, width)
-        self._smooth(light.reshape(3, -1), *edge_pixels(triangle, self._keys), view, given)
-        return light, depth
+        self._smooth_edges(light.reshape(3, -1), triangle, view, given)
+        return Frame(take_photo(light, view.rotation, given, seed), depth)
 
-    def _smooth(
-        self,
-        light: NDArray[np.uint16],
-        edge: NDArray[np.int64],
-        towards: Floats,
-        view: _View,
-        given: Conditions,
-    ) -> None:
-        """Blend pixels where surfaces meet with the other surface, as far as it reaches in."""
-        for start in range(0, len(edge), BLOCK_PIXELS):
-            part = slice(start, start + BLOCK_PIXELS)
-            pixel = edge[part]
-            rays = view.rays(_through(view.camera, pixel, towards[:, part] * _THIRD), pixel)
-            nearby = to_stored(self._scene.look(rays, given)[0])
-            own = from_stored(light[:, pixel])
-            light[:, pixel] = to_stored(own + (from_stored(nearby) - own) * np.float32(_THIRD))
-
-    def _through_pixels(self, camera: Cameras, pixel: NDArray[np.int64]) -> Floats:
+    def _through_pixels(self, camera: Cameras, pixel: _Indices) -> Floats:
         """Return `_through` of pixels in a row, remembered from the frame before."""
         count = int(camera.width[0] * camera.height[0])
         if count > _KEPT_RAYS:
@@ -134,29 +219,83 @@ class Renderer:
             self._kept = (key, _through(camera, np.arange(count)))
         return self._kept[1][:, pixel[0] : pixel[-1] + 1]
 
+    def _smooth_edges(
+        self,
+        light: NDArray[np.uint16],
+        triangle: NDArray[np.int32],
+        view: _View,
+        given: Conditions,
+    ) -> None:
+        """Blend pixels where surfaces meet with the other surface, as far as it reaches in."""
+        edge, towards = edge_pixels(triangle, self._keys)
+        for start in range(0, len(edge), BLOCK_PIXELS):
+            part = slice(start, start + BLOCK_PIXELS)
+            pixel = edge[part]
+            rays = view.rays(_through(view.camera, pixel, towards[:, part] * _THIRD), pixel)
+            nearby = to_stored(self._look(rays, given)[0])
+            own = from_stored(light[:, pixel])
+            light[:, pixel] = to_stored(own + (from_stored(nearby) - own) * np.float32(_THIRD))
 
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A camera at its place in the world's local frame."""
+    def _look(self, rays: _Rays, given: Conditions) -> tuple[Singles, Floats, _Indices]:
+        """Return the light along N rays, the depth of what they meet, and the triangle."""
+        triangle, depth = self._caster.trace(rays.origin, rays.directions)
+        light = np.zeros((3, len(depth)), np.float32)
+        hit = np.flatnonzero(triangle != MISSED)
+        free = np.flatnonzero((triangle == MISSED) & ~np.isnan(rays.directions[0]))
+        if len(hit):
+            light[:, hit] = self._surface(rays.take(hit), depth[hit], triangle[hit], given)
+        if len(free):
+            light[:, free] = self._horizon(rays.take(free), given)
+        return light, depth, triangle
 
-    camera: Cameras
-    centre: Floats
-    rotation: Floats
+    def _surface(
+        self, rays: _Rays, depth: Floats, triangle: _Indices, given: Conditions
+    ) -> Singles:
+        xyz = rays.directions * depth + rays.origin[:, None]
+        normal = self._caster.normal.take(triangle, axis=1)
+        length = np.sqrt(dot(rays.directions, rays.directions))
+        np.negative(normal, out=normal, where=dot(normal, rays.directions) > 0.0)
+        distance = (depth * length).astype(np.float32)
+        points = Points(
+            xyz=xyz.astype(np.float32),
+            normal=normal.astype(np.float32),
+            view=(rays.directions / length).astype(np.float32),
+            distance=distance,
+            footprint=distance * np.float32(rays.pixel_angle),
+            dither=uniforms(hash64(rays.pixel.astype(np.uint64), _DITHER_SEED)),
+            material=self._mesh.material.take(triangle),
+            owner=self._mesh.owner.take(triangle),
+            triangle=triangle,
+        )
+        return self._shader.colour(points, self._sunlight(xyz, normal, given), given)
 
-    def rays(self, xy: Floats, pixel: NDArray[np.int64]) -> Rays:
-        """Rays along (x, y, 1) of the camera, of pixels by number."""
-        directions = np.empty((3, xy.shape[1]))
-        for axis in range(3):
-            right, down, forward = self.rotation[:, axis]
-            np.multiply(xy[0], right, out=directions[axis])
-            directions[axis] += xy[1] * down
-            directions[axis] += forward
-        angle = 1.0 / float(self.camera.focal[0].mean())
-        return Rays(self.centre, directions, pixel.astype(np.uint64), angle)
+    def _sunlight(self, xyz: Floats, normal: Floats, given: Conditions) -> Singles:
+        """Return the cosine of the sun's angle to surfaces, 0 where something is in the way."""
+        lit = np.zeros(xyz.shape[1], np.float32)
+        if given.direct:
+            sun = np.array(given.light.direction)
+            cosine: Floats = dot(normal, sun[:, None])
+            facing = np.flatnonzero(cosine > 0.0)
+            places, up = xyz.take(facing, axis=1), normal.take(facing, axis=1)
+            lit[facing] = np.where(self._caster.occluded(places, up, sun), 0.0, cosine[facing])
+        return lit
+
+    def _horizon(self, rays: _Rays, given: Conditions) -> Singles:
+        """Return sky, and below the horizon the land that goes on where the mesh ends."""
+        length = np.sqrt(dot(rays.directions, rays.directions))
+        view = (rays.directions / length).astype(np.float32)
+        light = np.empty_like(view)
+        above, below = np.flatnonzero(view[2] >= 0.0), np.flatnonzero(view[2] < 0.0)
+        light[:, above] = sky_with_clouds(view[:, above], given)
+        down = view[:, below]
+        land, distance = self._shader.far_land(down, rays.origin, self._far_level_m, given)
+        sun = column(given.light.sun) * np.float32(given.light.direction[2])
+        light[:, below] = haze(land * (column(given.light.sky) + sun), distance, down, given)
+        return light
 
 
-def _through(camera: Cameras, pixel: NDArray[np.int64], off: Floats | float = 0.0) -> Floats:
-    """Points (2, N) at depth 1 in the camera that pixels look through, `off` their centres."""
+def _through(camera: Cameras, pixel: _Indices, off: Floats | float = 0.0) -> Floats:
+    """Return points (2, N) at depth 1 in the camera that pixels see, `off` their centres."""
     row, column = np.divmod(pixel, int(camera.width[0]))
     places = np.stack([column, row]) + (0.5 + np.asarray(off))
     unit = back_project(camera, places.T[None])[0]
@@ -165,8 +304,8 @@ def _through(camera: Cameras, pixel: NDArray[np.int64], off: Floats | float = 0.
 
 def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
     """Give each surface of a mesh a number, so that edges show where neighbours' numbers differ."""
-    land = np.isin(mesh.material, _LAND)
-    built = np.isin(mesh.material, _BUILT)
+    land = np.isin(mesh.material, (Material.GROUND, Material.APRON))
+    built = np.isin(mesh.material, (Material.ROOF, Material.WALL))
     side = np.where(built, np.rint(normal * 20.0), 0.0).astype(np.int64)
     parts = (np.where(land, 0, mesh.material + 1), np.where(land, 0, mesh.owner), *side)
     key = np.zeros(len(land), np.int64)
@@ -176,9 +315,7 @@ def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
     return np.append(number, -1).astype(np.int32)
 
 
-def edge_pixels(
-    triangle: NDArray[np.int32], keys: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], Floats]:
+def edge_pixels(triangle: NDArray[np.int32], keys: NDArray[np.int32]) -> tuple[_Indices, Floats]:
     """Find pixels whose surface is another than that of a pixel to the side, above or below."""
     surface = np.pad(keys.take(triangle), 1, mode="edge")
     middle = surface[1:-1, 1:-1]

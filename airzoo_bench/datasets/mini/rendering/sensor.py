@@ -11,8 +11,6 @@ from airzoo_bench.datasets.mini.noise import Singles, gaussians, hash64, seed_of
 from airzoo_bench.datasets.mini.rendering.weather import Conditions
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["BLOCK_PIXELS", "from_stored", "row_blocks", "take_photo", "to_stored"]
-
 # Light is kept as 16-bit integers, so that a photo of 48 megapixels stays small.
 _STORED_ONE = np.float32(16384.0)
 _STORED_MOST = np.float32(3.99)

@@ -7,14 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
-from airzoo_bench.datasets.mini.rendering.facades import Facades
-from airzoo_bench.datasets.mini.rendering.raycast import Points
-from airzoo_bench.datasets.mini.rendering.textures import Texture, surroundings
+from airzoo_bench.datasets.mini.rendering.surfaces import Facades, Points, Texture, surroundings
 from airzoo_bench.datasets.mini.rendering.weather import Conditions, column, haze, sky_colour
 from airzoo_bench.datasets.mini.world.model import Material, World
 from airzoo_bench.geometry.arrays import Floats
-
-__all__ = ["Shader"]
 
 _LAMP = (1.0, 0.74, 0.42)
 _TRUNK = (0.30, 0.24, 0.18)

@@ -7,24 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import cos, radians, sin
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Light
-
-__all__ = [
-    "TIMES",
-    "WEATHERS",
-    "Conditions",
-    "column",
-    "conditions",
-    "haze",
-    "sky_colour",
-    "sky_with_clouds",
-]
 
 Weather = Literal["sunny", "cloudy", "rainy", "foggy", "snowy"]
 Time = Literal["day", "sunset", "night"]
@@ -64,50 +53,42 @@ class Conditions:
 
 def conditions(weather: str, time: str) -> Conditions:
     """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`."""
-    _require("weather", weather, WEATHERS)
-    _require("time of day", time, TIMES)
-    clear = _CLEAR[time]
-    return clear if weather == "sunny" else _OVERCAST[weather].over(clear)
+    for what, name, known in (("weather", weather, WEATHERS), ("time of day", time, TIMES)):
+        if name not in known:
+            raise UsageError(
+                f"unknown {what} {name!r}", expected=", ".join(known), fix="take one of these"
+            )
+    if weather == "sunny":
+        return _CLEAR[time]
+    sky, changes = _WEATHER[weather]
+    return _overcast(_CLEAR[time], *sky, **changes)
 
 
-@dataclass(frozen=True)
-class _Overcast:
-    """How weather changes what a clear sky of the same time of day is like."""
-
-    brightness: float
-    grey: Colour
-    haze_per_m: float
-    wet: float = 0.0
-    snow: float = 0.0
-    noise: float = 1.0
-    falling: Falling = "nothing"
-
-    def over(self, clear: Conditions) -> Conditions:
-        """Return the clear conditions under this sky."""
-        height = max(clear.light.direction[2], 0.3)
-        red, green, blue = (
-            self.brightness * (sky + 0.8 * sun * height)
-            for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
-        )
-        sky = _greyed((red, green, blue), 0.35)
-        brightness = min(self.brightness, 1.0)
-        tint = _times(self.grey, (brightness, brightness, brightness))
-        horizon = _times(_greyed(clear.horizon, 0.5), tint)
-        return replace(
-            clear,
-            light=Light(clear.light.direction, _BLACK, _times(sky, self.grey)),
-            zenith=_times(horizon, (0.86, 0.88, 0.92)),
-            horizon=horizon,
-            glow=_BLACK,
-            clouds=0.4,
-            haze_per_m=self.haze_per_m,
-            shade=0.85,
-            noise=clear.noise * self.noise,
-            lamps=max(clear.lamps, 0.3) if clear.lamps > 0.0 else 0.0,
-            wet=self.wet,
-            snow=self.snow,
-            falling=self.falling,
-        )
+def _overcast(
+    clear: Conditions, brightness: float, grey: Colour, haze_per_m: float, **changes: Any
+) -> Conditions:
+    """Return what a clear sky's conditions are under a grey one; `noise` among changes scales."""
+    height = max(clear.light.direction[2], 0.3)
+    red, green, blue = (
+        brightness * (sky + 0.8 * sun * height)
+        for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
+    )
+    sky = _greyed((red, green, blue), 0.35)
+    dim = min(brightness, 1.0)
+    horizon = _times(_greyed(clear.horizon, 0.5), _times(grey, (dim, dim, dim)))
+    changes["noise"] = clear.noise * changes.get("noise", 1.0)
+    return replace(
+        clear,
+        light=Light(clear.light.direction, _BLACK, _times(sky, grey)),
+        zenith=_times(horizon, (0.86, 0.88, 0.92)),
+        horizon=horizon,
+        glow=_BLACK,
+        clouds=0.4,
+        haze_per_m=haze_per_m,
+        shade=0.85,
+        lamps=max(clear.lamps, 0.3) if clear.lamps > 0.0 else 0.0,
+        **changes,
+    )
 
 
 def _direction(azimuth_deg: float, elevation_deg: float) -> Colour:
@@ -151,19 +132,13 @@ _CLEAR: dict[str, Conditions] = {
     ),
 }
 
-_OVERCAST: dict[str, _Overcast] = {
-    "cloudy": _Overcast(1.0, (0.98, 1.0, 1.03), 1 / 4500),
-    "rainy": _Overcast(0.88, (0.96, 1.0, 1.05), 1 / 1100, wet=1.0, noise=1.3, falling="rain"),
-    "foggy": _Overcast(0.95, (1.0, 1.0, 1.0), 1 / 230, wet=0.35),
-    "snowy": _Overcast(1.08, (0.98, 1.0, 1.03), 1 / 900, snow=1.0, noise=1.1, falling="snow"),
+# Brightness, tint and haze of grey skies, and what else they change.
+_WEATHER: dict[str, tuple[tuple[float, Colour, float], dict[str, Any]]] = {
+    "cloudy": ((1.0, (0.98, 1.0, 1.03), 1 / 4500), {}),
+    "rainy": ((0.88, (0.96, 1.0, 1.05), 1 / 1100), {"wet": 1.0, "noise": 1.3, "falling": "rain"}),
+    "foggy": ((0.95, (1.0, 1.0, 1.0), 1 / 230), {"wet": 0.35}),
+    "snowy": ((1.08, (0.98, 1.0, 1.03), 1 / 900), {"snow": 1.0, "noise": 1.1, "falling": "snow"}),
 }
-
-
-def _require(what: str, given: str, known: tuple[str, ...]) -> None:
-    if given not in known:
-        raise UsageError(
-            f"unknown {what} {given!r}", expected=", ".join(known), fix="take one of these"
-        )
 
 
 def _greyed(colour: Colour, share: float) -> Colour:

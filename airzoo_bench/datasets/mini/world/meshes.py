@@ -1,4 +1,4 @@
-"""Triangles of buildings and of trees."""
+"""Triangles of the land, of buildings and of trees."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.datasets.mini.noise import hash_of
 from airzoo_bench.datasets.mini.world.model import Material, Mesh
-from airzoo_bench.datasets.mini.world.plan import Building, Plan
+from airzoo_bench.datasets.mini.world.plan import GRID_M, Building, Plan
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["building_mesh", "tree_mesh"]
-
-_STREAM = 31
 _Indices = NDArray[np.int64]
 
+_STREAM = 31
+# Distances of the apron's corners beyond the border, in steps of the grid, to 800 m.
+_BEYOND = np.array([0, 2, 5, 10, 18, 30, 45, 65, 90, 120, 160, 205, 255, 325, 400])
 # How far walls go below the floor, so that uneven land leaves no gap.
 _FOUNDATION_M = 0.8
 
@@ -37,17 +37,59 @@ _FORMS = {
 
 # Half the height of canopies, as a share of the tree's.
 _HALF_HEIGHTS = {"broad": 0.42, "cone": 0.46, "bush": 0.6, "bale": 0.9}
+_OCTAHEDRON = (
+    (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5),
+)  # fmt: skip
+_ICOSAHEDRON = (
+    (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4),
+    (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
+    (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
+)  # fmt: skip
 
 
-def _copies(vertices: Floats, table: _Indices, materials: ArrayLike, owners: _Indices) -> Mesh:
+def land_mesh(heights: Floats) -> Mesh:
+    """Mesh the land inside the region; each cell is cut from south-west to north-east."""
+    index = np.arange(heights.shape[0])
+    return _grid(index, index, heights, Material.GROUND)
+
+
+def apron_mesh(heights: Floats) -> Mesh:
+    """Mesh the land beyond the region: that inside, mirrored at the border, in coarse triangles."""
+    inside = np.arange(heights.shape[0])
+    west, east = -_BEYOND[::-1], heights.shape[0] - 1 + _BEYOND
+    strips = [(inside, west), (inside, east), (west, inside), (east, inside)]
+    corners = [(a, b) for a in (west, east) for b in (west, east)]
+    return Mesh.joined([_grid(x, y, heights, Material.APRON) for x, y in strips + corners])
+
+
+def _grid(columns: _Indices, rows: _Indices, heights: Floats, material: Material) -> Mesh:
+    last = heights.shape[0] - 1
+    mirrored = (last - np.abs(np.abs(index) % (2 * last) - last) for index in (rows, columns))
+    z = heights[np.ix_(*mirrored)]
+    x, y = np.meshgrid(columns * GRID_M, rows * GRID_M)
+    wide = len(columns)
+    first = (np.arange(len(rows) - 1)[:, None] * wide + np.arange(wide - 1)[None, :]).ravel()
+    lower = np.stack([first, first + 1, first + wide + 1], 1)
+    upper = np.stack([first, first + wide + 1, first + wide], 1)
+    triangles = np.concatenate([lower, upper]).astype(np.int32)
+    return Mesh(
+        np.stack([x.ravel(), y.ravel(), z.ravel()], 1),
+        triangles,
+        np.full(len(triangles), material, np.uint8),
+        np.full(len(triangles), -1, np.int32),
+    )
+
+
+def _copies(vertices: Floats, table: ArrayLike, materials: ArrayLike, owners: _Indices) -> Mesh:
     """Put copies of a form (T triangles of C corners), with vertices (N, C, 3), into one mesh."""
     count, corners = vertices.shape[:2]
-    triangles = table[None] + (np.arange(count) * corners)[:, None, None]
+    form = np.asarray(table)
+    triangles = form[None] + (np.arange(count) * corners)[:, None, None]
     return Mesh(
         vertices.reshape(-1, 3),
         triangles.reshape(-1, 3).astype(np.int32),
-        np.tile(np.broadcast_to(materials, len(table)), count).astype(np.uint8),
-        np.repeat(owners, len(table)).astype(np.int32),
+        np.tile(np.broadcast_to(materials, len(form)), count).astype(np.uint8),
+        np.repeat(owners, len(form)).astype(np.int32),
     )
 
 
@@ -56,12 +98,11 @@ def building_mesh(buildings: Sequence[Building]) -> Mesh:
     parts = []
     for roof, (walls, tops) in _FORMS.items():
         owners = np.array([i for i, b in enumerate(buildings) if b.roof == roof], np.int64)
-        if not owners.size:
-            continue
-        used = 8 if tops is _FLAT else 10
-        vertices = np.array([_corners(buildings[i])[:used] for i in owners])
-        materials = [Material.WALL] * len(walls) + [Material.ROOF] * len(tops)
-        parts.append(_copies(vertices, np.array(walls + tops), materials, owners))
+        if owners.size:
+            used = 8 if tops is _FLAT else 10
+            vertices = np.array([_corners(buildings[i])[:used] for i in owners])
+            materials = [Material.WALL] * len(walls) + [Material.ROOF] * len(tops)
+            parts.append(_copies(vertices, walls + tops, materials, owners))
     return Mesh.joined(parts)
 
 
@@ -87,18 +128,17 @@ def tree_mesh(plan: Plan) -> Mesh:
     ground = [plan.height(tree.x, tree.y) for tree in plan.trees]
     feet = np.column_stack([*plan.tree_places(), ground])
     parts = []
-    for kind in ("broad", "cone", "bush", "bale"):
+    for kind in _HALF_HEIGHTS:
         chosen = np.flatnonzero(kinds == kind)
         if chosen.size:
             parts.append(_canopies(feet[chosen], sizes[chosen], chosen, kind, plan.seed))
     tall = np.flatnonzero((kinds == "broad") | (kinds == "cone"))
-    parts.append(_trunks(feet[tall], sizes[tall], tall))
-    return Mesh.joined(parts)
+    return Mesh.joined([*parts, _trunks(feet[tall], sizes[tall], tall)])
 
 
 def _canopies(feet: Floats, sizes: Floats, owners: _Indices, kind: str, seed: int) -> Mesh:
-    """Irregular canopies."""
-    sphere, table = _refined(*(_icosahedron() if kind == "broad" else _octahedron()))
+    """Make irregular canopies."""
+    sphere, table = _sphere(kind == "broad")
     radius, height = sizes.T
     half = height * _HALF_HEIGHTS[kind]
     if kind == "broad":
@@ -118,47 +158,33 @@ def _canopies(feet: Floats, sizes: Floats, owners: _Indices, kind: str, seed: in
 
 def _trunks(feet: Floats, sizes: Floats, owners: _Indices) -> Mesh:
     half, top = 0.1 + 0.05 * sizes[:, 0], feet[:, 2] + 0.62 * sizes[:, 1]
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
     corners = [
         np.stack([feet[:, 0] + a * half, feet[:, 1] + b * half, z], -1)
         for z in (feet[:, 2] - 0.4, top)
-        for a, b in signs
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
-    return _copies(np.stack(corners, 1), np.array(_WALLS), Material.TRUNK, owners)
+    return _copies(np.stack(corners, 1), _WALLS, Material.TRUNK, owners)
 
 
-def _octahedron() -> tuple[Floats, _Indices]:
-    points = np.array(
-        [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], np.float64
-    )
-    table = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
-    return points, np.array(table)
-
-
-def _icosahedron() -> tuple[Floats, _Indices]:
-    golden = (1.0 + float(np.sqrt(5.0))) / 2.0
-    flat = [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)]
-    points = [(a, b, 0.0) for a, b in flat]
-    points += [(0.0, a, b) for a, b in flat] + [(b, 0.0, a) for a, b in flat]
-    table = [
-        (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4),
-        (11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8),
-        (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
-    ]  # fmt: skip
-    return _unit(np.array(points)), np.array(table)
+def _sphere(fine: bool) -> tuple[Floats, _Indices]:
+    """Return corners and triangles of an icosahedron or octahedron, each triangle cut into four."""
+    if fine:
+        golden = (1.0 + float(np.sqrt(5.0))) / 2.0
+        flat = [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)]
+        around = [(a, b, 0.0) for a, b in flat] + [(0.0, a, b) for a, b in flat]
+        points = _unit(np.array(around + [(b, 0.0, a) for a, b in flat]))
+    else:
+        axes = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+        points = np.array(axes, np.float64)
+    a, b, c = np.array(_ICOSAHEDRON if fine else _OCTAHEDRON).T
+    edges = np.sort(np.concatenate([np.stack(e, 1) for e in ((a, b), (b, c), (c, a))]), axis=1)
+    unique, place = np.unique(edges, axis=0, return_inverse=True)
+    middles = _unit(points[unique[:, 0]] + points[unique[:, 1]])
+    ab, bc, ca = place.reshape(3, -1) + len(points)
+    parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return np.concatenate([points, middles]), np.concatenate([np.stack(p, 1) for p in parts])
 
 
 def _unit(points: Floats) -> Floats:
     x, y, z = points.T
     return np.asarray(points / np.sqrt(x * x + y * y + z * z)[:, None])
-
-
-def _refined(points: Floats, table: _Indices) -> tuple[Floats, _Indices]:
-    """Cut each triangle of a sphere into four."""
-    edges = np.sort(np.concatenate([table[:, [0, 1]], table[:, [1, 2]], table[:, [2, 0]]]), axis=1)
-    unique, place = np.unique(edges, axis=0, return_inverse=True)
-    middles = _unit(points[unique[:, 0]] + points[unique[:, 1]])
-    ab, bc, ca = place.reshape(3, -1) + len(points)
-    a, b, c = table.T
-    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    return np.concatenate([points, middles]), np.concatenate([np.stack(t, 1) for t in corners])

@@ -15,20 +15,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = [
-    "CRS",
-    "OLDER_SUN",
-    "REGIONS",
-    "SIDE_M",
-    "SURVEY_SUN",
-    "Buildings",
-    "Light",
-    "Material",
-    "Mesh",
-    "Region",
-    "World",
-]
-
 CRS = "EPSG:4547"
 SIDE_M = 600.0
 

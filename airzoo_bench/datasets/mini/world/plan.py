@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.noise import Dice
+from airzoo_bench.datasets.mini.noise import Dice, octaves
 from airzoo_bench.datasets.mini.world.model import SIDE_M
 from airzoo_bench.datasets.mini.world.shapes import Frame, Line, Point, Rect, Shape, square
-from airzoo_bench.datasets.mini.world.terrain import GRID_M
 from airzoo_bench.geometry.arrays import Bools, Floats
 
-__all__ = [
-    "METAL",
-    "TILES",
-    "Building",
-    "Colour",
-    "Plan",
-    "add_barn",
-    "add_block",
-    "add_house",
-    "colours",
-    "overlaps_border",
-]
-
 Colour = tuple[int, int, int]
-_BORDER_M = 4.0
+
+GRID_M = 2.0
+"""Spacing of the grid on whose corners the land's heights are given."""
+LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
+LAND_Y: Floats = LAND_X.T
 
 
 def colours(text: str) -> tuple[Colour, ...]:
@@ -41,10 +31,13 @@ METAL = colours("4e76a6 a6aaae 7c9482 b45446 c8c6be 606874")
 _FLAT = colours("ccccc8 b2aea8 969290 787678 c0b09a a09688 626268 946858")
 _WALLS = colours("cec6b8 bca084 d8d4cc aa745c b8baba d6be92 96928e c4ac9e")
 _GLASS = colours("3a4858 4a5a68 2e363c 58686e")
+# Half the length and depth of what stands on flat roofs, and its height.
+_ROOF_BOXES = (
+    (2.4, 1.6, 2.7), (1.0, 1.0, 1.8), (1.8, 0.9, 1.4), (1.2, 0.8, 1.2), (3.0, 2.0, 2.8)
+)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Building:
+class Building(NamedTuple):
     """A box with a roof."""
 
     rect: Rect  # its plan, centred on the frame's origin; a ridge runs along u
@@ -52,7 +45,7 @@ class Building:
     eaves_m: float  # height of the walls' top
     ridge_m: float  # height of the roof's highest line
     roof: str  # "flat", "gabled", "hipped" or "shed"
-    cover: str  # how the roof is painted: a name of `roofs._COVERS`
+    cover: str  # how the roof is painted: a name of `painting.COVERS`
     roof_colour: Colour
     wall_colour: Colour
     window_colour: Colour = (70, 84, 98)
@@ -62,25 +55,20 @@ class Building:
     parent: int = -1  # the building on whose roof it stands, or -1
 
 
-@dataclass(frozen=True)
-class Tree:
-    """A canopy on a trunk, with its radius and the height of its top above the ground.
-
-    The kind is ``"broad"``, ``"cone"``, ``"bush"`` or ``"bale"``.
-    """
+class Tree(NamedTuple):
+    """A canopy on a trunk, with its radius and the height of its top above the ground."""
 
     x: float
     y: float
     radius_m: float
     height_m: float
-    kind: str = "broad"
+    kind: str = "broad"  # or "cone", "bush", "bale"
 
 
-@dataclass(frozen=True)
-class Decal:
+class Decal(NamedTuple):
     """Something painted on the ground."""
 
-    kind: str  # a name of `painters._PAINTERS` or of a material
+    kind: str  # a name of `painting.PAINTERS` or of a material
     shape: Shape
     key: int = 0  # tells it from others of its kind: colours, phases and patterns come from it
     side: int = 0  # 0: painted everywhere; 1 and 2: only on one side of `Plan.divide`
@@ -94,10 +82,10 @@ class Plan:
     seed: int
     # (n + 1, n + 1): of the land at the corners of its grid, first row in the south
     heights: Floats
+    divide: Line = ()  # a line from west to east that parts side 1 (north) from side 2
     decals: list[Decal] = field(default_factory=list)  # in the order of painting
     buildings: list[Building] = field(default_factory=list)
     trees: list[Tree] = field(default_factory=list)
-    divide: Line = ()  # a line from west to east that parts side 1 (north) from side 2
 
     def paint(
         self, kind: str, shape: Shape, key: int = 0, *, side: int = 0, season: int = 0
@@ -124,21 +112,29 @@ class Plan:
         row, column = (min(max(round(at / GRID_M), 0), last) for at in (y, x))
         return float(self.heights[row, column])
 
-    def floor(self, rect: Rect) -> float:
-        """Return the lowest height of the land around a rectangle."""
-        shares = (0, 0.25, 0.5, 0.75, 1)
-        points = [
-            rect.frame.to_world(rect.u0 + a * rect.long, rect.v0 + b * rect.deep)
-            for a in shares
-            for b in shares
-        ]
-        return min(self.height(*point) for point in points)
+
+def rolling(seed: int, stream: int, cells: dict[int, int], relief_m: float) -> Floats:
+    """Return smooth hills about zero on the land's grid, most within half of `relief_m`."""
+    return octaves(seed, stream, LAND_X.size, cells).astype(np.float64) * (relief_m / 4096)
+
+
+def smooth_share(away: Floats, near: float, far: float) -> Floats:
+    """Return 0 up to a distance `near`, 1 from `far` on, and smoothly between."""
+    share = np.clip((away - near) / (far - near), 0.0, 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+def blended(
+    heights: Floats, away: Floats, level: Floats | float, near: float, far: float
+) -> Floats:
+    """Return heights that are `level` up to a distance `near`, and as they were from `far` on."""
+    share = smooth_share(away, near, far)
+    return heights * share + level * (1.0 - share)
 
 
 def overlaps_border(points: list[Point]) -> bool:
     """Return whether any point is outside the region or within 4 m of its border."""
-    low, high = _BORDER_M, SIDE_M - _BORDER_M
-    return any(not (low < x < high and low < y < high) for x, y in points)
+    return any(not (4.0 < x < SIDE_M - 4.0 and 4.0 < y < SIDE_M - 4.0) for x, y in points)
 
 
 def add_house(
@@ -190,33 +186,29 @@ def _add(
     top: tuple[str, str, Colour],
     style: int = 0,
 ) -> None:
-    base = plan.floor(rect)
+    base = min(plan.height(*point) for point in rect.grid(4))
     eaves = base + wall_m[0] + wall_m[1]
-    look: dict[str, Any] = {"wall_colour": dice.pick(_WALLS), "window_colour": dice.pick(_GLASS)}
-    look["storey_m"] = dice.pick((3.0, 3.0, 3.2, 3.5))
-    look["bay_m"] = dice.pick((2.6, 3.0, 3.4, 4.0))
-    plan.buildings.append(Building(rect, base, eaves, eaves + rise, *top, **look, style=style))
+    look = dice.pick(_WALLS), dice.pick(_GLASS)
+    sizes = dice.pick((3.0, 3.0, 3.2, 3.5)), dice.pick((2.6, 3.0, 3.4, 4.0))
+    plan.buildings.append(Building(rect, base, eaves, eaves + rise, *top, *look, *sizes, style))
 
 
 def _add_roof_boxes(plan: Plan, dice: Dice, parent: int) -> None:
-    """Stair heads, tanks and machines, each in its own stretch of the roof."""
+    """Add stair heads, tanks and machines, each in its own stretch of the roof."""
     rect, low = plan.buildings[parent].rect, plan.buildings[parent].eaves_m
     count = min(max(int(rect.long / 9), 1), 7)
     stretch = rect.long / count
     for place in range(count):
         if dice.chance(25):
             continue
-        half_u, half_v, tall = dice.pick(
-            ((2.4, 1.6, 2.7), (1.0, 1.0, 1.8), (1.8, 0.9, 1.4), (1.2, 0.8, 1.2), (3.0, 2.0, 2.8))
-        )
+        half_u, half_v, tall = dice.pick(_ROOF_BOXES)
         room_u, room_v = stretch / 2 - half_u - 0.6, rect.v1 - half_v - 1.0
         if room_u < 0 or room_v < 0:
             continue
         u = rect.u0 + stretch * (place + 0.5) + dice.real(-room_u, room_u)
         box = square(rect.frame.at(u, dice.real(-room_v, room_v)), half_u, half_v)
-        top = low + tall
-        cover = "machine" if tall < 2 else "membrane"
-        tones = dice.pick(_FLAT), dice.pick(_WALLS)
+        cover, top = "machine" if tall < 2 else "membrane", low + tall
+        look = dice.pick(_FLAT), dice.pick(_WALLS)
         plan.buildings.append(
-            Building(box, low, top, top, "flat", cover, *tones, style=3, parent=parent)
+            Building(box, low, top, top, "flat", cover, *look, style=3, parent=parent)
         )

@@ -4,33 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-
-__all__ = [
-    "Ellipse",
-    "Frame",
-    "Line",
-    "Patch",
-    "Point",
-    "Polygon",
-    "Raster",
-    "Rect",
-    "Shape",
-    "Stroke",
-    "bend",
-    "distance",
-    "distance_to_line",
-    "edges",
-    "line_height",
-    "square",
-    "steps",
-]
 
 Point = tuple[float, float]
 Line = tuple[Point, ...]
@@ -39,10 +18,7 @@ _FAR_M = 10_000.0
 
 @dataclass(frozen=True)
 class Frame:
-    """Axes u and v about an origin (x, y), in metres of the region; v is to the left of u.
-
-    `cosine` and `sine` are the direction of u.
-    """
+    """Axes u (of direction `cosine`, `sine`) and v (to the left of u) about a point, in metres."""
 
     x: float
     y: float
@@ -72,13 +48,11 @@ class Frame:
 
     def at(self, u: float, v: float, *, turned: bool = False) -> Frame:
         """Return the same axes with the origin moved, and turned left by a right angle or not."""
-        if turned:
-            return Frame(*self.to_world(u, v), -self.sine, self.cosine)
-        return Frame(*self.to_world(u, v), self.cosine, self.sine)
+        turn = (-self.sine, self.cosine) if turned else (self.cosine, self.sine)
+        return Frame(*self.to_world(u, v), *turn)
 
 
-@dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(NamedTuple):
     """The part of a raster that a shape may cover."""
 
     window: tuple[slice, slice]  # slices of the raster
@@ -142,6 +116,12 @@ class Rect:
         local = ((self.u0, self.v0), (self.u1, self.v0), (self.u1, self.v1), (self.u0, self.v1))
         return [self.frame.to_world(u, v) for u, v in local]
 
+    def grid(self, steps: int) -> list[Point]:
+        """Return points at even shares of its sides, the corners among them."""
+        shares = [step / steps for step in range(steps + 1)]
+        local = [(self.u0 + a * self.long, self.v0 + b * self.deep) for a in shares for b in shares]
+        return [self.frame.to_world(u, v) for u, v in local]
+
     def inset(self, margin: float) -> Rect:
         """Return it smaller by a margin on each side."""
         u0, u1, v0, v1 = self.u0 + margin, self.u1 - margin, self.v0 + margin, self.v1 - margin
@@ -183,14 +163,18 @@ class Polygon:
     points: Line
     frame: Frame
 
+    def holds(self, x: Any, y: Any) -> Any:
+        """Return whether it covers points, which broadcast."""
+        inside: Any = True
+        for (x0, y0), (x1, y1) in edges(self.points):
+            inside = inside & ((x1 - x0) * (y - y0) > (y1 - y0) * (x - x0))
+        return inside
+
     def patch(self, raster: Raster) -> Patch:
         """Return the pixels whose centres it covers."""
         window = raster.window(self.points)
         x, y = raster.centres(*window)
-        mask = np.ones((y.size, x.size), np.bool_)
-        for (x0, y0), (x1, y1) in edges(self.points):
-            mask &= (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0)
-        return Patch(window, mask, *self.frame.to_local(x, y))
+        return Patch(window, self.holds(x, y), *self.frame.to_local(x, y))
 
 
 @dataclass(frozen=True)
@@ -233,22 +217,12 @@ def distance(a: Point, b: Point) -> float:
 
 def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
     """Return the distance of points, x and y of which broadcast, from a line."""
-    if x.ndim == 1:
-        starts, ends = np.array(points[:-1]), np.array(points[1:])
-        squares = _square_distance(x[:, None], y[:, None], *starts.T, *ends.T).min(axis=1)
-    else:
-        each = (_square_distance(x, y, *start, *end) for start, end in pairwise(points))
-        squares = reduce(np.minimum, each)
-    return np.asarray(np.sqrt(squares))
-
-
-def _square_distance(x: Floats, y: Floats, x0: Any, y0: Any, x1: Any, y1: Any) -> Floats:
-    """Square of the distance from segments, by broadcasting."""
-    along_x, along_y = x1 - x0, y1 - y0
+    ends = np.array(points).reshape(-1, 2, *(1,) * x.ndim)
+    (x0, y0), (along_x, along_y) = ends[:-1].swapaxes(0, 1), (ends[1:] - ends[:-1]).swapaxes(0, 1)
     length2 = along_x * along_x + along_y * along_y
     share = np.clip(((x - x0) * along_x + (y - y0) * along_y) / length2, 0.0, 1.0)
     off_x, off_y = x - x0 - share * along_x, y - y0 - share * along_y
-    return np.asarray(off_x * off_x + off_y * off_y)
+    return np.asarray(np.sqrt((off_x * off_x + off_y * off_y).min(axis=0)))
 
 
 def line_height(x: Floats, points: Line) -> Floats:

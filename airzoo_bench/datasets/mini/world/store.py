@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from operator import attrgetter
 from pathlib import Path
 from typing import IO, Any
@@ -30,16 +29,12 @@ from rasterio.io import MemoryFile
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
 from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
-from airzoo_bench.core.places import DATA_VARIABLE
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.places import DATA_VARIABLE, check_new_folder
 from airzoo_bench.core.validation import Strict
-from airzoo_bench.datasets.mini.keys import is_keyed
-from airzoo_bench.datasets.mini.noise import hash_of
+from airzoo_bench.datasets.mini.noise import hash_of, is_keyed
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField
-
-__all__ = ["FORMAT", "ensure_world", "load_world", "save_world", "world_folder", "write_raster"]
 
 FORMAT = 2
 """To be raised when the files change, or the world that a seed gives: older ones are made again."""
@@ -82,35 +77,35 @@ def ensure_world(
 ) -> Path:
     """Return the folder of a sound world, built now where it was not yet, or was damaged."""
     folder = world_folder(root, region, seed)
-    if _damage(folder, region, seed) is None:
-        return folder
-    _check_ours(folder)
-    with _sole_maker(folder):
-        damage = _damage(folder, region, seed)  # another may have made it meanwhile
-        if damage is not None:
-            if folder.exists():
-                note(f"{damage}; it is made again")
-            save_world(folder, build(region.name, seed))
+    if _damage(folder, region, seed):
+        with _sole_maker(folder):
+            damage = _damage(folder, region, seed)  # another may have made it meanwhile
+            if damage:
+                check_new_folder(folder, replace=True, mark=_INDEX)
+                if folder.exists():
+                    note(f"{folder}: {damage}; it is made again")
+                save_world(folder, build(region.name, seed))
     return folder
 
 
 def save_world(folder: Path, world: World) -> None:
     """Write a world to its folder, in place of a damaged one; the same world, the same bytes."""
-    _clear(folder)
     try:
-        with atomic_folder(folder) as staged:
+        with atomic_folder(folder, replace=True, mark=_INDEX) as staged:
             for name in _RASTERS:
                 write_raster(staged / f"{name}.tif", getattr(world, name), world.region)
             for name in _ARRAYS:
                 np.save(staged / f"{name}.npy", attrgetter(name)(world), allow_pickle=False)
-            _write_index(staged, world)
+            files = {name: sha256_of(staged / name) for name in _FILES}
+            index = _Index(format=FORMAT, region=world.region, seed=world.seed, files=files)
+            (staged / _INDEX).write_text(canonical_json(index.model_dump()) + "\n", "utf-8")
     except UserError as fault:
         raise UsageError(fault.what, where=folder, fix=_FIX) from fault
 
 
 def load_world(folder: Path) -> World:
     """Load a world; its larger arrays are mapped, not read."""
-    index = _verified_index(folder)
+    index = _read_index(folder)
     arrays: dict[str, Any] = {name: _read_array(folder / f"{name}.npy") for name in _ARRAYS}
     parts = {
         part: kind(**{f.name: arrays[f"{part}.{f.name}"] for f in dataclasses.fields(kind)})
@@ -132,16 +127,15 @@ def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
 
     It is of heights (H, W) float32, NaN where there is none, or of colours (H, W, 3) uint8.
     """
-    heights = pixels.ndim == 2
-    if heights:
+    if pixels.ndim == 2:
         bands = np.where(np.isnan(pixels), np.float32(_NODATA), pixels)[None]
+        profile: dict[str, Any] = {"nodata": _NODATA}
     else:
-        bands = np.moveaxis(pixels, -1, 0)
+        bands, profile = np.moveaxis(pixels, -1, 0), {"photometric": "RGB"}
     count, height, width = bands.shape
     step_x, step_y = region.side_m / width, region.side_m / height
     place = Affine(step_x, 0.0, region.west, 0.0, -step_y, region.north)
-    profile: dict[str, Any] = {"crs": CRS, "transform": place, "interleave": "pixel"}
-    profile |= {"nodata": _NODATA} if heights else {"photometric": "RGB"}
+    profile |= {"crs": CRS, "transform": place, "interleave": "pixel"}
     profile |= {"driver": "GTiff", "dtype": pixels.dtype.name}
     # By way of memory: GDAL only logs a full disk, Python raises.
     with MemoryFile() as memory:
@@ -150,13 +144,7 @@ def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
         path.write_bytes(memory.getbuffer())
 
 
-def _write_index(folder: Path, world: World) -> None:
-    files = {name: sha256_of(folder / name) for name in _FILES}
-    index = _Index(format=FORMAT, region=world.region, seed=world.seed, files=files)
-    (folder / _INDEX).write_text(canonical_json(index.model_dump()) + "\n", encoding="utf-8")
-
-
-def _verified_index(folder: Path) -> _Index:
+def _read_index(folder: Path) -> _Index:
     """Read which world a folder holds, and hold every file to its checksum."""
     try:
         index = _Index.model_validate_json((folder / _INDEX).read_bytes())
@@ -166,32 +154,28 @@ def _verified_index(folder: Path) -> _Index:
         raise _damaged(folder, f"{_INDEX} cannot be read") from error
     if index.format != FORMAT or sorted(index.files) != _FILES:
         raise _damaged(folder, "the world is of another format")
-    bad = [name for name, digest in index.files.items() if not _is_sound(folder / name, digest)]
+    bad = []
+    for name, digest in index.files.items():
+        with suppress(OSError):
+            if sha256_of(folder / name) == digest:
+                continue
+        bad.append(name)
     if bad:
         raise _damaged(folder, f"files missing or changed: {first_of(bad, len(_FILES))}")
     return index
 
 
-def _is_sound(path: Path, digest: str) -> bool:
-    try:
-        return sha256_of(path) == digest
-    except OSError:
-        return False
-
-
-def _damage(folder: Path, region: Region, seed: int) -> str | None:
-    """Say what is wrong with a cached world; None where nothing is."""
-    try:
-        index = _verified_index(folder)
-    except BenchmarkError as fault:
-        return f"{folder}: {fault.what}"
-    if (index.region, index.seed) != (region, seed):
-        return f"{folder}: the world of another region or seed"
-    return None
-
-
 def _damaged(folder: Path, what: str) -> BenchmarkError:
     return BenchmarkError(what, where=folder, fix="remove the folder: it is made again when asked")
+
+
+def _damage(folder: Path, region: Region, seed: int) -> str:
+    """Say what is wrong with a kept world; nothing where it is sound."""
+    try:
+        index = _read_index(folder)
+    except BenchmarkError as fault:
+        return fault.what
+    return "" if (index.region, index.seed) == (region, seed) else "another region or seed"
 
 
 def _read_array(path: Path) -> NDArray[Any]:
@@ -201,19 +185,17 @@ def _read_array(path: Path) -> NDArray[Any]:
 
 @contextmanager
 def _sole_maker(folder: Path) -> Iterator[None]:
-    """Hold the lock of a world; a folder that cannot be written is found before the work."""
-    with ExitStack() as locks:
-        try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            stream = locks.enter_context((folder.parent / f".lock-{folder.name}").open("ab"))
-            with suppress(OSError):
-                _wait_for(stream)
-            with tempfile.TemporaryFile(dir=folder.parent):
-                pass
-        except OSError as error:
-            reason = f"cannot be written: {error.strerror or error}"
-            raise UsageError(reason, where=folder.parent, fix=_FIX) from error
-        yield  # closing the file gives the lock back
+    """Hold the lock of a world, so that processes at once build it once."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        stream = (folder.parent / f".lock-{folder.name}").open("ab")
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror or error}"
+        raise UsageError(reason, where=folder.parent, fix=_FIX) from error
+    with stream:  # closing the file gives the lock back
+        with suppress(OSError):
+            _wait_for(stream)
+        yield
 
 
 if sys.platform == "win32":
@@ -227,29 +209,3 @@ else:
 
     def _wait_for(stream: IO[bytes]) -> None:
         fcntl.flock(stream, fcntl.LOCK_EX)
-
-
-def _check_ours(folder: Path) -> None:
-    """Refuse to replace what was not made here: a file, or a folder with other content."""
-    if not folder.exists() or (folder / _INDEX).is_file():
-        return
-    if not folder.is_dir() or any(folder.iterdir()):
-        raise UsageError(
-            "is not a kept world, and so is not replaced",
-            where=folder,
-            expected=f"a folder with {_INDEX}, or none",
-            fix="move it elsewhere, or " + _FIX,
-        )
-
-
-def _clear(folder: Path) -> None:
-    """Take a damaged world away."""
-    _check_ours(folder)
-    try:
-        if folder.exists():
-            with temporary_folder(folder.parent, folder.name) as away:
-                # Moved first: who looks meanwhile finds no world, never half of one.
-                folder.replace(away / "old")
-    except OSError as error:
-        reason = f"cannot be replaced: {error.strerror or error}"
-        raise UsageError(reason, where=folder, fix=_FIX) from error

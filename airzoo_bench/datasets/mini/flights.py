@@ -1,27 +1,44 @@
-"""Flights over a region: a "barrel roll", and a survey for structure from motion.
+"""Flights over a region: a "barrel roll", and a survey for structure from motion; key frames.
 
 The barrel roll is the paper's ("Flight Trajectories Generation"): orbits around a scene centre
 joined by straight and S-shaped sweeps, while altitude, yaw and the gimbal's pitch go up and down.
+
+What a frame sees of the ground is its footprint on a level plane, as far as 400 m in depth along
+the optical axis: beyond, an oblique view goes on to the horizon. The overlap of two frames is the
+area that their footprints share over the area of the smaller: the same in both directions of
+flight, and 1 where one sees all that the other sees.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.flights.trajectory import MARGIN_M, Airspace, Trajectory, rounded
-from airzoo_bench.datasets.mini.keys import words
+from airzoo_bench.datasets.mini.noise import words
 from airzoo_bench.datasets.mini.world.model import CRS, Region
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
+from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.geometry.units import grid_convergence_deg
-
-__all__ = ["FPS", "barrel_roll", "survey"]
 
 FPS = 30
 """Frames a second."""
+MARGIN_M = 40.0
+"""Flights that are made here go no nearer to the region's border."""
+_CLEARANCE_M, _ROOM_M = 40.0, 80.0
+# Digits kept: 0.1 mm on the ground and of height, 1e-4 degrees, a microsecond.
+_DECIMALS = {"altitude_m": 4, "roll_deg": 4, "pitch_deg": 4, "yaw_deg": 4, "time_s": 6, "lonlat": 9}
+_MOST_DEPTH_M = 400.0
+_BLOCK = 64  # frames looked at together in search of the next key frame
 
 _CLIMB_WAVE_M = 700.0
 _PITCH_WAVE_M = 550.0
@@ -40,6 +57,61 @@ _TURN_S = 3.0  # and of yaw in time
 _SLOWEST, _FASTEST = 6.0, 11.0  # m/s wanted; what is flown keeps to 5 to 12
 _SIDEWAYS = 2.5  # m/s^2
 _PACE_WAVE_M = 900.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """N frames of a flight.
+
+    Angles are as in `geometry.attitude`: pitch 0 is the horizon, -90 nadir; yaw is from true north,
+    clockwise positive.
+    """
+
+    names: tuple[str, ...]  # each once; they become names of files
+    time_s: Floats  # (N,): ascending
+    lonlat: Floats  # (N, 2): WGS84 longitude, latitude in degrees
+    altitude_m: Floats  # (N,): above the WGS84 ellipsoid
+    roll_deg: Floats  # (N,)
+    pitch_deg: Floats  # (N,)
+    yaw_deg: Floats  # (N,)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def take(self, index: Any) -> Trajectory:
+        """Return the frames at an index array, mask or slice."""
+        rows = np.arange(len(self))[index]
+        arrays = {name: array[rows] for name, array in vars(self).items() if name != "names"}
+        return Trajectory(tuple(self.names[row] for row in rows.tolist()), **arrays)
+
+
+def trajectory_poses(trajectory: Trajectory) -> Poses:
+    """Turn a flight of N frames into N poses in `CRS`; heights are the flight's altitudes."""
+    rotation = angles_to_rotations(
+        trajectory.yaw_deg,
+        trajectory.pitch_deg,
+        trajectory.roll_deg,
+        convergence_deg=grid_convergence_deg(CRS, trajectory.lonlat),
+    )
+    xy = from_lonlat(CRS, trajectory.lonlat)
+    centres = np.concatenate((xy, trajectory.altitude_m[:, None]), axis=-1)
+    return Poses.from_centres(rotation, centres, trajectory.names)
+
+
+@dataclass(frozen=True)
+class Airspace:
+    """Where flights are made."""
+
+    region: Region
+    ground_m: float  # height of the ground, for what a camera sees
+    floor_m: float  # lowest altitude of flights
+    ceiling_m: float  # highest altitude of flights
+
+    @classmethod
+    def over(cls, region: Region, dsm: NDArray[np.float32]) -> Airspace:
+        """Return the airspace above the highest place of a surface model; its median is ground."""
+        floor = float(np.nanmax(dsm)) + _CLEARANCE_M
+        return cls(region, float(np.nanmedian(dsm)), floor, floor + _ROOM_M)
 
 
 def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Trajectory:
@@ -110,13 +182,9 @@ def _round(draws: Floats, reach: float, start_deg: float) -> Floats:
     weave = np.column_stack((-across, bend * np.sin(np.pi * across / outer)))
     # Every part goes on in about the direction in which the last one ended: no turn is sharper
     # than a right angle.
-    parts = (
-        _labelled(_arc(inner, 0.0, 360.0), _INWARDS),
-        _labelled(_arc(outer, 180.0, -180.0), _INWARDS),
-        _labelled(weave, _AHEAD),
-        _labelled(_arc(outer, 5.0, 60.0), _AHEAD),
-    )
-    table = np.concatenate(parts)
+    inwards = np.concatenate((_arc(inner, 0.0, 360.0), _arc(outer, 180.0, -180.0)))
+    ahead = np.concatenate((weave, _arc(outer, 5.0, 60.0)))
+    table = np.concatenate((_labelled(inwards, _INWARDS), _labelled(ahead, _AHEAD)))
     table[:, :2] = _rotated(table[:, :2], -start_deg)
     return table
 
@@ -219,4 +287,83 @@ def fly(
         pitch_deg=np.clip(pitch, -90.0, 90.0),
         yaw_deg=(grid_yaw + grid_convergence_deg(CRS, lonlat) + 180.0) % 360.0 - 180.0,
     )
-    return rounded(flown)
+    # -0.0 becomes 0.0.
+    digits: dict[str, Any] = {
+        name: np.round(getattr(flown, name), decimals) + 0.0 for name, decimals in _DECIMALS.items()
+    }
+    return replace(flown, **digits)
+
+
+def key_frames(
+    trajectory: Trajectory, camera: Cameras, ground_height: float, overlap: float
+) -> Ints:
+    """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1."""
+    if not 0.0 < overlap < 1.0:
+        raise UsageError(
+            f"key frames with an overlap of {overlap:g}", expected="above 0 and below 1"
+        )
+    seen = footprints(camera, trajectory_poses(trajectory), ground_height)
+    usable = np.flatnonzero(shapely.area(seen) > 0.0)
+    kept = list(range(min(1, len(usable))))
+    while kept and (following := _next(seen[usable], kept[-1], overlap)) is not None:
+        kept.append(following)
+    return usable[kept].astype(np.int64)
+
+
+def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return the overlap of footprints (N,), which broadcast; 0 where one has no area."""
+    smaller = np.minimum(shapely.area(a), shapely.area(b))
+    shared = shapely.area(shapely.intersection(a, b))
+    share = np.divide(shared, smaller, out=np.zeros_like(shared), where=smaller > 0.0)
+    return np.asarray(np.minimum(share, 1.0), dtype=np.float64)
+
+
+def footprints(
+    camera: Cameras, poses: Poses, ground_height: float, most_depth_m: float = _MOST_DEPTH_M
+) -> NDArray[np.object_]:
+    """Return what N frames see of a level plane, no deeper than some metres."""
+    rays = back_project(camera, anchor_pixels(camera, 0.0))
+    corners = rays_to_world(poses, rays / rays[..., 2:])
+    above = poses.centres[:, 2] - ground_height
+    # Depth at which the ray of a pixel meets the ground is above / fall; both are to be positive.
+    ends, seen = _cut(corners, -corners[..., 2] - above[:, None] / most_depth_m)
+    seen &= (above > 0.0)[:, None]
+    depth = above[:, None] / np.where(seen, -ends[..., 2], 1.0)
+    offset = poses.centres[:, :2] - poses.centres[0, :2]
+    places = ends[..., :2] * depth[..., None] + offset[:, None]
+    hulls = np.full(len(places), shapely.Polygon(), dtype=object)
+    some = seen.any(axis=1)
+    if some.any():
+        frame, _ = np.nonzero(seen[some])
+        points = shapely.multipoints(shapely.points(places[seen]), indices=frame)
+        hulls[some] = shapely.convex_hull(points)
+    return hulls
+
+
+def _cut(corners: Floats, spare: Floats) -> tuple[Floats, Bools]:
+    """Cut the sides of quadrilaterals to where `spare` is not negative."""
+    after, spare_after = np.roll(corners, -1, axis=1), np.roll(spare, -1, axis=1)
+    rise = spare_after - spare
+    zero = np.divide(-spare, rise, out=np.zeros_like(rise), where=rise != 0.0)
+    start = np.where(spare < 0.0, zero, 0.0)[..., None]
+    stop = np.where(spare_after < 0.0, zero, 1.0)[..., None]
+    side = after - corners
+    ends = np.concatenate((corners + start * side, corners + stop * side), axis=1)
+    seen = (spare >= 0.0) | (spare_after >= 0.0)
+    return ends, np.concatenate((seen, seen), axis=1)
+
+
+def _next(seen: NDArray[np.object_], current: int, overlap: float) -> int | None:
+    """Return the key frame after a key frame; None where the flight ends before it."""
+    before = 1.0
+    for start in range(current + 1, len(seen), _BLOCK):
+        shared = overlaps(seen[current], seen[start : start + _BLOCK])
+        below = np.flatnonzero(shared < overlap)
+        if below.size:
+            first = int(below[0])
+            last_above = before if first == 0 else float(shared[first - 1])
+            nearer = last_above - overlap < overlap - float(shared[first])
+            # The frame after the current one is taken even where it shares less.
+            return max(start + first - int(nearer), current + 1)
+        before = float(shared[-1])
+    return None

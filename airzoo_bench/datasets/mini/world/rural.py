@@ -2,46 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+import math
+from collections.abc import Iterator
+from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
 from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.parcels import parcels, use_parcel
-from airzoo_bench.datasets.mini.world.plan import Plan, add_barn, add_house
+from airzoo_bench.datasets.mini.world.plan import (
+    GRID_M,
+    LAND_X,
+    LAND_Y,
+    Plan,
+    add_barn,
+    add_house,
+    blended,
+    rolling,
+    smooth_share,
+)
 from airzoo_bench.datasets.mini.world.shapes import (
     Ellipse,
     Frame,
     Line,
     Point,
+    Polygon,
     Stroke,
     bend,
     distance,
     distance_to_line,
+    edges,
     square,
-)
-from airzoo_bench.datasets.mini.world.terrain import (
-    GRID_M,
-    LAND_X,
-    LAND_Y,
-    blended,
-    rolling,
-    smooth_share,
+    steps,
 )
 from airzoo_bench.geometry.arrays import Bools, Floats
 
-__all__ = ["rural_plan"]
-
 _STREAM = 12
 _LARGEST_M2 = 9_500.0
+_VALLEY_M = 75.0
 # Half the level ground of a farm.
 _YARD_M = (34.0, 28.0)
 
 
-@dataclass(frozen=True)
-class _Lines:
+class _Lines(NamedTuple):
     stream: Line
     road: Line
     tracks: tuple[Line, ...]
@@ -57,8 +61,8 @@ def rural_plan(seed: int) -> Plan:
     lines = _lines(dice)
     plan = Plan(seed, _heights(seed, lines))
     low, high = -8.0, SIDE_M + 8
-    for parcel in parcels(dice, ((low, low), (high, low), (high, high), (low, high)), _LARGEST_M2):
-        use_parcel(plan, dice, parcel, lines.stream)
+    for parcel in _parcels(dice, ((low, low), (high, low), (high, high), (low, high))):
+        _use_parcel(plan, dice, parcel, lines.stream)
     _lay_water(plan, dice, lines)
     _lay_ways(plan, dice, lines)
     for farm in lines.farms:
@@ -69,12 +73,14 @@ def rural_plan(seed: int) -> Plan:
 
 
 def _lines(dice: Dice) -> _Lines:
-    stream = _winding(dice, dice.real(0.3, 0.45), 60.0)
-    stream = _transposed(stream) if dice.chance(50) else stream
+    stream = _winding(dice, (0.3, 0.45), 60.0)
     farms = _farm_places(dice, stream)
-    road = _road(dice, farms)
+    # The road is that of some which keeps farthest from all farms.
+    x, y = np.array([farm.origin for farm in farms]).T
+    roads = [_winding(dice, (0.25, 0.8), 50.0, across=False) for _ in range(12)]
+    road = max(roads, key=lambda line: float(distance_to_line(x, y, line).min()))
     tracks = tuple(_track(dice, farm.origin, road) for farm in farms)
-    paths = tuple(_path(dice) for _ in range(4))
+    paths = tuple(_winding(dice, (0.1, 0.9), 75.0, across=False) for _ in range(4))
     half = dice.real(22, 32), dice.real(14, 19)
     # The pond lies on the middle part of the stream, as far from the road as can be.
     first, last = len(stream) * 3 // 10, len(stream) * 7 // 10
@@ -85,14 +91,17 @@ def _lines(dice: Dice) -> _Lines:
     return _Lines(stream, road, tracks, paths, pond, half, farms)
 
 
-def _winding(dice: Dice, share: float, swing_m: float) -> Line:
-    """Return a line from the western border to the eastern one."""
+def _winding(
+    dice: Dice, shares: tuple[float, float], swing_m: float, *, across: bool = True
+) -> Line:
+    """Return a line between opposite borders, half of them from south to north.
+
+    The draw turns the line where it says yes with `across`, and where it says no without.
+    """
+    share = dice.real(*shares)
     along = np.linspace(-70, SIDE_M + 70, 10).tolist()
-    return bend(tuple((x, share * SIDE_M + dice.real(-swing_m, swing_m)) for x in along))
-
-
-def _transposed(line: Line) -> Line:
-    return tuple((y, x) for x, y in line)
+    line = bend(tuple((x, share * SIDE_M + dice.real(-swing_m, swing_m)) for x in along))
+    return tuple((y, x) for x, y in line) if dice.chance(50) == across else line
 
 
 def _farm_places(dice: Dice, stream: Line) -> tuple[Frame, ...]:
@@ -106,26 +115,11 @@ def _farm_places(dice: Dice, stream: Line) -> tuple[Frame, ...]:
     return tuple(farms[:6])
 
 
-def _road(dice: Dice, farms: tuple[Frame, ...]) -> Line:
-    """Draw some winding roads, and return the one that keeps farthest from all farms."""
-    x, y = np.array([farm.origin for farm in farms]).T
-    drawn = []
-    for _ in range(12):
-        line = _winding(dice, dice.real(0.25, 0.8), 50.0)
-        drawn.append(line if dice.chance(50) else _transposed(line))
-    return max(drawn, key=lambda line: float(distance_to_line(x, y, line).min()))
-
-
 def _track(dice: Dice, farm: Point, road: Line) -> Line:
     """Return a track from a farm's yard to the nearest point of the road."""
     near = min(road, key=lambda point: distance(point, farm))
     x, y = (near[0] + farm[0]) / 2, (near[1] + farm[1]) / 2
     return bend((farm, (x + dice.real(-18, 18), y + dice.real(-18, 18)), near))
-
-
-def _path(dice: Dice) -> Line:
-    line = _winding(dice, dice.real(0.1, 0.9), 75.0)
-    return line if dice.chance(50) else _transposed(line)
 
 
 def _heights(seed: int, lines: _Lines) -> Floats:
@@ -145,6 +139,160 @@ def _heights(seed: int, lines: _Lines) -> Floats:
         level = float(land[round(farm.y / GRID_M), round(farm.x / GRID_M)])
         land = blended(land, off, level, 0.0, 26.0)
     return land
+
+
+def _parcels(dice: Dice, outline: Line) -> list[Polygon]:
+    """Cut a convex polygon, counter-clockwise, until each part is small enough, some smaller."""
+    x, y = middle = _middle(outline)
+    longest = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
+    frame = Frame(*middle, longest.cosine, longest.sine)
+    size = _area(outline)
+    if size < _LARGEST_M2 * dice.real(0.45, 1.0):
+        return [Polygon(outline, frame)]
+    # Roughly across the longest edge, near the middle.
+    cosine, sine = direction(dice.integer(-9, 9))
+    along = (-frame.sine * cosine - frame.cosine * sine, frame.cosine * cosine - frame.sine * sine)
+    if dice.chance(18):
+        along = (-along[1], along[0])
+    off = dice.real(-0.16, 0.16) * math.sqrt(size)
+    point = (x + along[1] * off, y - along[0] * off)
+    halves = _half(outline, point, along), _half(outline, point, (-along[0], -along[1]))
+    return [part for half in halves for part in _parcels(dice, half)]
+
+
+def _half(outline: Line, point: Point, along: Point) -> Line:
+    """Return the part of a convex polygon left of a line (Sutherland and Hodgman, 1974)."""
+    kept: list[Point] = []
+    for start, end in edges(outline):
+        a, b = (
+            along[0] * (at[1] - point[1]) - along[1] * (at[0] - point[0]) for at in (start, end)
+        )
+        if a >= 0:
+            kept.append(start)
+        if (a >= 0) != (b >= 0):
+            kept.append(_between(start, end, a / (a - b)))
+    return tuple(kept)
+
+
+def _between(start: Point, end: Point, share: float) -> Point:
+    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+
+
+def _area(outline: Line) -> float:
+    # Not sum(): newer Pythons add floats with a correction.
+    twice = 0.0
+    for a, b in edges(outline):
+        twice += a[0] * b[1] - b[0] * a[1]
+    return twice / 2
+
+
+def _middle(outline: Line) -> Point:
+    x, y = 0.0, 0.0
+    for point in outline:
+        x, y = x + point[0], y + point[1]
+    return x / len(outline), y / len(outline)
+
+
+def _shrink(polygon: Polygon, margin_m: float) -> Polygon:
+    """Return a polygon shrunk towards its middle by about a margin."""
+    middle = _middle(polygon.points)
+    share = max(1.0 - margin_m / (0.5 * math.sqrt(_area(polygon.points)) + 1e-9), 0.1)
+    return Polygon(tuple(_between(middle, p, share) for p in polygon.points), polygon.frame)
+
+
+def _use_parcel(plan: Plan, dice: Dice, parcel: Polygon, stream: Line) -> None:
+    """Paint a parcel and plant what grows on it; the valley is terraced for rice."""
+    plan.paint("rough", parcel)
+    x, y = np.array([_middle(parcel.points)]).T
+    near = float(distance_to_line(x, y, stream)[0])
+    inner = _shrink(parcel, dice.real(1.2, 3.0))
+    if near < _VALLEY_M and dice.chance(75):
+        plan.paint("terraces", inner, dice.integer(0, 1 << 14))
+    else:
+        use = dice.integer(0, 99)
+        if use < 24:
+            _grow_wood(plan, dice, parcel)
+        elif use < 34:
+            _grow_meadow(plan, dice, inner)
+        elif use < 42:
+            _grow_orchard(plan, dice, inner)
+        else:
+            _grow_field(plan, dice, inner)
+    _add_hedges(plan, dice, parcel)
+
+
+def _grow_field(plan: Plan, dice: Dice, inner: Polygon) -> None:
+    key = dice.integer(0, 1 << 14)
+    plan.paint("field", inner, key)
+    if dice.chance(25):
+        plan.paint("worn", inner, dice.integer(0, 3))
+    if key % 9 in (4, 7):
+        for place in _grid(dice, _shrink(inner, 8.0), 13.0, 17.0):
+            if dice.chance(70):
+                plan.plant(place, 0.85, 1.4, "bale")
+
+
+def _grow_meadow(plan: Plan, dice: Dice, inner: Polygon) -> None:
+    plan.paint("meadow", inner)
+    plan.paint("worn", inner, dice.integer(0, 3))
+    for place in _grid(dice, inner, 22.0, 25.0):
+        if dice.chance(35):
+            radius = dice.real(1.0, 3.2)
+            plan.plant(place, radius, radius * 2.2, dice.pick(("broad", "bush")))
+
+
+def _grow_orchard(plan: Plan, dice: Dice, inner: Polygon) -> None:
+    plan.paint("meadow", inner)
+    gap = dice.real(5.5, 7.5)
+    for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
+        if dice.chance(93):
+            spot = Frame(*place, inner.frame.cosine, inner.frame.sine)
+            plan.paint("soil", square(spot, 1.2, 1.2))
+            plan.plant(place, dice.real(1.2, 1.7), dice.real(2.6, 3.4), "bush")
+
+
+def _grow_wood(plan: Plan, dice: Dice, parcel: Polygon) -> None:
+    plan.paint("litter", parcel)
+    share = dice.integer(80, 95)
+    conifers = dice.pick((0, 10, 60))
+    for place in _grid(dice, parcel, 5.6, 5.6, jitter=0.42):
+        if dice.chance(share):
+            if dice.chance(conifers):
+                plan.plant(place, dice.real(1.8, 2.8), dice.real(8, 14), "cone")
+            else:
+                plan.plant(place, dice.real(2.2, 4.0), dice.real(7.5, 13.0))
+
+
+def _grid(
+    dice: Dice, polygon: Polygon, gap_u: float, gap_v: float, jitter: float = 0.25
+) -> Iterator[Point]:
+    """Yield points of a grid along a polygon's axes, each moved a little, inside it."""
+    frame = polygon.frame
+    u, v = frame.to_local(*np.array(polygon.points).T)
+    columns = steps(float(u.min()) + gap_u / 2, float(u.max()), gap_u)
+    rows = steps(float(v.min()) + gap_v / 2, float(v.max()), gap_v)
+    for a, b in product(columns, rows):
+        off_u, off_v = dice.real(-jitter, jitter), dice.real(-jitter, jitter)
+        x, y = frame.to_world(a + off_u * gap_u, b + off_v * gap_v)
+        if polygon.holds(x, y):
+            yield x, y
+
+
+def _add_hedges(plan: Plan, dice: Dice, parcel: Polygon) -> None:
+    """Plant bushes, now and then a tree, along some edges; small parcels have fewer."""
+    for start, end in edges(parcel.points):
+        if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
+            continue
+        length = distance(start, end)
+        along = dice.real(1.0, 4.0)
+        while along < length:
+            x, y = _between(start, end, along / length)
+            place = x + dice.real(-0.5, 0.5), y + dice.real(-0.5, 0.5)
+            if dice.chance(9):
+                plan.plant(place, dice.real(2, 3.4), dice.real(6, 9))
+            elif dice.chance(90):
+                plan.plant(place, dice.real(1.1, 1.8), dice.real(1.8, 3.0), "bush")
+            along += dice.real(1.9, 3.0)
 
 
 def _lay_water(plan: Plan, dice: Dice, lines: _Lines) -> None:
@@ -199,8 +347,8 @@ def _add_farm(plan: Plan, dice: Dice, frame: Frame) -> None:
     for u, v in ((0.0, -21.5), (19.0, -21.0)):
         bed = square(frame.at(u + dice.real(-2, 2), v), 8.0, 4.5)
         plan.paint(dice.pick(("beds", "beds", "lawn")), bed, dice.integer(0, 99))
-    _add_buildings(plan, dice, frame)
-    _add_things(plan, dice, frame)
+    _add_farm_buildings(plan, dice, frame)
+    _add_farm_clutter(plan, dice, frame)
     for _ in range(dice.integer(7, 12)):
         u, v = dice.pick((-1, 1)) * dice.real(24, 33), dice.real(-24, 24)
         radius = dice.real(1.6, 3.6)
@@ -208,7 +356,7 @@ def _add_farm(plan: Plan, dice: Dice, frame: Frame) -> None:
         plan.plant(frame.to_world(u, v), radius, radius * (3.2 if kind == "cone" else 2.4), kind)
 
 
-def _add_buildings(plan: Plan, dice: Dice, frame: Frame) -> None:
+def _add_farm_buildings(plan: Plan, dice: Dice, frame: Frame) -> None:
     house = frame.at(dice.real(-17, -13), dice.real(-9, -6))
     add_house(plan, dice, house, dice.real(5.5, 7.5), dice.real(4.5, 5.5), dice.integer(1, 2))
     barn = frame.at(dice.real(-6, 0), dice.real(16, 18))
@@ -223,7 +371,7 @@ def _add_buildings(plan: Plan, dice: Dice, frame: Frame) -> None:
         add_house(plan, dice, wing, dice.real(4.5, 6), dice.real(3.4, 4.2), 1)
 
 
-def _add_things(plan: Plan, dice: Dice, frame: Frame) -> None:
+def _add_farm_clutter(plan: Plan, dice: Dice, frame: Frame) -> None:
     for season in (1, 2):
         for _ in range(dice.integer(2, 5)):
             spot = frame.at(dice.real(-9, 12), dice.real(-5, 7), turned=dice.chance(50))
@@ -240,8 +388,20 @@ def _add_things(plan: Plan, dice: Dice, frame: Frame) -> None:
         plan.plant(frame.to_world(dice.real(6, 12), dice.real(8, 11)), 0.8, 1.3, "bale")
 
 
+def _add_single_trees(plan: Plan, dice: Dice, lines: _Lines) -> None:
+    """Plant trees alone in the fields, and in rows along the road."""
+    for _ in range(70):
+        radius = dice.real(2.2, 5.0)
+        place = dice.real(9, SIDE_M - 9), dice.real(9, SIDE_M - 9)
+        plan.plant(place, radius, radius * dice.real(2, 2.6))
+    for start, end in pairwise(lines.road):
+        if dice.chance(40):
+            place = _beside(start, end, dice.pick((-1, 1)) * 0.75)
+            plan.plant(place, dice.real(2, 3), dice.real(7, 9))
+
+
 def _apart(x: Floats, y: Floats, lines: _Lines) -> Bools:
-    """Say which trees are inside the region and stand neither on ways, in water nor in a yard."""
+    """Return which trees are inside the region, and neither on ways nor in water nor in a yard."""
     keep: Bools = (x > 3) & (x < SIDE_M - 3) & (y > 3) & (y < SIDE_M - 3)
     berths = ((lines.road, 6.5), (lines.stream, 4.0))
     for line, berth in (*berths, *((way, 3.4) for way in lines.tracks + lines.paths)):
@@ -252,15 +412,3 @@ def _apart(x: Floats, y: Floats, lines: _Lines) -> Bools:
         yard = half == _YARD_M
         keep &= (u * u + v * v > 1.0) | (yard & (u * u > 0.45) & (v * v < 0.5))
     return keep
-
-
-def _add_single_trees(plan: Plan, dice: Dice, lines: _Lines) -> None:
-    """Trees alone in the fields, and in rows along the road."""
-    for _ in range(70):
-        radius = dice.real(2.2, 5.0)
-        place = dice.real(9, SIDE_M - 9), dice.real(9, SIDE_M - 9)
-        plan.plant(place, radius, radius * dice.real(2, 2.6))
-    for start, end in pairwise(lines.road):
-        if dice.chance(40):
-            place = _beside(start, end, dice.pick((-1, 1)) * 0.75)
-            plan.plant(place, dice.real(2, 3), dice.real(7, 9))

@@ -1,0 +1,368 @@
+"""What surfaces are: points of the mesh, textures of the land, and the walls of buildings.
+
+A texel is one 64-bit number of four 16-bit lanes (red, green, blue and one more). Weights of a
+bilinear mean add up to 256, so that a lane never carries into the next and one multiplication
+serves all four. What light a place gets besides the sun's is a texture too. Storeys, bays, windows,
+balconies and doors of walls are filtered to the pixel's size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.datasets.mini.noise import Singles, floor_log2, hash64, uniforms, volume_noise
+from airzoo_bench.datasets.mini.world.model import Buildings, Material, Mesh, World
+
+# A pixel that grazes a surface covers a long strip of it. Its colour is filtered to the geometric
+# mean of the strip's sides, up to this: a little too sharp along, a little too soft across.
+_MOST_SLANT = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """N points where rays of one camera meet surfaces."""
+
+    xyz: Singles  # (3, N): metres of the world's local frame
+    normal: Singles  # (3, N): unit, on the side that is seen
+    view: Singles  # (3, N): unit direction from the camera
+    distance: Singles  # (N,): metres from the camera
+    footprint: Singles  # (N,): size of the pixel across the ray, metres
+    dither: Singles  # (N,): in [0, 1), another one for each pixel
+    material: NDArray[np.uint8]  # (N,)
+    owner: NDArray[np.int32]  # (N,)
+    triangle: NDArray[np.int64]  # (N,)
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    def take(self, index: NDArray[np.int64]) -> Points:
+        """Return the points of these numbers."""
+        return Points(*(values.take(index, axis=-1) for values in vars(self).values()))
+
+    def made_of(self, *materials: int) -> NDArray[np.int64]:
+        """Return the numbers of the points of some materials."""
+        return np.flatnonzero(np.isin(self.material, materials))
+
+    def facing(self) -> Singles:
+        """Return the cosine of the angle between surface and line of sight, (N,)."""
+        return -dot(self.view, self.normal)
+
+    def texture_footprint(self) -> Singles:
+        """Return the size of the pixel on the surface, (N,) metres."""
+        shrink = np.sqrt(np.maximum(self.facing(), np.float32(1.0 / _MOST_SLANT)))
+        return np.divide(self.footprint, shrink, dtype=np.float32)
+
+
+def dot(a: NDArray[F], b: NDArray[F]) -> NDArray[F]:
+    """Return products of vectors (3, N) summed in a fixed order, as a BLAS kernel would not."""
+    product: NDArray[F] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+F = TypeVar("F", np.float32, np.float64)
+_LANE_SCALE = np.float32(1.0 / (255.0 * 256.0))
+_MOST_LEVELS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A square image and its halvings."""
+
+    texels: NDArray[np.uint64]  # (sum of level sizes,)
+    offsets: NDArray[np.int64]  # (levels,): where each level starts
+    sizes: NDArray[np.int64]  # (levels,): how many texels a side it has
+    side_m: float  # length of the square on the ground
+
+    @classmethod
+    def of(cls, lanes: NDArray[np.uint8], side_m: float) -> Texture:
+        """Make a texture of lanes (n, n, 4), the first row in the north."""
+        levels = [lanes]
+        while len(levels) < _MOST_LEVELS and len(levels[-1]) > 4:
+            levels.append(_halved(levels[-1]))
+        sizes = np.array([len(level) for level in levels], np.int64)
+        offsets = np.concatenate(([0], np.cumsum(sizes * sizes)[:-1])).astype(np.int64)
+        packed = [np.ascontiguousarray(level, np.uint16).view(np.uint64) for level in levels]
+        return cls(np.concatenate([level.ravel() for level in packed]), offsets, sizes, side_m)
+
+    def sample(self, x: Singles, y: Singles, footprint_m: Singles, dither: Singles) -> Singles:
+        """Return the colour (4, N), in 0 to 1, at points of the square."""
+        gsd_m = self.side_m / int(self.sizes[0])
+        level = floor_log2(footprint_m * (1.0 + dither) * np.float32(1.0 / gsd_m))
+        np.clip(level, 0, len(self.sizes) - 1, out=level)
+        size, start = self.sizes.take(level), self.offsets.take(level)
+        # 256ths of a texel
+        scale = (256.0 / gsd_m / (1 << np.arange(len(self.sizes)))).astype(np.float32).take(level)
+        north, side = self._mirrored(y), np.float32(self.side_m)
+        column, share_x = _split(self._mirrored(x) * scale, size)
+        row, share_y = _split((side - north) * scale, size)
+        right = column < size - 1
+        down = np.where(row < size - 1, size, 0)
+        first = start + row * size + column
+        both = (share_x * share_y) >> 8
+        weights = (256 - share_x - share_y + both, share_x - both, share_y - both, both)
+        places = (first, first + right, first + down, first + down + right)
+        total = np.zeros(len(first), np.uint64)
+        for place, weight in zip(places, weights, strict=True):
+            total += self.texels.take(place) * weight.view(np.uint64)
+        lanes = total.view(np.uint16).reshape(-1, 4).T
+        return lanes.astype(np.float32, order="C") * _LANE_SCALE
+
+    def _mirrored(self, x: Singles) -> Singles:
+        """Fold coordinates beyond [0, side] back into it, as between two mirrors."""
+        side = np.float32(self.side_m)
+        period = 2 * side
+        folded: Singles = side - np.abs(x - np.floor(x * (1 / period)) * period - side)
+        return folded
+
+
+def _split(
+    position: Singles, size: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Split 256ths of texels into whole texels, from the centre of the first on, and the rest."""
+    fixed = position.astype(np.int64) - 128
+    np.clip(fixed, 0, (size - 1) << 8, out=fixed)
+    return fixed >> 8, fixed & 255
+
+
+def _halved(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    odd = len(level) % 2
+    even = np.pad(level, ((0, odd), (0, odd), (0, 0)), mode="edge").astype(np.uint16)
+    total = even[0::2, 0::2] + even[1::2, 0::2] + even[0::2, 1::2] + even[1::2, 1::2]
+    return ((total + 2) >> 2).astype(np.uint8)
+
+
+_STEPS_M = (1.5, 4.0, 9.0, 20.0)
+_AROUND = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+
+_LAMP_CELL_M = 26.0
+_LAMP_TRIES = 12
+_LAMP_REACH_M = 30.0
+
+
+def surroundings(world: World) -> Texture:
+    """Return a texture whose first lane is the share of sky seen, the second the lamps' light."""
+    gsd = world.region.side_m / len(world.dsm)
+    lanes = np.zeros((*world.dsm.shape, 4), np.uint8)
+    lanes[..., 0] = np.rint(255.0 * _openness(world.dsm, gsd))
+    lanes[..., 1] = np.rint(255.0 * np.clip(_lamp_light(world, gsd), 0.0, 1.0))
+    return Texture.of(lanes, world.region.side_m)
+
+
+def _openness(dsm: NDArray[np.float32], gsd: float) -> Singles:
+    """Mean over directions of cos^2 of the horizon's height: the share of a uniform sky's light."""
+    reach = round(max(_STEPS_M) / gsd) + 1
+    padded = np.pad(dsm, reach, mode="edge")
+    total = np.zeros_like(dsm)
+    for right, up in _AROUND:
+        length = float(np.hypot(right, up))
+        steepest = np.zeros_like(dsm)
+        for step in _STEPS_M:
+            pixels = round(step / gsd / length)
+            rows = slice(reach - up * pixels, reach - up * pixels + len(dsm))
+            columns = slice(reach + right * pixels, reach + right * pixels + len(dsm))
+            rise = (padded[rows, columns] - dsm) / np.float32(pixels * gsd * length)
+            np.maximum(steepest, rise, out=steepest)
+        total += 1.0 / (1.0 + steepest * steepest)
+    return total / np.float32(len(_AROUND))
+
+
+def _lamp_light(world: World, gsd: float) -> Singles:
+    reach = round(_LAMP_REACH_M / gsd)
+    offsets = np.arange(-reach, reach + 1) * gsd
+    square = offsets[:, None] ** 2 + offsets[None] ** 2
+    pool = 0.75 * np.exp(-square / 7.0**2) + 0.25 * np.exp(-square / 14.0**2)
+    pool = pool.astype(np.float32)
+    light = np.pad(np.zeros(world.dsm.shape, np.float32), reach)
+    for row, column in _lamp_places(world):
+        light[row : row + len(pool), column : column + len(pool)] += pool
+    return light[reach:-reach, reach:-reach]
+
+
+def _lamp_places(world: World) -> list[tuple[int, int]]:
+    """Rows and columns of lamps: in each cell of a grid, the first tried place that is paved."""
+    paved = _paved(world)
+    cells = max(round(world.region.side_m / _LAMP_CELL_M), 1)
+    tries = np.arange(cells * cells * _LAMP_TRIES, dtype=np.uint64)
+    hashes = hash64(tries, world.seed + 0x1A3B)
+    down, right = (uniforms(hashes, k).reshape(cells, cells, _LAMP_TRIES) for k in (0, 1))
+    own, cell = np.arange(cells), len(paved) / cells
+    rows = ((own[:, None, None] + down) * cell).astype(np.int64)
+    columns = ((own[None, :, None] + right) * cell).astype(np.int64)
+    good = paved[rows, columns]
+    first, found = good.argmax(axis=2)[..., None], good.any(axis=2)
+    chosen = (np.take_along_axis(places, first, 2)[..., 0][found] for places in (rows, columns))
+    return list(zip(*(places.tolist() for places in chosen), strict=True))
+
+
+def _paved(world: World) -> NDArray[np.bool_]:
+    """Where the land is grey, not bright and not built over, on the surface model's grid."""
+    step = len(world.ground_albedo) // len(world.dsm)
+    ground = world.ground_albedo[::step, ::step].astype(np.int16)
+    bright = ground.max(axis=-1)
+    covered = (world.top_albedo[::step, ::step] != ground).any(axis=-1)
+    grey = bright - ground.min(axis=-1) < 16
+    paved: NDArray[np.bool_] = grey & (bright > 60) & (bright < 190) & ~covered
+    return paved & ~world.water[::step, ::step]
+
+
+# left, right, bottom, top of a window as shares of its bay and storey, by style: single windows,
+# bands, doors to balconies, none.
+_WINDOWS = np.array(
+    [(0.24, 0.76, 0.30, 0.82), (0.04, 0.96, 0.34, 0.84), (0.16, 0.84, 0.04, 0.80), (0, 0, 0, 0)],
+    np.float32,
+)
+_BALCONY, _BARN = 2, 3
+_SHOP = (0.06, 0.94, 0.06, 0.72)
+_PLINTH_M = 0.7
+_DOOR_M = (2.0, 3.4)
+_LIT_SHARE = 0.30
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """What M points of walls look like."""
+
+    albedo: Singles  # (3, M)
+    glass: Singles  # (M,): share of the pixel that is glass
+    glow: Singles  # (3, M): light from within at night
+    height: Singles  # (M,): metres above the building's floor
+
+
+class Facades:
+    """The walls of a mesh, each with its own run of bays, given normals (3, T) of its triangles."""
+
+    def __init__(self, mesh: Mesh, normal: NDArray[np.float64], buildings: Buildings) -> None:
+        walls = np.flatnonzero(mesh.material == Material.WALL)
+        self._row = np.full(len(mesh.triangles), -1, np.int32)
+        self._row[walls] = np.arange(len(walls))
+        self._along, self._start, self._length = _runs(mesh, normal, walls)
+        self._wall = (buildings.wall_colour / 255.0).astype(np.float32)
+        self._window = (buildings.window_colour / 255.0).astype(np.float32)
+        self._base = buildings.base_m.astype(np.float32)
+        self._storey = buildings.storey_m.astype(np.float32)
+        self._bay = buildings.bay_m.astype(np.float32)
+        self._style = buildings.style.astype(np.int64)
+
+    def look(self, points: Points) -> Wall:
+        """Return what points on walls look like."""
+        row, owner = self._row.take(points.triangle), points.owner
+        x, y, z = points.xyz
+        along = self._along.take(row, axis=1)
+        length = self._length.take(row)
+        u = x * along[0] + y * along[1] - self._start.take(row)
+        height = z - self._base.take(owner)
+        bays = np.maximum(np.floor(length / self._bay.take(owner)), 1.0)
+        width = length / bays
+        storey_m = self._storey.take(owner)
+        across, up = u / width, height / storey_m
+        column, storey = np.floor(across), np.floor(up)
+        slant = np.divide(points.footprint, np.maximum(points.facing(), np.float32(0.2)))
+        fuzz = np.stack([slant / width, points.footprint / storey_m])
+        # The same for all pixels of a window, whichever of the wall's triangles they hit.
+        place = (owner.astype(np.int64) * 4096 + column.astype(np.int64)) * 256
+        number = hash64((place + storey.astype(np.int64)).view(np.uint64), 0x57A11)
+        style = self._style.take(owner)
+        cell = np.stack([across - column, up - storey])
+        glass = _glass(cell, fuzz, style, storey, number)
+        glass[storey < 0] = 0.0
+        albedo = self._plaster(points, style, cell, fuzz, height)
+        door = _door(u - length / 2, height, slant, style)
+        glass *= 1.0 - door
+        albedo += (np.float32(0.16) - albedo) * door
+        albedo += (self._panes(owner, number) - albedo) * glass
+        return Wall(albedo, glass, _glow(number, glass), height)
+
+    def _plaster(
+        self,
+        points: Points,
+        style: NDArray[np.int64],
+        cell: Singles,
+        fuzz: Singles,
+        height: Singles,
+    ) -> Singles:
+        x, y, z = points.xyz
+        stain = volume_noise((x, y, z * np.float32(0.15)), 0.5, points.footprint)
+        grain = volume_noise(points.xyz, 0.07, points.footprint)
+        light = 1.0 + np.float32(0.035) * stain + np.float32(0.03) * grain
+        light -= np.float32(0.16) * _covered(cell[1], 0.0, 0.045, fuzz[1])
+        railing = _covered(cell[1], 0.0, 0.34, fuzz[1]) * _covered(cell[0], 0.08, 0.92, fuzz[0])
+        light += np.float32(0.14) * railing * (style == _BALCONY)
+        light *= 1.0 - np.float32(0.22) * (height < _PLINTH_M)
+        return self._wall.take(points.owner, axis=0).T * light
+
+    def _panes(self, owner: NDArray[np.int32], number: NDArray[np.uint64]) -> Singles:
+        shade = np.float32(0.65) + np.float32(0.6) * uniforms(number, 1)
+        curtain = (uniforms(number, 2) < 0.22) * np.float32(0.35)
+        pane: Singles = self._window.take(owner, axis=0).T * shade
+        return pane + (np.float32(0.75) - pane) * curtain
+
+
+def _runs(
+    mesh: Mesh, normal: NDArray[np.float64], walls: NDArray[np.int64]
+) -> tuple[Singles, Singles, Singles]:
+    """Direction along each wall triangle's wall, and where the wall starts and how long it is."""
+    nx, ny = normal[0, walls], normal[1, walls]
+    level = np.hypot(nx, ny)
+    safe = np.where(level > 0.0, level, 1.0)
+    along = np.stack([-ny / safe, nx / safe])
+    corners = mesh.vertices[mesh.triangles[walls], :2]
+    reach = corners[..., 0] * along[0][:, None] + corners[..., 1] * along[1][:, None]
+    plane = (corners[:, 0] * np.stack([nx, ny], axis=-1)).sum(axis=1)
+    # Triangles of one plane of one building are one wall.
+    key = np.stack([mesh.owner[walls], np.rint(nx * 100), np.rint(ny * 100), np.rint(plane * 5)])
+    _, wall = np.unique(key, axis=1, return_inverse=True)
+    wall = wall.ravel()
+    count = int(wall.max()) + 1 if len(wall) else 0
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, wall, reach.min(axis=1))
+    np.maximum.at(high, wall, reach.max(axis=1))
+    length = np.maximum(high - low, 0.1)
+    along, start, length = (v.astype(np.float32) for v in (along, low[wall], length[wall]))
+    return along, start, length
+
+
+def _glass(
+    cell: Singles,
+    fuzz: Singles,
+    style: NDArray[np.int64],
+    storey: Singles,
+    number: NDArray[np.uint64],
+) -> Singles:
+    box = _WINDOWS.take(style, axis=0).T
+    street = (storey == 0) & (style < _BALCONY) & (uniforms(number, 3) < 0.6)
+    left, right, bottom, top = (
+        np.where(street, np.float32(shop), side) for shop, side in zip(_SHOP, box, strict=True)
+    )
+    return _covered(cell[0], left, right, fuzz[0]) * _covered(cell[1], bottom, top, fuzz[1])
+
+
+def _covered(place: Singles, low: Singles | float, high: Singles | float, size: Singles) -> Singles:
+    """Share of a pixel of `size` at `place` that lies between `low` and `high` of a cell of 1."""
+    half = np.clip(size, 0.02, 1.0) * np.float32(0.5)
+    inside = np.minimum(place + half, high) - np.maximum(place - half, low)
+    sharp = np.clip(inside / (2 * half), 0.0, 1.0)
+    # A pixel of a cell or more sees the mean of all cells.
+    coarse = np.clip(size * 2.0 - 0.8, 0.0, 1.0)
+    share: Singles = sharp + (np.subtract(high, low, dtype=np.float32) - sharp) * coarse
+    return share
+
+
+def _door(offset: Singles, height: Singles, slant: Singles, style: NDArray[np.int64]) -> Singles:
+    half, top = _DOOR_M
+    fuzz = np.maximum(slant, np.float32(0.02))
+    across = np.clip((half - np.abs(offset)) / fuzz + 0.5, 0.0, 1.0)
+    up = np.clip((top - height) / fuzz + 0.5, 0.0, 1.0)
+    door: Singles = across * up * (style == _BARN) * np.float32(0.9)
+    return door
+
+
+def _glow(number: NDArray[np.uint64], glass: Singles) -> Singles:
+    lit = uniforms(number, 0) < np.float32(_LIT_SHARE)
+    strength = lit * (np.float32(0.45) + np.float32(0.6) * uniforms(number, 1)) * glass
+    warmth = uniforms(number, 2)
+    colour = np.stack([np.ones_like(warmth), 0.74 + 0.2 * warmth, 0.40 + 0.5 * warmth])
+    return (colour * strength).astype(np.float32)
