@@ -91,12 +91,6 @@ def test_wrong_headers(changes: dict[str, str], message: str, tmp_path: Path) ->
         opened(path)
 
 
-def test_a_compressed_body_beyond_the_memory(tmp_path: Path) -> None:
-    path = write_pcd(tmp_path / "a.pcd", made(), "binary_compressed")
-    with refused("cannot be read in pieces"):
-        opened(path, limit_bytes=2000)
-
-
 def test_a_bad_row_is_named_by_its_line(tmp_path: Path) -> None:
     path = write_pcd(tmp_path / "a.pcd", made(), "ascii")
     lines = path.read_text().splitlines()

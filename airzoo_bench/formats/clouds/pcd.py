@@ -64,7 +64,7 @@ class _Header:
         return sum(field.repeats for field in self.fields)
 
 
-def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
+def open_pcd(path: Path) -> FileCloud:
     """Open a PCD file."""
     header = _read_header(path)
     names = [field.name for field in header.fields]
@@ -73,7 +73,7 @@ def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
     precision = np.result_type(*(f.type for f in header.fields if f.name in ("x", "y", "z")))
     readers = {"ascii": _read_text, "binary": _read_binary}
     if header.data == "binary_compressed":
-        compressed = _compressed_sizes(path, header, limit_bytes)
+        compressed = _compressed_sizes(path, header)
         read = partial(_read_compressed, path, header, compressed)
     else:
         _refuse_short(path, header)
@@ -165,7 +165,7 @@ def _refuse_short(path: Path, header: _Header) -> None:
         )
 
 
-def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
+def _compressed_sizes(path: Path, header: _Header) -> int:
     with path.open("rb") as stream:
         stream.seek(header.size)
         head = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4")
@@ -173,13 +173,6 @@ def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
     wanted = header.points * header.record.itemsize
     if packed > path.stat().st_size - header.size - 8 or plain != wanted:
         raise _damaged(path)
-    if packed + 2 * plain > limit_bytes:
-        raise refusal(
-            path,
-            f"binary_compressed of {plain:,} bytes cannot be read in pieces",
-            expected=f"at most {limit_bytes // 3:,} bytes",
-            fix="raise --max-memory, or write DATA binary",
-        )
     return packed
 
 

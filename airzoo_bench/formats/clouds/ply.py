@@ -23,7 +23,7 @@ from airzoo_bench.formats.clouds.cloud import (
     refusal,
     uncounted,
 )
-from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
+from airzoo_bench.formats.clouds.meshes import Mesh
 from airzoo_bench.formats.clouds.ply_header import Element, PlyHeader, read_header
 from airzoo_bench.formats.clouds.ply_lists import binary_polygons, end_of_element, text_polygons
 from airzoo_bench.formats.clouds.text_rows import TextLines, lines_beyond, opened_text, parse_rows
@@ -39,7 +39,7 @@ _FACE_LISTS = ("vertex_indices", "vertex_index")
 _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
 
 
-def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
+def open_ply(path: Path) -> FileCloud | Mesh:
     """Open a PLY file: a mesh where it has faces, else a cloud."""
     header = read_header(path)
     vertex = header.element("vertex")
@@ -53,7 +53,7 @@ def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
         raise refusal(path, "its vertices hold lists", expected="numbers only in element vertex")
     cloud = _open_vertices(path, header, vertex)
     faces = header.element("face")
-    return _open_mesh(path, header, cloud, faces, limit_bytes) if faces and faces.count else cloud
+    return _open_mesh(path, header, cloud, faces) if faces and faces.count else cloud
 
 
 def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
@@ -166,9 +166,7 @@ def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
     return Cloud(points, colours, confidence)
 
 
-def _open_mesh(
-    path: Path, header: PlyHeader, cloud: FileCloud, faces: Element, limit_bytes: int
-) -> Mesh:
+def _open_mesh(path: Path, header: PlyHeader, cloud: FileCloud, faces: Element) -> Mesh:
     lists = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
     if not lists:
         raise refusal(
@@ -176,22 +174,20 @@ def _open_mesh(
             "its faces have no list of vertices",
             expected="property list uchar int vertex_indices",
         )
-    check_memory(path, cloud.count, 0, limit_bytes)
     piece = next(cloud.pieces(max(cloud.count, 1)), Cloud(np.empty((0, 3))))
-    triangles = _triangles(path, header, faces, lists[0], limit_bytes)
-    check_memory(path, cloud.count, len(triangles), limit_bytes)
+    triangles = _triangles(path, header, faces, lists[0])
     return Mesh(
         path, "PLY mesh", piece.points, triangles, piece.colours, cloud.notes, cloud.precision
     )
 
 
-def _triangles(path: Path, header: PlyHeader, faces: Element, name: str, limit_bytes: int) -> Ints:
+def _triangles(path: Path, header: PlyHeader, faces: Element, name: str) -> Ints:
     if header.order:
         start = _start_of(path, header, faces)
-        return binary_polygons(path, faces, name, header.order, start, limit_bytes)
+        return binary_polygons(path, faces, name, header.order, start)
     with opened_text(path, header.size, header.lines) as text:
         _skip(text, header, faces, "faces")
-        return text_polygons(text, faces, name, limit_bytes)
+        return text_polygons(text, faces, name)
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:
