@@ -15,7 +15,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import first_bytes, sha256_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
-from airzoo_bench.formats.clouds.las import open_las, read_header
+from airzoo_bench.formats.clouds.las import open_las, read_projection
 from airzoo_bench.formats.clouds.parquet_points import open_parquet
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _twice(path: Path, what: str) -> PredictionError:
 
 
 def _check_same_crs(paths: list[Path]) -> None:
-    stating = [(path, stated) for path in paths if (stated := read_header(path).projection)]
+    stating = [(path, stated) for path in paths if (stated := read_projection(path))]
     for path, stated in stating[1:]:
         first, others = stating[0]
         if stated != others and _crs(path) != _crs(first):
