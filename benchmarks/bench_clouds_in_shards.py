@@ -141,7 +141,7 @@ def compared(folders: list[Path], engine: Engine, options: argparse.Namespace) -
     memory = options.memory_mb * MEGABYTE
     block = memory // BYTES_A_POINT
     with stage("opened"):
-        clouds = [open_shards(folder, shards_in(folder), memory) for folder in folders]
+        clouds = [open_shards(folder, shards_in(folder)) for folder in folders]
     with stage("box of the truth"):
         box_of(clouds[1], engine)
     with stage("prepared"):

@@ -19,6 +19,7 @@ from airzoo_bench.cli.common import (
     NamesOption,
     ProtocolOption,
     ReaderOption,
+    UntrustedOption,
     memory_bytes,
     progress,
     put,
@@ -67,14 +68,6 @@ _MemoryOption = Annotated[
         "worker too.",
     ),
 ]
-_UntrustedOption = Annotated[
-    bool,
-    typer.Option(
-        "--untrusted",
-        help="Read the predictions in a process of its own, under limits of memory, processor "
-        "time and clock: for files of strangers. These are limits, not isolation. Linux only.",
-    ),
-]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
 
@@ -110,7 +103,7 @@ class _EvalGroup(BuiltGroup):
             *(parameter(one.name, _kind(one), one.default) for one in thing.options),
             parameter("jobs", JobsOption, thing.jobs),
             parameter("max_memory", _MemoryOption, "2G"),
-            parameter("untrusted", _UntrustedOption, False),
+            parameter("untrusted", UntrustedOption, False),
             parameter("engine", EngineOption, EngineKind.LOCAL),
             parameter("scheduler", SchedulerOption, None),
             parameter("resume", ResumeOption, False),

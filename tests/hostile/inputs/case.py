@@ -60,7 +60,7 @@ def spoilt(one: Input, random: Random, folder: Path) -> list[str]:
     if one.checksums and random.random() < 0.9:
         _write_checksums(path, before)
     command = one.commands[int(random.integers(len(one.commands)))]
-    if command[0] == "eval" and one.name.startswith(_PREDICTIONS) and random.random() < 0.8:
+    if one.name.startswith(_PREDICTIONS):
         command = (*command, "--untrusted")
     return [word.replace("FOLDER", str(folder)).replace("FILE", str(path)) for word in command]
 
