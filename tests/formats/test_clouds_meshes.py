@@ -126,16 +126,6 @@ def test_ply_of_triangles_and_quads_mixed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(b).points, expected)
 
 
-def test_colours_of_vertices_are_blended(tmp_path: Path) -> None:
-    columns = cube_columns()
-    for axis, name in enumerate(("red", "green", "blue")):
-        columns[name] = (CUBE[:, axis] * 255).astype("u1")
-    path = write_ply(tmp_path / "a.ply", columns, faces_header=QUAD_HEADER, faces=quads())
-    cloud = read(path)
-    assert cloud.colours is not None
-    assert np.abs(cloud.colours / 255.0 - cloud.points).max() <= 0.5 / 255 + 1e-9
-
-
 def test_obj(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(OBJ_CUBE)
     source = opened(tmp_path / "a.obj")

@@ -32,7 +32,7 @@ from tests.formats.mesh_support import (
 
 COLUMNS = made()
 XYZ = "columns, counted from 1: x y z from 1, 2, 3"
-RGB = f"{XYZ}; red green blue from 4, 5, 6"
+RGB = f"{XYZ}; 3 of 6 passed over"
 
 
 @pytest.mark.parametrize(
@@ -56,58 +56,23 @@ def test_the_same_points_whatever_the_writer(
     (tmp_path / name).write_text(before + text_rows(COLUMNS, separator), encoding="utf-8")
     cloud = read(tmp_path / name)
     np.testing.assert_array_equal(cloud.points, points_of(COLUMNS))
-    np.testing.assert_array_equal(cloud.colours, colours_of(COLUMNS))
     assert opened(tmp_path / name).notes == (note,)
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "columns", "colours"),
+    ("name", "text", "columns"),
     [
-        ("a.csv", "id,z,y,x\n7,3,2,1\n", "x y z from 4, 3, 2; 1 of 4 passed over", None),
-        ("a.xyz", "1 2 3 -0.5 0 0.5\n", "x y z from 1, 2, 3; 3 of 6 passed over", None),
-        ("a.xyz", "1 2 3 99\n", "x y z from 1, 2, 3; 1 of 4 passed over", None),
-        (
-            "a.pts",
-            "1 2 3 90 1 2 3\n",
-            "x y z from 1, 2, 3; red green blue from 5, 6, 7; 1 of 7 passed over",
-            (1, 2, 3),
-        ),
-        (
-            "a.asc",
-            "1 2 3 90 1 2 3\n",
-            "x y z from 1, 2, 3; red green blue from 4, 5, 6; 1 of 7 passed over",
-            (90, 1, 2),
-        ),
-        (
-            "a.asc",
-            "1 2 3 -90 1 2 3\n",
-            "x y z from 1, 2, 3; red green blue from 5, 6, 7; 1 of 7 passed over",
-            (1, 2, 3),
-        ),
-        (
-            "a.txt",
-            "x y z r g b\n1 2 3 0.5 0 1\n",
-            "x y z from 1, 2, 3; red green blue from 4, 5, 6",
-            (128, 0, 255),
-        ),
-        (
-            "a.txt",
-            "x y z r g b\n1 2 3 65535 0 257\n",
-            "x y z from 1, 2, 3; red green blue from 4, 5, 6",
-            (255, 0, 1),
-        ),
-        ("a.txt", "x y z r g b\n1 2 3 -9 0 2\n", "x y z from 1, 2, 3; 3 of 6 passed over", None),
-        ("a.txt", "x y z conf\n1 2 3 2.5\n", "x y z from 1, 2, 3; confidence from 4", None),
+        ("a.csv", "id,z,y,x\n7,3,2,1\n", "x y z from 4, 3, 2; 1 of 4 passed over"),
+        ("a.xyz", "1 2 3 99\n", "x y z from 1, 2, 3; 1 of 4 passed over"),
+        ("a.pts", "1 2 3 90 1 2 3\n", "x y z from 1, 2, 3; 4 of 7 passed over"),
+        ("a.txt", "x y z conf\n1 2 3 2.5\n", "x y z from 1, 2, 3; confidence from 4"),
     ],
 )
-def test_columns_are_guessed_and_said(
-    name: str, text: str, columns: str, colours: tuple[int, ...] | None, tmp_path: Path
-) -> None:
+def test_columns_are_guessed_and_said(name: str, text: str, columns: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     cloud = read(tmp_path / name)
     assert cloud.points.tolist() == [[1, 2, 3]]
     assert opened(tmp_path / name).notes == (f"columns, counted from 1: {columns}",)
-    assert (None if cloud.colours is None else tuple(cloud.colours[0])) == colours
     assert (cloud.confidence is not None) == ("conf" in text)
 
 
@@ -165,10 +130,7 @@ def test_an_array_of_six_columns(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.hstack((points_of(COLUMNS), colours_of(COLUMNS))))
     cloud = read(tmp_path / "a.npy")
     np.testing.assert_array_equal(cloud.points, points_of(COLUMNS))
-    np.testing.assert_array_equal(cloud.colours, colours_of(COLUMNS))
     assert opened(tmp_path / "a.npy").notes == (RGB,)
-    np.save(tmp_path / "b.npy", np.hstack((points_of(COLUMNS), -points_of(COLUMNS))))
-    assert read(tmp_path / "b.npy").colours is None
     np.save(tmp_path / "c.npy", np.ones((4, 7)))
     with refused("an array of"):
         opened(tmp_path / "c.npy")

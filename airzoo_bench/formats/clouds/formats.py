@@ -13,6 +13,7 @@ from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusa
 from airzoo_bench.formats.clouds.gzipped import Unpacked
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
 from airzoo_bench.formats.clouds.suffixes import GZIPPED_SUFFIXES, KINDS, TEXT_SUFFIXES
+from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["open_cloud", "stem_of"]
 
@@ -179,12 +180,10 @@ def _unknown(path: Path, head: bytes) -> PredictionError:
 
 def _vertices(mesh: Mesh) -> FileCloud:
     kind = mesh.kind.replace("mesh", "points")
-    read = partial(_slices, Cloud(mesh.vertices, mesh.colours))
+    read = partial(_slices, mesh.vertices)
     return FileCloud(mesh.path, kind, len(mesh.vertices), read, mesh.precision, mesh.notes)
 
 
-def _slices(cloud: Cloud, points: int) -> Iterator[Cloud]:
-    for start in range(0, len(cloud), points):
-        part = slice(start, start + points)
-        colours = None if cloud.colours is None else cloud.colours[part]
-        yield Cloud(cloud.points[part], colours)
+def _slices(vertices: Floats, points: int) -> Iterator[Cloud]:
+    for start in range(0, len(vertices), points):
+        yield Cloud(vertices[start : start + points])

@@ -44,7 +44,7 @@ def open_gltf(path: Path) -> Mesh:
             fix="export it again without compression, or as PLY",
         )
     vertices, faces = _load(path, raw, "glb" if raw.startswith(b"glTF") else "gltf")
-    return Mesh(path, "GLB mesh", vertices, faces, None, (_AXES,), _SINGLE)
+    return Mesh(path, "GLB mesh", vertices, faces, (_AXES,), _SINGLE)
 
 
 def open_stl(path: Path) -> Mesh:
@@ -139,7 +139,7 @@ def open_obj(path: Path) -> Mesh:
                 raise text.wrong(line, expected) from error
     if not vertices:
         raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
-    return Mesh(path, "OBJ mesh", _rows(vertices), _rows(triangles), None, tuple(notes))
+    return Mesh(path, "OBJ mesh", _rows(vertices), _rows(triangles), tuple(notes))
 
 
 def _index(word: str, count: int) -> int:

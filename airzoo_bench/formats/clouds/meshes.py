@@ -63,7 +63,6 @@ class Mesh:
     kind : str
     vertices : (V, 3) float64
     faces : (F, 3) int64
-    colours : (V, 3) uint8 or None
     notes : tuple of str
     precision : dtype
         Type that the coordinates are stored in.
@@ -73,7 +72,6 @@ class Mesh:
     kind: str
     vertices: Floats
     faces: Ints
-    colours: NDArray[np.uint8] | None = None
     notes: tuple[str, ...] = ()
     precision: np.dtype[Any] = _DOUBLE
 
@@ -175,11 +173,7 @@ def _pieces(mesh: Mesh, ends: Floats, count: int, seed: int, points: int) -> Ite
     for start in range(0, count, points):
         place, weights = _draw(ends, count, seed, start, min(start + points, count))
         corners = mesh.faces[place]
-        colours = None
-        if mesh.colours is not None:
-            blended = _blend(mesh.colours.astype(np.float64), corners, weights)
-            colours = np.rint(np.clip(blended, 0.0, 255.0)).astype(np.uint8)
-        yield Cloud(_blend(mesh.vertices, corners, weights), colours)
+        yield Cloud(_blend(mesh.vertices, corners, weights))
 
 
 def _draw(

@@ -32,7 +32,6 @@ _LONGEST_HEADER = 1 << 16
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _MOST_REPEATS = 1 << 16
-_PACKED = ("rgb", "rgba")
 _CONFIDENCE = ("confidence", "conf")
 
 
@@ -185,21 +184,12 @@ def _read_text(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
         for done in range(0, header.points, points):
             count = min(points, header.points - done)
             rows = parse_rows(text, count, header.width, header.points, "points")
-            yield _cloud(header, {f.name: _typed(rows[:, f.place], f) for f in header.fields})
-
-
-def _typed(column: NDArray[np.float64], field: _Field) -> NDArray[Any]:
-    if field.name not in _PACKED:
-        return column
-    if field.type == "<f4":
-        with np.errstate(over="ignore"):
-            return column.astype("<f4")
-    return np.clip(np.nan_to_num(column, nan=0.0), 0, 0xFFFFFFFF).astype("<u4")
+            yield _cloud({f.name: rows[:, f.place] for f in header.fields})
 
 
 def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
     for block in read_records(path, header.record, header.size, header.points, points):
-        yield _cloud(header, {f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields})
+        yield _cloud({f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields})
 
 
 def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> Iterator[Cloud]:
@@ -215,16 +205,10 @@ def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> I
         start += header.points * kind.itemsize
     for done in range(0, header.points, points):
         part = slice(done, done + points)
-        yield _cloud(header, {name: column[part] for name, column in columns.items()})
+        yield _cloud({name: column[part] for name, column in columns.items()})
 
 
-def _cloud(header: _Header, columns: dict[str, NDArray[Any]]) -> Cloud:
-    colours = confidence = None
-    for field in header.fields:
-        if field.name in _PACKED and field.type[2:] == "4":
-            packed = np.ascontiguousarray(columns[field.name]).view("<u4")
-            colours = np.stack([packed >> shift & 0xFF for shift in (16, 8, 0)], axis=-1)
-        if field.name in _CONFIDENCE and confidence is None:
-            confidence = as_confidence(columns[field.name])
+def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
+    trust = next((columns[name] for name in _CONFIDENCE if name in columns), None)
     points = columns_to_points(columns["x"], columns["y"], columns["z"])
-    return Cloud(points, None if colours is None else colours.astype(np.uint8), confidence)
+    return Cloud(points, None, None if trust is None else as_confidence(trust))

@@ -16,7 +16,6 @@ from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,
     FileCloud,
-    as_colours,
     as_confidence,
     columns_to_points,
     read_records,
@@ -137,33 +136,16 @@ def _skip(text: TextLines, header: PlyHeader, element: Element, what: str) -> No
 
 def _typed_columns(vertex: Element, rows: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     return {
-        one.name: _typed(rows[:, place], np.dtype(one.type))
+        one.name: rows[:, place]
         for place, one in enumerate(vertex.properties)
-        if one.name in ("x", "y", "z", *_COLOURS, *_CONFIDENCE)
+        if one.name in ("x", "y", "z", *_CONFIDENCE)
     }
 
 
-def _typed(column: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Take numbers of a text to the type of a colour; coordinates keep all digits that are there.
-
-    Text of a float property may have more digits than float32; they are not thrown away.
-    """
-    if kind.kind == "f":
-        return column
-    limits = np.iinfo(kind)
-    return np.clip(np.nan_to_num(column, nan=0.0), limits.min, limits.max).astype(kind)
-
-
 def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
-    colours = confidence = None
-    if all(name in columns for name in _COLOURS):
-        colours = as_colours(*(columns[name] for name in _COLOURS))
-    for name in _CONFIDENCE:
-        if name in columns:
-            confidence = as_confidence(columns[name])
-            break
+    trust = next((columns[name] for name in _CONFIDENCE if name in columns), None)
     points = columns_to_points(columns["x"], columns["y"], columns["z"])
-    return Cloud(points, colours, confidence)
+    return Cloud(points, None, None if trust is None else as_confidence(trust))
 
 
 def _open_mesh(path: Path, header: PlyHeader, cloud: FileCloud, faces: Element) -> Mesh:
@@ -176,9 +158,7 @@ def _open_mesh(path: Path, header: PlyHeader, cloud: FileCloud, faces: Element) 
         )
     piece = next(cloud.pieces(max(cloud.count, 1)), Cloud(np.empty((0, 3))))
     triangles = _triangles(path, header, faces, lists[0])
-    return Mesh(
-        path, "PLY mesh", piece.points, triangles, piece.colours, cloud.notes, cloud.precision
-    )
+    return Mesh(path, "PLY mesh", piece.points, triangles, cloud.notes, cloud.precision)
 
 
 def _triangles(path: Path, header: PlyHeader, faces: Element, name: str) -> Ints:
