@@ -12,6 +12,7 @@ from airzoo_bench.cli.common import (
     NamesOption,
     ProtocolOption,
     ReaderOption,
+    UntrustedOption,
     examples,
     memory_bytes,
     put,
@@ -40,6 +41,7 @@ def check(
     names: NamesOption = None,
     image_size: ImageSizeOption = None,
     max_memory: MemoryOption = "2G",
+    untrusted: UntrustedOption = False,
 ) -> None:
     """Say what predictions are, which reader takes them, what they answer, and what is wrong.
 
@@ -50,15 +52,17 @@ def check(
     it and reconstructions are aligned, so that all is found that eval would
     refuse.
     """
+    from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.check import check as find_errors
     from airzoo_bench.evaluation.given import ReadBy
     from airzoo_bench.evaluation.parts import Resources
 
+    memory = memory_bytes(max_memory)
     checked = find_errors(
         predictions_here(predictions),
         data=resolve_data(data),
         protocol=protocol,
-        resources=Resources(memory_bytes(max_memory)),
+        resources=Resources(memory, limits=Limits(memory) if untrusted else None),
         read_by=ReadBy(reader, names, image_size),
     )
     for line in checked.described:

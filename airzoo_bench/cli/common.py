@@ -33,6 +33,7 @@ __all__ = [
     "NamesOption",
     "ProtocolOption",
     "ReaderOption",
+    "UntrustedOption",
     "check_output",
     "examples",
     "in_panels",
@@ -100,6 +101,14 @@ NamesOption = Annotated[
         help="A list of images, a line each, in the order in which the method saw them, where its "
         "files do not name them.",
         show_default=False,
+    ),
+]
+UntrustedOption = Annotated[
+    bool,
+    typer.Option(
+        "--untrusted",
+        help="Read the predictions in a process of its own, under limits of memory, processor "
+        "time and clock: for files of strangers. These are limits, not isolation. Linux only.",
     ),
 ]
 ImageSizeOption = Annotated[

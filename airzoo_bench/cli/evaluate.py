@@ -19,6 +19,7 @@ from airzoo_bench.cli.common import (
     NamesOption,
     ProtocolOption,
     ReaderOption,
+    UntrustedOption,
     memory_bytes,
     progress,
     put,
@@ -76,7 +77,15 @@ class _EvalGroup(BuiltGroup):
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Predictions": ("protocol", "data", "reader", "names", "image_size"),
         "Output": ("out", "method", "form", "every_score"),
-        "Resources": ("jobs", "max_memory", "engine", "scheduler", "resume", "show_progress"),
+        "Resources": (
+            "jobs",
+            "max_memory",
+            "untrusted",
+            "engine",
+            "scheduler",
+            "resume",
+            "show_progress",
+        ),
     }
 
     def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str, str]:
@@ -94,6 +103,7 @@ class _EvalGroup(BuiltGroup):
             *(parameter(one.name, _kind(one), one.default) for one in thing.options),
             parameter("jobs", JobsOption, thing.jobs),
             parameter("max_memory", _MemoryOption, "2G"),
+            parameter("untrusted", UntrustedOption, False),
             parameter("engine", EngineOption, EngineKind.LOCAL),
             parameter("scheduler", SchedulerOption, None),
             parameter("resume", ResumeOption, False),
@@ -137,6 +147,7 @@ def _evaluate(
     every_score: bool,
     jobs: int,
     max_memory: str,
+    untrusted: bool,
     engine: EngineKind,
     scheduler: str | None,
     resume: bool,
@@ -145,6 +156,7 @@ def _evaluate(
     **extras: bool | int,
 ) -> None:
     from airzoo_bench.core.registry import resolve
+    from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.given import ReadBy
     from airzoo_bench.evaluation.parts import Resources
@@ -165,7 +177,8 @@ def _evaluate(
     ):
         threads = jobs if engine is EngineKind.LOCAL else 1
         shown = rated if show_progress else progress
-        resources = Resources(memory, threads, shown, bool(writing), watching)
+        limits = Limits(memory) if untrusted else None
+        resources = Resources(memory, threads, shown, bool(writing), watching, limits)
         evaluation = evaluate(
             predictions_here(predictions),
             data=resolve_data(data),

@@ -61,7 +61,7 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
         raise UsageError("no such cloud", where=cloud)
     paths = shards_in(cloud) if cloud.is_dir() else [cloud]
     watched = _Watched(
-        open_shards(cloud, paths, _CLOUD_BYTES)
+        open_shards(cloud, paths)
         if cloud.is_dir()
         else open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None)
     )

@@ -15,9 +15,10 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.evaluate import counts_apart, namesake_notes
-from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
+from airzoo_bench.evaluation.given import Given, ReadBy, read_truths
 from airzoo_bench.evaluation.parts import Assigned, Resources, Truth
 from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.evaluation.untrusted import open_as_trusted
 from airzoo_bench.protocol.lookup import find_protocol
 
 __all__ = ["Checked", "check"]
@@ -52,21 +53,23 @@ def check(
 ) -> Checked:
     """Find all errors of predictions."""
     try:
-        given = open_predictions(path, None, protocol, data, resources, read_by)
+        given = open_as_trusted(path, None, protocol, data, resources, read_by)
     except UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
         track = None if protocol is None else find_protocol(protocol, data).track
-        reader = read_by.reader or find_reader(path, track)
+        # Who reads files that are not trusted is found in the child, which has just refused them.
+        found = find_reader(path, track) if resources.limits is None else None
+        reader = read_by.reader or found
         return Checked([error], [], [] if reader is None else [_title(reader, "read")])
     try:
-        found = _checked(given, resources)
+        checked = _checked(given, resources)
     except (PredictionError, CameraError) as error:
-        found = Checked([error], [])
+        checked = Checked([error], [])
     # Of the suite's own files the errors say all; of others, who reads them comes first.
-    sound = not found.errors or given.reader is not None
-    described = [*_described(given), *found.described] if sound else []
-    return replace(found, notes=[*given.notes, *found.notes], described=described)
+    sound = not checked.errors or given.reader is not None
+    described = [*_described(given), *checked.described] if sound else []
+    return replace(checked, notes=[*given.notes, *checked.notes], described=described)
 
 
 def _described(given: Given) -> list[str]:

@@ -13,9 +13,10 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolEr
 from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree, stamps
 from airzoo_bench.core.version import versions
 from airzoo_bench.engines.engine import Engine
-from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions, read_truths
+from airzoo_bench.evaluation.given import Given, ReadBy, read_truths
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
+from airzoo_bench.evaluation.untrusted import open_as_trusted
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
@@ -110,7 +111,7 @@ def _evaluated(
     read_by: ReadBy,
     begun: Callable[[], None],
 ) -> Evaluation:
-    given = open_predictions(path, track, protocol, data, resources, read_by)
+    given = open_as_trusted(path, track, protocol, data, resources, read_by)
     of, predictions, chosen = given.track, given.predictions, given.protocol
     for error in of.validation_errors(predictions, chosen, thorough=False):
         raise error

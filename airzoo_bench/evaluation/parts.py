@@ -16,6 +16,8 @@ from airzoo_bench.engines.processes import Processes
 if TYPE_CHECKING:
     import pandas as pd
 
+    from airzoo_bench.core.sandbox import Limits
+
 __all__ = [
     "DOUBLED",
     "Assigned",
@@ -95,6 +97,8 @@ class Resources:
         Where tasks are done.
     keep : bool
         Keep what figures need besides the scores, such as clouds.
+    limits : Limits or None
+        Of the child that reads predictions which are not trusted; None reads them in this process.
     """
 
     memory_bytes: int = 2 << 30
@@ -102,6 +106,7 @@ class Resources:
     progress: Progress = silent
     keep: bool = False
     engine: Engine = HERE
+    limits: Limits | None = None
 
     @property
     def processes(self) -> Engine:

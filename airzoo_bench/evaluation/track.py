@@ -140,6 +140,19 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
     def read(self, path: Path, memory_bytes: int) -> R:
         """Read or list predictions; what is no such thing raises PredictionError."""
 
+    def portable(self, predictions: R) -> Any:
+        """Return what a child that reads predictions under limits gives its parent."""
+        return predictions
+
+    def restored(self, predictions: Any, read_scene: Callable[..., Any]) -> R:
+        """Return the predictions of `portable`; `read_scene` has a child read one scene."""
+        read: R = predictions
+        return read
+
+    def store_scene(self, predictions: R, folder: Path, **scene: Any) -> Any:
+        """Read one scene in a child, and leave its arrays in files of a folder."""
+        raise NotImplementedError
+
     @abstractmethod
     def read_truth(self, benchmark: Benchmark, scene: str) -> T:
         """Read the truth of a scene from a benchmark folder."""

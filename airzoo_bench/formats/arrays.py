@@ -60,7 +60,7 @@ class _Parquet:
     def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
         self.path = path
         self.budget = Budget(limit_bytes)
-        self._arrays = read_columns(path, columns, self.budget)
+        self._arrays = read_columns(path, columns)
 
     def names(self) -> set[str]:
         return set(self._arrays)

@@ -1,30 +1,28 @@
-"""Reading HDF5 files that strangers wrote: in Python alone, and bounded.
+"""HDF5 files by pyfive: datasets of numbers that the file holds itself.
 
-pyfive reads the structure; libhdf5, which is C, sees none of it. What pyfive may read of a damaged
-file is bounded, so that headers that point in circles come to an end. Numbers are read here, after
-the size that a dataset states was held against that of the file and the memory limit.
+Numbers are read here once the size that a dataset states was held against that of the file;
+external storage, virtual datasets and filters are refused.
 """
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
+import mmap
 import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
+import pyfive
 from numpy.typing import NDArray
+from pyfive.core import InvalidHDF5File
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.formats.budget import Budget
-
-if TYPE_CHECKING:
-    import pyfive
 
 __all__ = ["Hdf5File", "dataset_names"]
 
@@ -33,12 +31,10 @@ _KINDS = "biuf"
 _DEEPEST = 16
 _BYTES_OF_OBJECT = 12_000  # of memory, what pyfive keeps of a group or dataset
 _CONTIGUOUS, _VIRTUAL, _NOWHERE = 1, 3, (1 << 64) - 1
-# pyfive reads each header about once; a file that makes it read more than this goes in circles.
-_TIMES_READ, _LEAST_READ = 16, 16 << 20
-# What pyfive, which checks little, raises over damaged bytes; its own `InvalidHDF5File` is added.
+# What pyfive, which checks little, raises over damaged bytes.
 _DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
-    *(NameError, OSError, RuntimeError, TypeError, ValueError, struct.error),
+    *(InvalidHDF5File, NameError, OSError, RuntimeError, TypeError, ValueError, struct.error),
 )
 
 
@@ -139,32 +135,25 @@ def dataset_names(path: Path, most: int) -> list[str]:
 def _open(path: Path, stream: IO[bytes]) -> pyfive.Group:
     if stream.read(len(_MAGIC)) != _MAGIC:
         raise UnreadableError("no HDF5 file", where=path, expected="a file that h5py wrote")
-    import pyfive
-
-    return pyfive.File(_Bounded(path))
+    # A map closes with the last dataset that reads from it.
+    return pyfive.File(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
 
 
 def _walk(root: pyfive.Group) -> Iterator[tuple[str, pyfive.Dataset | None]]:
     """Yield the groups (None) and datasets of a file, depth first, with their full names."""
-    import pyfive
-
-    left: list[Iterator[tuple[str, pyfive.Group, str]]] = [_members("", root)]
-    while left:
-        entry = next(left[-1], None)
-        if entry is None:
-            left.pop()
+    waiting = [(iter(root), root, "")]
+    while waiting:
+        members, group, before = waiting[-1]
+        member = next(members, None)
+        if member is None:
+            waiting.pop()
             continue
-        name, group, member = entry
-        thing = group.get_lazy_view(member)
-        if isinstance(thing, pyfive.Group):
-            if len(left) == _DEEPEST:
+        found = group.get_lazy_view(member)
+        if isinstance(found, pyfive.Group):
+            if len(waiting) == _DEEPEST:
                 raise ValueError(f"groups are nested more than {_DEEPEST} deep")
-            left.append(_members(name + "/", thing))
-        yield name, thing if isinstance(thing, pyfive.Dataset) else None
-
-
-def _members(before: str, group: pyfive.Group) -> Iterator[tuple[str, pyfive.Group, str]]:
-    return ((before + member, group, member) for member in group)
+            waiting.append((iter(found), found, f"{before}{member}/"))
+        yield before + member, found if isinstance(found, pyfive.Dataset) else None
 
 
 def _filled(stream: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
@@ -176,49 +165,13 @@ def _filled(stream: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...]) -> 
     return values.astype(dtype.newbyteorder("="), copy=False)
 
 
-class _Bounded(io.RawIOBase):
-    """A file that gives no more than it has, and not for ever."""
-
-    def __init__(self, path: Path) -> None:
-        self._stream = path.open("rb")
-        self._size = path.stat().st_size
-        self._left = _LEAST_READ + _TIMES_READ * self._size
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._stream.tell()
-
-    def read(self, size: int = -1) -> bytes:
-        here = self._stream.tell()
-        rest = max(self._size - here, 0)
-        found = self._stream.read(rest if size < 0 else min(size, rest))
-        self._left -= len(found) + 1  # reading nothing counts, too
-        if self._left < 0:
-            raise EOFError("its headers point in circles")
-        return found
-
-    def close(self) -> None:
-        self._stream.close()
-        super().close()
-
-
 @contextmanager
 def _damage(path: Path) -> Iterator[None]:
     """Say of what pyfive cannot read that the file is damaged."""
-    from pyfive.core import InvalidHDF5File
-
     try:
         with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
             yield
-    except (*_DAMAGE, InvalidHDF5File) as error:
+    except _DAMAGE as error:
         raise _damaged(path, f"{type(error).__name__}: {str(error)[:200]}") from error
 
 

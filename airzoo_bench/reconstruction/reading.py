@@ -149,7 +149,7 @@ class ListedFiles(ReconstructionPredictions):
         if entry.shards is not None:
             with ExitStack() as stack:
                 paths = [stack.enter_context(self._bundle.file(one)) for one in entry.geometry]
-                cloud = open_shards(self.path / entry.shards, paths, limit_bytes)
+                cloud = open_shards(self.path / entry.shards, paths)
                 yield ScenePrediction(cloud, images, cloud.notes)
             return
         (geometry,) = entry.geometry

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError, first_of
 from airzoo_bench.evaluation.parts import EvalOption, Resources
@@ -118,6 +118,23 @@ class ReconstructionTrack(
             return replace(predictions, protocol=protocol_name(open_arrays(path, memory_bytes)))
         return predictions
 
+    def portable(self, predictions: Any) -> Any:
+        """See `Track.portable`."""
+        from airzoo_bench.reconstruction.untrusted import list_scenes
+
+        return list_scenes(predictions)
+
+    def restored(self, predictions: Any, read_scene: Callable[..., Any]) -> Any:
+        """See `Track.restored`."""
+        return replace(predictions, read_scene=read_scene)
+
+    def store_scene(self, predictions: Any, folder: Path, **scene: Any) -> Any:
+        """See `Track.store_scene`."""
+        from airzoo_bench.reconstruction.untrusted import store_scene
+
+        with predictions.opened(**scene) as found:
+            return store_scene(found, folder)
+
     def read_truth(self, benchmark: Benchmark, scene: str) -> ReconstructionTruth:
         """See `truth.read_truth`."""
         from airzoo_bench.reconstruction.truth import read_truth
@@ -174,7 +191,7 @@ class ReconstructionTrack(
             return score_missing(truth.scene, protocol.scores)
         with scored_scene(predicted, truth, protocol, resources) as scored:
             if resources.keep:
-                return _kept(scored, predicted.path)
+                return _kept(scored, predicted.path, resources.limits is None)
             return replace(scored, clouds=None, distances=None)
 
     def records(
@@ -288,9 +305,9 @@ def _with_poses(scored: Sequence[ScoredScene]) -> bool:
     return any("ate_m" in scene.record for scene in scored)
 
 
-def _kept(scene: ScoredScene, path: Path) -> ScoredScene:
+def _kept(scene: ScoredScene, path: Path, trusted: bool) -> ScoredScene:
     """Return the scene with clouds that can be read once the predictions are closed."""
-    if path.is_dir() or scene.clouds is None:
+    if (trusted and path.is_dir()) or scene.clouds is None:
         return scene
     predicted, true = scene.clouds
     return replace(scene, clouds=(predicted.in_memory(), true))

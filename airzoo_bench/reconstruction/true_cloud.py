@@ -20,7 +20,7 @@ def open_true_cloud(path: Path, memory_bytes: int, sampling: MeshSampling) -> Cl
     """Open the true cloud."""
     with _blamed(path):
         if path.is_dir():
-            return _TrueCloud(path, open_shards(path, shards_in(path), memory_bytes))
+            return _TrueCloud(path, open_shards(path, shards_in(path)))
         return _TrueCloud(path, open_cloud(path, limit_bytes=memory_bytes, sampling=sampling))
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tests.formats.cloud_support import (
-    colours_of,
     made,
     opened,
     points_of,
@@ -25,7 +24,6 @@ def test_every_byte_order_gives_all_columns(order: str, points: int, tmp_path: P
     columns = made()
     cloud = read(write_ply(tmp_path / "a.ply", columns, order), points)
     np.testing.assert_array_equal(cloud.points, points_of(columns))
-    np.testing.assert_array_equal(cloud.colours, colours_of(columns))
     np.testing.assert_array_equal(cloud.confidence, columns["confidence"])
     assert cloud.points.dtype == np.float64
 
@@ -39,14 +37,12 @@ def test_open3d_reads_the_same(tmp_path: Path) -> None:
     theirs = o3d.io.read_point_cloud(str(path))
     cloud = read(path)
     np.testing.assert_array_equal(cloud.points, np.asarray(theirs.points))
-    np.testing.assert_array_equal(cloud.colours, np.rint(np.asarray(theirs.colors) * 255))
     # Open3D writes six digits into text, so that only near points come back.
     near = theirs.translate(-cloud.points.mean(axis=0))
     for ascii_ in (False, True):
         o3d.io.write_point_cloud(str(tmp_path / "b.ply"), near, write_ascii=ascii_)
         again = read(tmp_path / "b.ply")
         np.testing.assert_allclose(again.points, np.asarray(near.points), rtol=0, atol=1e-4)
-        np.testing.assert_array_equal(again.colours, cloud.colours)
 
 
 def test_elements_before_the_points_are_stepped_over(tmp_path: Path) -> None:
@@ -84,33 +80,12 @@ def test_nan_and_infinity_pass_through(tmp_path: Path) -> None:
         np.testing.assert_array_equal(cloud.points, points_of(columns))
 
 
-@pytest.mark.parametrize(
-    ("kind", "given", "want"),
-    [
-        ("f4", [0.0, 1.0, 0.5, np.nan, 7.0], [0, 255, 128, 0, 255]),
-        ("u2", [0, 65535, 256, 255, 32768], [0, 255, 1, 0, 128]),
-        ("i4", [-4, 255, 300, 7, 0], [0, 255, 255, 7, 0]),
-    ],
-)
-def test_colours_of_other_types(
-    kind: str, given: list[float], want: list[int], tmp_path: Path
-) -> None:
-    columns = made(5)
-    for name in ("red", "green", "blue"):
-        columns[name] = np.array(given).astype(kind)
-    for order in ("<", ""):
-        cloud = read(write_ply(tmp_path / "a.ply", columns, order))
-        assert cloud.colours is not None
-        assert cloud.colours[:, 1].tolist() == want
-
-
 def test_gaussian_splats_give_their_centres_and_say_so(tmp_path: Path) -> None:
     columns = {name: made()[name] for name in "xyz"}
     splats = columns | {n: np.zeros(40, "f4") for n in ("f_dc_0", "f_dc_1", "f_dc_2", "opacity")}
     path = write_ply(tmp_path / "a.ply", splats)
     assert "Gaussian" in opened(path).notes[0]
     cloud = read(path)
-    assert cloud.colours is None
     np.testing.assert_array_equal(cloud.points, points_of(columns))
 
 

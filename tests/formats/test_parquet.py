@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import random
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +11,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.parquet import read_columns
+from airzoo_bench.formats.parquet import open_points, read_columns
 
-LIMIT = 1 << 26
 COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")
 IDS, RANKED = ["e/a", "e/ü"], [["e/t1", "e/t2"], ["e/t2", ""]]
 
 
-def written(path: Path, limit: int = LIMIT, **columns: Any) -> dict[str, Any]:
+def written(path: Path, **columns: Any) -> dict[str, Any]:
     pq.write_table(pa.table(columns), path)
-    return read_columns(path, COLUMNS, Budget(limit))
+    return read_columns(path, COLUMNS)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +50,7 @@ def test_reads_many_batches_and_row_groups_in_order(tmp_path: Path) -> None:
     ids = [f"e/{i}" for i in range(150_000)]
     table = pa.table({"query_ids": ids, "ranked_ids": [[i] for i in ids]})
     pq.write_table(table, tmp_path / "x.parquet", row_group_size=40_000)
-    read = read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+    read = read_columns(tmp_path / "x.parquet", COLUMNS)
     assert read["query_ids"].tolist() == ids
     assert read["ranked_ids"][:, 0].tolist() == ids
 
@@ -102,7 +98,7 @@ def test_a_column_twice(tmp_path: Path) -> None:
     table = pa.Table.from_arrays([pa.array(IDS), pa.array(IDS)], names=["query_ids"] * 2)
     pq.write_table(table, tmp_path / "x.parquet")
     with pytest.raises(PredictionError, match=r"more than once: 1 \(query_ids\)"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+        read_columns(tmp_path / "x.parquet", COLUMNS)
 
 
 def test_text_that_is_not_utf8(tmp_path: Path) -> None:
@@ -112,57 +108,35 @@ def test_text_that_is_not_utf8(tmp_path: Path) -> None:
     )
     pq.write_table(pa.table({"query_ids": bad}), tmp_path / "x.parquet")
     with pytest.raises(PredictionError, match=r"not a readable parquet file: .*UTF8"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
-
-
-def test_larger_than_the_limit(tmp_path: Path) -> None:
-    scores = pa.FixedSizeListArray.from_arrays(pa.array(np.random.default_rng(0).random(4000)), 2)
-    with pytest.raises(PredictionError, match=r"its pages: 1\d\d,\d+ bytes"):
-        written(tmp_path / "x.parquet", limit=31_000, scores=scores)
-    assert written(tmp_path / "x.parquet", limit=220_000, scores=scores)["scores"].shape == (
-        2000,
-        2,
-    )
-
-
-def test_a_text_a_million_times_is_counted_before_it_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def spread(*arguments: object) -> None:
-        raise AssertionError("the matrix was made")
-
-    monkeypatch.setattr("airzoo_bench.formats.parquet.np.take", spread)
-    # Coded by run length it takes a kilobyte on disk, and 2 GB as a matrix of text.
-    coded = pa.DictionaryArray.from_arrays(
-        pa.array(np.zeros(1_000_000, np.int8)), pa.array(["x" * 500])
-    )
-    ranked = pa.FixedSizeListArray.from_arrays(coded, 1000)
-    pq.write_table(pa.table({"ranked_ids": ranked}), tmp_path / "x.parquet")
-    assert (tmp_path / "x.parquet").stat().st_size < 5000
-    with pytest.raises(PredictionError, match="more than the limit"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
-    with pytest.raises(PredictionError, match=r"its pages: 12,0\d\d,"):
-        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(1 << 20))
+        read_columns(tmp_path / "x.parquet", COLUMNS)
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" * 4, b"hello, I am a csv", bytes(99)])
 def test_not_parquet(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_bytes(content)
     with pytest.raises(PredictionError, match=r"not a readable parquet file: ."):
-        read_columns(tmp_path / "x.parquet", COLUMNS, Budget(LIMIT))
+        read_columns(tmp_path / "x.parquet", COLUMNS)
 
 
-def test_damaged_bytes_are_read_or_refused(tmp_path: Path) -> None:
-    stream = io.BytesIO()
-    pq.write_table(pa.table({"query_ids": IDS, "ranked_ids": RANKED}), stream)
-    good, dice, path = stream.getvalue(), random.Random(3), tmp_path / "x.parquet"
-    refused = 0
-    for _ in range(400):
-        content = bytearray(good)
-        content[dice.randrange(len(good))] = dice.randrange(256)
-        path.write_bytes(content[: dice.choice([len(good), len(good), dice.randrange(len(good))])])
-        try:
-            read_columns(path, COLUMNS, Budget(LIMIT))
-        except PredictionError:
-            refused += 1
-    assert 100 < refused < 400
+def test_points_that_are_nan_or_null_or_cut_off(tmp_path: Path) -> None:
+    path, axis = tmp_path / "x.parquet", np.arange(9.0)
+    pq.write_table(pa.table({"x": axis, "y": axis, "z": np.where(axis == 2, np.nan, axis)}), path)
+    (piece,) = open_points(path).pieces(100)
+    assert np.isnan(piece.points).sum() == 1
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(PredictionError, match="not a readable parquet file"):
+        open_points(path)
+    nulls = pa.array([1.0, None, 2.0])
+    pq.write_table(pa.table({"x": nulls, "y": nulls, "z": nulls}), path)
+    with pytest.raises(PredictionError, match="nulls"):
+        list(open_points(path).pieces(100))
+
+
+def test_points_that_are_not_as_many_as_it_says(tmp_path: Path) -> None:
+    path = tmp_path / "x.parquet"
+    axis = np.arange(9.0)
+    pq.write_table(pa.table({"x": axis, "y": axis, "z": axis}), path)
+    file = open_points(path)
+    pq.write_table(pa.table({"x": axis[1:], "y": axis[1:], "z": axis[1:]}), path)
+    with pytest.raises(PredictionError, match="states 9 rows, and holds 8"):
+        list(file.pieces(100))

@@ -15,7 +15,6 @@ from pyproj import CRS
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
-from tests.formats.cloud_support import LIMIT
 
 Write = Callable[[Path, Floats], None]
 
@@ -43,7 +42,7 @@ def in_shards(folder: Path, points: Floats, count: int, write: Write, suffix: st
 
 
 def opened(folder: Path) -> FileCloud:
-    return open_shards(folder, shards_in(folder), LIMIT)
+    return open_shards(folder, shards_in(folder))
 
 
 def points_in(cloud: FileCloud, size: int = 50) -> Floats:

@@ -16,7 +16,7 @@ import pytest
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.formats.clouds.shards import open_shards, shards_in
+from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.reconstruction import scenes
 from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud
 from airzoo_bench.reconstruction.reading import open_reconstruction
@@ -202,13 +202,6 @@ def test_no_shard_counts_twice(copy: str, says: str, tmp_path: Path) -> None:
         write_laz(folder / copy, surface(150, 0))
     with pytest.raises(PredictionError, match=re.escape(says)):
         opened(folder)
-
-
-def test_parquet_that_states_more_than_the_limit(tmp_path: Path) -> None:
-    write_parquet(tmp_path / "a.parquet", np.zeros((1_000_000, 3)))
-    assert (tmp_path / "a.parquet").stat().st_size < 10_000_000
-    with refused("bytes of memory, more than the limit"):
-        open_shards(tmp_path, shards_in(tmp_path), 1 << 20)
 
 
 def test_a_shard_that_goes_away_while_the_run_takes(tmp_path: Path) -> None:

@@ -17,12 +17,11 @@ from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,
     FileCloud,
-    as_colours,
     as_confidence,
     refusal,
     uncounted,
 )
-from airzoo_bench.formats.clouds.columns import Columns, columns_of_sample
+from airzoo_bench.formats.clouds.columns import Columns
 from airzoo_bench.formats.npy import read_header
 
 __all__ = ["open_npy", "open_npz"]
@@ -32,26 +31,24 @@ _CONFIDENCE = ("confidence", "conf")
 _ALLOWED = ("protocol", "points", *_COLOURS, *_CONFIDENCE)
 _EXPECTED = "points (N, 3), and perhaps colours (N, 3) and confidence (N,)"
 _NUMBERS = "fiu"
-_SAMPLE = 1000
 
 
 def open_npz(path: Path, limit_bytes: int) -> FileCloud:
-    """Open an npz file with ``points`` (N, 3), ``colours`` (N, 3) and ``confidence`` (N,)."""
+    """Open an npz file with ``points`` (N, 3), perhaps ``confidence`` (N,)."""
     arrays = open_arrays(path, limit_bytes)
     check_fields(arrays, ("points",), _ALLOWED, _EXPECTED)
-    for names in (_COLOURS, _CONFIDENCE):
-        if len(arrays.names() & set(names)) > 1:
-            raise refusal(path, f"holds both {' and '.join(names)}", fix="keep one of the two")
+    if arrays.names() >= set(_CONFIDENCE):
+        raise refusal(path, f"holds both {' and '.join(_CONFIDENCE)}", fix="keep one of the two")
     points = _column(arrays, "points", 3)
-    colours, confidence = _optional(arrays, _COLOURS, 3), _optional(arrays, _CONFIDENCE, 1)
-    for name, values in (("colours", colours), ("confidence", confidence)):
-        if values is not None and len(values) != len(points):
-            raise refusal(
-                path,
-                f"has {len(points):,} points and {len(values):,} rows of {name}",
-                expected="a row a point",
-            )
-    read = partial(_slices, points, colours, confidence)
+    named = next((name for name in _CONFIDENCE if name in arrays.names()), None)
+    confidence = None if named is None else _column(arrays, named, 1)
+    if confidence is not None and len(confidence) != len(points):
+        raise refusal(
+            path,
+            f"has {len(points):,} points and {len(confidence):,} rows of confidence",
+            expected="a row a point",
+        )
+    read = partial(_slices, points, confidence)
     return FileCloud(path, "npz", len(points), read, points.dtype)
 
 
@@ -75,18 +72,11 @@ def open_npy(path: Path) -> FileCloud:
     if left < 0:
         raise refusal(path, f"ends before {counted(shape[0], 'point')}", fix=FIX_COPY)
     rows = partial(np.memmap, path, dtype, "r", start, shape, "F" if fortran else "C")
-    columns = columns_of_sample(rows()[:_SAMPLE] if shape[0] else np.empty(shape))
+    columns = Columns(shape[1])
     read = partial(_stream, rows, shape[0], columns)
     notes = uncounted(left, "bytes", shape[0])
     notes += (columns.note(),) if shape[1] > 3 else ()
     return FileCloud(path, "npy", shape[0], read, dtype, notes)
-
-
-def _optional(arrays: Arrays, names: tuple[str, str], width: int) -> NDArray[Any] | None:
-    for name in names:
-        if name in arrays.names():
-            return _column(arrays, name, width)
-    return None
 
 
 def _column(arrays: Arrays, name: str, width: int) -> NDArray[Any]:
@@ -104,17 +94,12 @@ def _column(arrays: Arrays, name: str, width: int) -> NDArray[Any]:
     return values
 
 
-def _slices(
-    points: NDArray[Any],
-    colours: NDArray[Any] | None,
-    confidence: NDArray[Any] | None,
-    size: int,
-) -> Iterator[Cloud]:
+def _slices(points: NDArray[Any], confidence: NDArray[Any] | None, size: int) -> Iterator[Cloud]:
     for start in range(0, len(points), size):
         part = slice(start, start + size)
         yield Cloud(
             np.array(points[part], np.float64),
-            None if colours is None else as_colours(*np.asarray(colours[part]).T),
+            None,
             None if confidence is None else as_confidence(np.asarray(confidence[part])),
         )
 

@@ -21,7 +21,6 @@ __all__ = [
     "FileCloud",
     "Shard",
     "Sharded",
-    "as_colours",
     "as_confidence",
     "columns_to_points",
     "read_records",
@@ -40,6 +39,7 @@ class Cloud:
     points : (N, 3) float64
         World coordinates, in the scene's units.
     colours : (N, 3) uint8 or None
+        To be written; readers leave them out, since no score needs them.
     confidence : (N,) float32 or None
     """
 
@@ -161,25 +161,6 @@ def columns_to_points(*columns: NDArray[Any]) -> Floats:
     for axis, column in enumerate(columns):
         points[:, axis] = column
     return points
-
-
-def as_colours(*columns: NDArray[Any]) -> NDArray[np.uint8]:
-    """Put three columns (N,) of colour side by side, (N, 3) uint8."""
-    colours = np.empty((len(columns[0]), 3), np.uint8)
-    for axis, column in enumerate(columns):
-        colours[:, axis] = _bytes_of(column)
-    return colours
-
-
-def _bytes_of(column: NDArray[Any]) -> NDArray[Any]:
-    if column.dtype == np.uint8:
-        return column
-    if column.dtype.kind == "u" and column.dtype.itemsize == 2:
-        return np.asarray(column >> 8)
-    if column.dtype.kind == "f":
-        share = np.nan_to_num(column.astype(np.float64), nan=0.0)
-        return np.asarray(np.rint(np.clip(share, 0.0, 1.0) * 255.0))
-    return np.asarray(np.clip(column, 0, 255))
 
 
 def as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds import arrays, glb, las, obj, off, pcd, ply, stl, xyz
+from airzoo_bench.core.registry import resolve
+from airzoo_bench.formats.clouds import arrays, xyz
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.gzipped import Unpacked
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
 from airzoo_bench.formats.clouds.suffixes import GZIPPED_SUFFIXES, KINDS, TEXT_SUFFIXES
+from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["open_cloud", "stem_of"]
 
@@ -27,6 +29,18 @@ _MAGIC = (
     (b"# .PCD", "PCD", (".pcd",)),
     (b"VERSION", "PCD", (".pcd",)),
 )
+_READERS = {
+    "LAS or LAZ": "las:open_las",
+    "npy": "arrays:open_npy",
+    "text": "xyz:open_text",
+    "PLY": "ply:open_ply",
+    "PCD": "pcd:open_pcd",
+    "GLB": "mesh_files:open_gltf",
+    "glTF": "mesh_files:open_gltf",
+    "STL": "mesh_files:open_stl",
+    "OFF": "mesh_files:open_off",
+    "OBJ": "mesh_files:open_obj",
+}
 _OTHERS = (
     (b"version https://git-lfs", "a Git LFS pointer, not the file itself"),
     (b"\x1f\x8b", "a gzip file"),
@@ -77,24 +91,10 @@ def _open_plain(path: Path, limit_bytes: int, sampling: MeshSampling | None) -> 
 
 
 def _open(path: Path, kind: str, limit_bytes: int) -> FileCloud | Mesh:
-    in_pieces = {
-        "LAS or LAZ": las.open_las,
-        "npy": arrays.open_npy,
-        "text": xyz.open_text,
-    }
-    if kind in in_pieces:
-        return in_pieces[kind](path)
-    bounded: dict[str, Callable[[Path, int], FileCloud | Mesh]] = {
-        "PLY": ply.open_ply,
-        "PCD": pcd.open_pcd,
-        "npz or zip": arrays.open_npz,
-        "GLB": glb.open_glb,
-        "glTF": glb.open_glb,
-        "STL": stl.open_stl,
-        "OFF": off.open_off,
-        "OBJ": obj.open_obj,
-    }
-    return bounded[kind](path, limit_bytes)
+    if kind == "npz or zip":
+        return arrays.open_npz(path, limit_bytes)
+    opened: FileCloud | Mesh = resolve(f"{__package__}.{_READERS[kind]}")(path)
+    return opened
 
 
 def _kind(path: Path) -> str:
@@ -122,7 +122,7 @@ def _kind_by_ending(suffix: str, head: bytes) -> str | None:
     fits = {
         ".obj": ("OBJ", _looks_like_obj(head)),
         ".pcd": ("PCD", b"FIELDS" in head),
-        ".stl": ("STL", stl.looks_like_stl(head)),
+        ".stl": ("STL", b"\0" in head or _text_mesh(head) == "STL"),
         ".off": ("OFF", _looks_like_off(head)),
         ".gltf": ("glTF", head.lstrip().startswith(b"{")),
     } | dict.fromkeys(TEXT_SUFFIXES, ("text", xyz.looks_like_text(head)))
@@ -180,12 +180,10 @@ def _unknown(path: Path, head: bytes) -> PredictionError:
 
 def _vertices(mesh: Mesh) -> FileCloud:
     kind = mesh.kind.replace("mesh", "points")
-    read = partial(_slices, Cloud(mesh.vertices, mesh.colours))
+    read = partial(_slices, mesh.vertices)
     return FileCloud(mesh.path, kind, len(mesh.vertices), read, mesh.precision, mesh.notes)
 
 
-def _slices(cloud: Cloud, points: int) -> Iterator[Cloud]:
-    for start in range(0, len(cloud), points):
-        part = slice(start, start + points)
-        colours = None if cloud.colours is None else cloud.colours[part]
-        yield Cloud(cloud.points[part], colours)
+def _slices(vertices: Floats, points: int) -> Iterator[Cloud]:
+    for start in range(0, len(vertices), points):
+        yield Cloud(vertices[start : start + points])

@@ -1,246 +1,204 @@
-"""LAS and LAZ: the header read here, the compressed body by lazrs.
+"""LAS and LAZ by laspy, once what their headers count is held against the file.
 
-The header is a table of fixed places, and laspy reads it trustingly: a number of records of
-4 billion keeps it busy for hours. lazrs in turn takes the memory that the chunk table asks for, and
-ends the whole process where there is none. So every number that memory follows from is first
-checked against the size of the file.
+laspy takes a number of records as it is stated, and lazrs decodes points that are not there: it
+reads on behind the last one.
 """
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+import laspy
+import lazrs
 import numpy as np
-from numpy.typing import NDArray
+from laspy.errors import LaspyException
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,
     FileCloud,
     columns_to_points,
-    read_records,
     refusal,
     uncounted,
 )
-from airzoo_bench.formats.clouds.laz import LazBody
-from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["LasHeader", "open_las", "read_header"]
+__all__ = ["open_las", "read_projection"]
 
 _SHORTEST = 227
-_RGB_AT = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
-_BASE_SIZE = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
-_VLR_HEADER = 54
-_LASZIP = (b"laszip encoded", 22204)
-_PROJECTION = b"LASF_Projection"
-_COLOUR_PROBE = 50_000
-
-
-@dataclass(frozen=True, eq=False)
-class LasHeader:
-    """What of a LAS header the points need.
-
-    Attributes
-    ----------
-    version : tuple of int
-    compressed : bool
-    point_format : int
-        0 to 10.
-    record_bytes : int
-    count : int
-    start, end : int
-        Where the points begin, and where in the file something else may follow them.
-    scale, offset : (3,) float64
-        World coordinate = integer * scale + offset.
-    laszip : bytes or None
-        The record that LASzip leaves for its reader.
-    projection : bytes
-        What its records say of a CRS; nothing where they do not.
-    """
-
-    version: tuple[int, int]
-    compressed: bool
-    point_format: int
-    record_bytes: int
-    count: int
-    start: int
-    end: int
-    scale: Floats
-    offset: Floats
-    laszip: bytes | None
-    projection: bytes
-
-    @property
-    def record(self) -> np.dtype[Any]:
-        """Type of a point: integer coordinates and, where there are any, colours."""
-        names, kinds, places = ["xyz"], [("<i4", 3)], [0]
-        if self.point_format in _RGB_AT:
-            names, kinds = [*names, "rgb"], [*kinds, ("<u2", 3)]
-            places = [*places, _RGB_AT[self.point_format]]
-        layout: Any = {"names": names, "formats": kinds, "offsets": places}
-        record: np.dtype[Any] = np.dtype(layout | {"itemsize": self.record_bytes})
-        return record
-
-    def compressed_in(self, path: Path, stream: IO[bytes]) -> LazBody:
-        """Return the compressed points of a file."""
-        laszip = self.laszip or b""
-        return LazBody(path, stream, laszip, self.start, self.record_bytes, self.count)
+_VLR_BYTES = 54
+_DAMAGE = (
+    *(LaspyException, lazrs.LazrsError, ArithmeticError, LookupError, MemoryError),
+    *(OSError, TypeError, ValueError, struct.error),
+)
+_PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no name
+_LAYERED = 3  # the compressor of point formats 6 and above, which counts the points of each chunk
+_LAST_BYTES = 16  # that an encoder may write behind the last point
+_BLOCK_POINTS = 50_000
 
 
 def open_las(path: Path) -> FileCloud:
     """Open a LAS or LAZ file."""
-    header = read_header(path)
-    kind = "LAZ" if header.compressed else "LAS"
-    shift = _colour_shift(path, header)
-    read = partial(_read, path, header, shift)
-    notes = _more_than_promised(path, header)
-    return FileCloud(path, kind, header.count, read, np.dtype(np.float64), notes)
+    with _opened(path) as reader:
+        header = reader.header
+        numbers = np.concatenate([header.scales, header.offsets])
+        if not (np.isfinite(numbers).all() and (header.scales != 0).all()):
+            raise refusal(
+                path, f"its scale and offset are {numbers.tolist()}", expected="finite numbers"
+            )
+        compressed, count = header.are_points_compressed, header.point_count
+        left, what = (_beyond_laz if compressed else _beyond_las)(path, header)
+    if left < 0:
+        raise _too_few(path, count)
+    kind = "LAZ" if compressed else "LAS"
+    notes = uncounted(left, what, count)
+    return FileCloud(path, kind, count, partial(_read, path), np.dtype(np.float64), notes)
 
 
-def read_header(path: Path) -> LasHeader:
-    """Read and check the header of a LAS or LAZ file."""
+def read_projection(path: Path) -> bytes:
+    """Return what the records of a file say of its CRS; nothing where they do not."""
+    with _opened(path) as reader:
+        records = [one for one in reader.header.vlrs if one.user_id == "LASF_Projection"]
+        return b"".join(
+            one.record_id.to_bytes(2, "little") + one.record_data_bytes() for one in records
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[laspy.LasReader]:
+    """Open a file whose header counts no more records than there is room for."""
+    with path.open("rb") as stream:
+        raw = stream.read(_SHORTEST)
+    if len(raw) < _SHORTEST or raw[:4] != b"LASF":
+        raise refusal(path, "the LAS header is cut off", fix=FIX_COPY)
+    header_bytes, start, records = struct.unpack_from("<HII", raw, 94)
+    room = (start - header_bytes) // _VLR_BYTES
+    sound = _SHORTEST <= header_bytes <= start <= path.stat().st_size and raw[24] == 1
+    if not sound or records > room:
+        raise refusal(
+            path, f"the LAS header contradicts itself: points from byte {start:,}", fix=FIX_COPY
+        )
+    try:
+        with laspy.open(path, read_evlrs=False) as reader:
+            yield reader
+    except FileNotFoundError:
+        raise
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
+    except BaseException as error:
+        if type(error).__module__ != _PANIC:
+            raise
+        raise _damaged(path, error) from error
+
+
+def _beyond_las(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
+    """Return how many bytes follow the points that the header counts, before other records."""
+    size, start = path.stat().st_size, header.offset_to_point_data
+    marks = header.start_of_first_evlr, header.start_of_waveform_data_packet_record
+    end = min((mark for mark in marks if mark and start < mark < size), default=size)
+    if size < start + header.point_count * header.point_format.size:
+        return -1, "bytes"
+    left = end - start - header.point_count * header.point_format.size
+    return left if left >= header.point_format.size else 0, "bytes"
+
+
+def _beyond_laz(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
+    """Return how much the chunks hold beyond the points that the header counts; below 0 if less."""
+    start, size, count = header.offset_to_point_data, header.point_format.size, header.point_count
+    laszip = header.vlrs.get("LasZipVlr")[0].record_data
+    vlr = lazrs.LazVlr(laszip)
+    if vlr.item_size() != size:
+        raise ValueError(f"points of {size} bytes are compressed as {vlr.item_size()} bytes")
+    with path.open("rb") as stream:
+        _check_chunk_count(path, stream, start, vlr.item_size())
+        stream.seek(start)
+        # Writers of chunks of any size may end with one of nothing.
+        chunks = [some for some in lazrs.read_chunk_table(stream, vlr) if any(some)]
+        if start + 8 + sum(nbytes for _, nbytes in chunks) > path.stat().st_size:
+            return -1, "points"
+        if struct.unpack_from("<H", laszip)[0] == _LAYERED:
+            place, total = start + 8, 0
+            for _, nbytes in chunks:
+                stream.seek(place + size)
+                total += int.from_bytes(stream.read(4), "little")
+                place += nbytes
+            return total - count, "points"
+    before = sum(points for points, _ in chunks[:-1])
+    if not chunks or not before < count <= before + chunks[-1][0]:
+        return (-1 if count else 0), "points"
+    left = _left_in_last_chunk(path, laszip, start, before, header)
+    left += start + 8 + sum(nbytes for _, nbytes in chunks)
+    # A decoder asks for bytes before it needs them.
+    return (left if not -2 * _LAST_BYTES <= left <= _LAST_BYTES else 0), "compressed bytes"
+
+
+def _check_chunk_count(path: Path, stream: Any, start: int, point_bytes: int) -> None:
+    """Refuse a table of more chunks than fit: lazrs takes the memory, or ends the process."""
     size = path.stat().st_size
-    with path.open("rb") as stream:
-        raw = stream.read(375)
-        if len(raw) < _SHORTEST or raw[:4] != b"LASF":
-            raise refusal(path, "the LAS header is cut off", fix=FIX_COPY)
-        header_bytes, start, n_vlrs, form, record_bytes, count = struct.unpack_from(
-            "<HIIBHI", raw, 94
-        )
-        version = (raw[24], raw[25])
-        if version >= (1, 4) and len(raw) >= 255:
-            count = struct.unpack_from("<Q", raw, 247)[0]
-        point_format = form & 0x3F
-        _check_header(path, version, point_format, record_bytes, header_bytes, start, size)
-        stream.seek(header_bytes)
-        laszip, projection = _records_of(path, stream, n_vlrs, start - header_bytes)
-    numbers = np.frombuffer(raw, "<f8", 6, 131).astype(np.float64)
-    if not (np.isfinite(numbers).all() and (numbers[:3] != 0).all()):
-        raise refusal(
-            path, f"its scale and offset are {numbers.tolist()}", expected="finite numbers"
-        )
-    compressed = bool(form & 0xC0)
-    header = LasHeader(
-        version,
-        compressed,
-        point_format,
-        record_bytes,
-        count,
-        start,
-        _end_of_points(raw, version, start, size),
-        numbers[:3],
-        numbers[3:],
-        laszip,
-        projection,
+    stream.seek(start)
+    table = int.from_bytes(stream.read(8), "little", signed=True)
+    if table == -1:
+        stream.seek(size - 8)
+        table = int.from_bytes(stream.read(8), "little", signed=True)
+    if not start + 8 <= table <= size - 8:
+        raise ValueError("the file ends before its chunk table")
+    stream.seek(table + 4)
+    chunks = int.from_bytes(stream.read(4), "little")
+    if chunks > (table - start - 8) // point_bytes:
+        raise ValueError(f"its table lists {counted(chunks, 'chunk')}")
+
+
+def _left_in_last_chunk(
+    path: Path, laszip: bytes, start: int, before: int, header: laspy.LasHeader
+) -> int:
+    """Decode the last chunk, and return the place in the file where that ends, below 0."""
+    with _Dripping(path) as stream:
+        stream.seek(start)
+        decompressor = lazrs.LasZipDecompressor(stream, laszip)
+        decompressor.seek(before)
+        for done in range(before, header.point_count, _BLOCK_POINTS):
+            points = min(_BLOCK_POINTS, header.point_count - done)
+            decompressor.decompress_many(np.empty(points * header.point_format.size, np.uint8))
+        return -stream.tell()
+
+
+class _Dripping(io.FileIO):
+    """A file that gives few bytes at a time, so that its place shows what a decoder took."""
+
+    def readinto(self, buffer: Any, /) -> int:
+        return super().readinto(memoryview(buffer)[:_LAST_BYTES]) or 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return super().read(min(size or 0, _LAST_BYTES) if (size or 0) >= 0 else _LAST_BYTES) or b""
+
+
+def _read(path: Path, points: int) -> Iterator[Cloud]:
+    with _opened(path) as reader:
+        done = 0
+        for chunk in reader.chunk_iterator(points):
+            with np.errstate(over="ignore", invalid="ignore"):
+                yield Cloud(columns_to_points(*(np.asarray(chunk[axis]) for axis in "xyz")))
+            done += len(chunk)
+        if done != reader.header.point_count:
+            raise _too_few(path, reader.header.point_count)
+
+
+def _too_few(path: Path, count: int) -> PredictionError:
+    return refusal(
+        path,
+        f"its header promises {counted(count, 'point')}, and the file holds fewer",
+        expected="all points that the header promises",
+        fix=FIX_COPY,
     )
-    _check_body(path, header, size)
-    return header
 
 
-def _end_of_points(raw: bytes, version: tuple[int, int], start: int, size: int) -> int:
-    """Return where waveforms or extended records begin, else the end of the file."""
-    places = {(1, 3): 227, (1, 4): 235}
-    marks = [
-        struct.unpack_from("<Q", raw, place)[0]
-        for since, place in places.items()
-        if version >= since and len(raw) >= place + 8
-    ]
-    return min((mark for mark in marks if start < mark < size), default=size)
-
-
-def _more_than_promised(path: Path, header: LasHeader) -> tuple[str, ...]:
-    if not header.compressed:
-        left = header.end - header.start - header.count * header.record_bytes
-        return uncounted(left if left >= header.record_bytes else 0, "bytes", header.count)
-    with path.open("rb") as stream:
-        left, what = header.compressed_in(path, stream).beyond_count()
-    return uncounted(left, what, header.count)
-
-
-def _check_header(
-    path: Path,
-    version: tuple[int, int],
-    point_format: int,
-    record_bytes: int,
-    header_bytes: int,
-    start: int,
-    size: int,
-) -> None:
-    if version[0] != 1 or point_format not in _BASE_SIZE:
-        raise refusal(
-            path,
-            f"LAS version {version[0]}.{version[1]} with point format {point_format}",
-            expected="version 1.0 to 1.5, point format 0 to 10",
-        )
-    sound = _SHORTEST <= header_bytes <= start <= size
-    if not sound or record_bytes < _BASE_SIZE[point_format]:
-        raise refusal(
-            path,
-            f"the LAS header contradicts itself: points of {record_bytes} bytes from byte {start:,}"
-            f" of {size:,}",
-            fix=FIX_COPY,
-        )
-
-
-def _check_body(path: Path, header: LasHeader, size: int) -> None:
-    room = (size - header.start) // header.record_bytes
-    if not header.compressed and room < header.count:
-        raise refusal(
-            path,
-            f"its header promises {counted(header.count, 'point')}, the file has room for {room:,}",
-            expected="all points that the header promises",
-            fix=FIX_COPY,
-        )
-    if header.compressed and header.laszip is None:
-        raise refusal(path, "its points are compressed, but how is not said", fix=FIX_COPY)
-
-
-def _records_of(path: Path, stream: IO[bytes], count: int, room: int) -> tuple[bytes | None, bytes]:
-    """Return the records of LASzip and of the projection."""
-    laszip, projection = None, b""
-    for _ in range(count):
-        head = stream.read(_VLR_HEADER)
-        room -= len(head)
-        length = int.from_bytes(head[20:22], "little")
-        if len(head) < _VLR_HEADER or room < length:
-            raise refusal(path, "its variable length records are cut off", fix=FIX_COPY)
-        data = stream.read(length)
-        room -= length
-        user, number = head[2:18].split(b"\0")[0], int.from_bytes(head[18:20], "little")
-        if (user, number) == _LASZIP:
-            laszip = data
-        elif user == _PROJECTION:
-            projection += head[18:22] + data
-    return laszip, projection
-
-
-def _colour_shift(path: Path, header: LasHeader) -> int:
-    if "rgb" not in (header.record.names or ()):
-        return 0
-    block = next(_records(path, header, min(_COLOUR_PROBE, max(header.count, 1))), None)
-    return 8 if block is not None and block["rgb"].max(initial=0) > 255 else 0
-
-
-def _read(path: Path, header: LasHeader, shift: int, points: int) -> Iterator[Cloud]:
-    for block in _records(path, header, points):
-        with np.errstate(over="ignore", invalid="ignore"):
-            xyz = [block["xyz"][:, a] * header.scale[a] + header.offset[a] for a in range(3)]
-        colours = None
-        if "rgb" in (block.dtype.names or ()):
-            colours = np.minimum(block["rgb"] >> np.uint16(shift), 255).astype(np.uint8)
-        yield Cloud(columns_to_points(*xyz), colours)
-
-
-def _records(path: Path, header: LasHeader, points: int) -> Iterator[NDArray[Any]]:
-    if not (header.compressed and header.count):
-        yield from read_records(path, header.record, header.start, header.count, points)
-        return
-    with path.open("rb", buffering=0) as stream:
-        for raw in header.compressed_in(path, stream).records(points):
-            yield raw.view(header.record)
+def _damaged(path: Path, error: BaseException) -> PredictionError:
+    what = f"the LAS or LAZ file is damaged or cut off: {str(error)[:200] or type(error).__name__}"
+    return refusal(path, what, fix=FIX_COPY)

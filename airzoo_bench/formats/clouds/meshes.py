@@ -19,15 +19,12 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 __all__ = [
     "Mesh",
     "MeshSampling",
-    "check_memory",
     "face_areas",
     "fans",
     "sampled",
     "triangles_of",
 ]
 
-_BYTES_PER_VERTEX = 3 * 8 + 3
-_BYTES_PER_FACE = 3 * 8 + 2 * 8
 _ENDLESS = 1e18
 _DOUBLE = np.dtype(np.float64)
 _WEYL = np.uint64(0x9E3779B97F4A7C15)
@@ -66,7 +63,6 @@ class Mesh:
     kind : str
     vertices : (V, 3) float64
     faces : (F, 3) int64
-    colours : (V, 3) uint8 or None
     notes : tuple of str
     precision : dtype
         Type that the coordinates are stored in.
@@ -76,21 +72,8 @@ class Mesh:
     kind: str
     vertices: Floats
     faces: Ints
-    colours: NDArray[np.uint8] | None = None
     notes: tuple[str, ...] = ()
     precision: np.dtype[Any] = _DOUBLE
-
-
-def check_memory(path: Path, vertices: int, faces: int, limit_bytes: int) -> None:
-    """Refuse a mesh that takes more memory than the limit."""
-    needed = vertices * _BYTES_PER_VERTEX + faces * _BYTES_PER_FACE
-    if needed > limit_bytes:
-        raise refusal(
-            path,
-            f"a mesh of {vertices:,} vertices and {faces:,} faces takes {needed:,} bytes of memory",
-            expected=f"at most {limit_bytes:,} bytes",
-            fix="raise --max-memory, or sample the mesh and give the points",
-        )
 
 
 def fans(polygons: Ints) -> Ints:
@@ -190,11 +173,7 @@ def _pieces(mesh: Mesh, ends: Floats, count: int, seed: int, points: int) -> Ite
     for start in range(0, count, points):
         place, weights = _draw(ends, count, seed, start, min(start + points, count))
         corners = mesh.faces[place]
-        colours = None
-        if mesh.colours is not None:
-            blended = _blend(mesh.colours.astype(np.float64), corners, weights)
-            colours = np.rint(np.clip(blended, 0.0, 255.0)).astype(np.uint8)
-        yield Cloud(_blend(mesh.vertices, corners, weights), colours)
+        yield Cloud(_blend(mesh.vertices, corners, weights))
 
 
 def _draw(

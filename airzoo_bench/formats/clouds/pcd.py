@@ -32,7 +32,6 @@ _LONGEST_HEADER = 1 << 16
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _MOST_REPEATS = 1 << 16
-_PACKED = ("rgb", "rgba")
 _CONFIDENCE = ("confidence", "conf")
 
 
@@ -64,7 +63,7 @@ class _Header:
         return sum(field.repeats for field in self.fields)
 
 
-def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
+def open_pcd(path: Path) -> FileCloud:
     """Open a PCD file."""
     header = _read_header(path)
     names = [field.name for field in header.fields]
@@ -73,7 +72,7 @@ def open_pcd(path: Path, limit_bytes: int) -> FileCloud:
     precision = np.result_type(*(f.type for f in header.fields if f.name in ("x", "y", "z")))
     readers = {"ascii": _read_text, "binary": _read_binary}
     if header.data == "binary_compressed":
-        compressed = _compressed_sizes(path, header, limit_bytes)
+        compressed = _compressed_sizes(path, header)
         read = partial(_read_compressed, path, header, compressed)
     else:
         _refuse_short(path, header)
@@ -165,7 +164,7 @@ def _refuse_short(path: Path, header: _Header) -> None:
         )
 
 
-def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
+def _compressed_sizes(path: Path, header: _Header) -> int:
     with path.open("rb") as stream:
         stream.seek(header.size)
         head = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4")
@@ -173,13 +172,6 @@ def _compressed_sizes(path: Path, header: _Header, limit_bytes: int) -> int:
     wanted = header.points * header.record.itemsize
     if packed > path.stat().st_size - header.size - 8 or plain != wanted:
         raise _damaged(path)
-    if packed + 2 * plain > limit_bytes:
-        raise refusal(
-            path,
-            f"binary_compressed of {plain:,} bytes cannot be read in pieces",
-            expected=f"at most {limit_bytes // 3:,} bytes",
-            fix="raise --max-memory, or write DATA binary",
-        )
     return packed
 
 
@@ -192,21 +184,12 @@ def _read_text(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
         for done in range(0, header.points, points):
             count = min(points, header.points - done)
             rows = parse_rows(text, count, header.width, header.points, "points")
-            yield _cloud(header, {f.name: _typed(rows[:, f.place], f) for f in header.fields})
-
-
-def _typed(column: NDArray[np.float64], field: _Field) -> NDArray[Any]:
-    if field.name not in _PACKED:
-        return column
-    if field.type == "<f4":
-        with np.errstate(over="ignore"):
-            return column.astype("<f4")
-    return np.clip(np.nan_to_num(column, nan=0.0), 0, 0xFFFFFFFF).astype("<u4")
+            yield _cloud({f.name: rows[:, f.place] for f in header.fields})
 
 
 def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
     for block in read_records(path, header.record, header.size, header.points, points):
-        yield _cloud(header, {f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields})
+        yield _cloud({f.name: block[f"{f.place} {f.name}"][:, 0] for f in header.fields})
 
 
 def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> Iterator[Cloud]:
@@ -222,16 +205,10 @@ def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> I
         start += header.points * kind.itemsize
     for done in range(0, header.points, points):
         part = slice(done, done + points)
-        yield _cloud(header, {name: column[part] for name, column in columns.items()})
+        yield _cloud({name: column[part] for name, column in columns.items()})
 
 
-def _cloud(header: _Header, columns: dict[str, NDArray[Any]]) -> Cloud:
-    colours = confidence = None
-    for field in header.fields:
-        if field.name in _PACKED and field.type[2:] == "4":
-            packed = np.ascontiguousarray(columns[field.name]).view("<u4")
-            colours = np.stack([packed >> shift & 0xFF for shift in (16, 8, 0)], axis=-1)
-        if field.name in _CONFIDENCE and confidence is None:
-            confidence = as_confidence(columns[field.name])
+def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
+    trust = next((columns[name] for name in _CONFIDENCE if name in columns), None)
     points = columns_to_points(columns["x"], columns["y"], columns["z"])
-    return Cloud(points, None if colours is None else colours.astype(np.uint8), confidence)
+    return Cloud(points, None, None if trust is None else as_confidence(trust))

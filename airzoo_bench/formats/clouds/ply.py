@@ -16,14 +16,13 @@ from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,
     FileCloud,
-    as_colours,
     as_confidence,
     columns_to_points,
     read_records,
     refusal,
     uncounted,
 )
-from airzoo_bench.formats.clouds.meshes import Mesh, check_memory
+from airzoo_bench.formats.clouds.meshes import Mesh
 from airzoo_bench.formats.clouds.ply_header import Element, PlyHeader, read_header
 from airzoo_bench.formats.clouds.ply_lists import binary_polygons, end_of_element, text_polygons
 from airzoo_bench.formats.clouds.text_rows import TextLines, lines_beyond, opened_text, parse_rows
@@ -39,7 +38,7 @@ _FACE_LISTS = ("vertex_indices", "vertex_index")
 _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
 
 
-def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
+def open_ply(path: Path) -> FileCloud | Mesh:
     """Open a PLY file: a mesh where it has faces, else a cloud."""
     header = read_header(path)
     vertex = header.element("vertex")
@@ -53,7 +52,7 @@ def open_ply(path: Path, limit_bytes: int) -> FileCloud | Mesh:
         raise refusal(path, "its vertices hold lists", expected="numbers only in element vertex")
     cloud = _open_vertices(path, header, vertex)
     faces = header.element("face")
-    return _open_mesh(path, header, cloud, faces, limit_bytes) if faces and faces.count else cloud
+    return _open_mesh(path, header, cloud, faces) if faces and faces.count else cloud
 
 
 def _open_vertices(path: Path, header: PlyHeader, vertex: Element) -> FileCloud:
@@ -137,38 +136,19 @@ def _skip(text: TextLines, header: PlyHeader, element: Element, what: str) -> No
 
 def _typed_columns(vertex: Element, rows: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     return {
-        one.name: _typed(rows[:, place], np.dtype(one.type))
+        one.name: rows[:, place]
         for place, one in enumerate(vertex.properties)
-        if one.name in ("x", "y", "z", *_COLOURS, *_CONFIDENCE)
+        if one.name in ("x", "y", "z", *_CONFIDENCE)
     }
 
 
-def _typed(column: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Take numbers of a text to the type of a colour; coordinates keep all digits that are there.
-
-    Text of a float property may have more digits than float32; they are not thrown away.
-    """
-    if kind.kind == "f":
-        return column
-    limits = np.iinfo(kind)
-    return np.clip(np.nan_to_num(column, nan=0.0), limits.min, limits.max).astype(kind)
-
-
 def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
-    colours = confidence = None
-    if all(name in columns for name in _COLOURS):
-        colours = as_colours(*(columns[name] for name in _COLOURS))
-    for name in _CONFIDENCE:
-        if name in columns:
-            confidence = as_confidence(columns[name])
-            break
+    trust = next((columns[name] for name in _CONFIDENCE if name in columns), None)
     points = columns_to_points(columns["x"], columns["y"], columns["z"])
-    return Cloud(points, colours, confidence)
+    return Cloud(points, None, None if trust is None else as_confidence(trust))
 
 
-def _open_mesh(
-    path: Path, header: PlyHeader, cloud: FileCloud, faces: Element, limit_bytes: int
-) -> Mesh:
+def _open_mesh(path: Path, header: PlyHeader, cloud: FileCloud, faces: Element) -> Mesh:
     lists = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
     if not lists:
         raise refusal(
@@ -176,22 +156,18 @@ def _open_mesh(
             "its faces have no list of vertices",
             expected="property list uchar int vertex_indices",
         )
-    check_memory(path, cloud.count, 0, limit_bytes)
     piece = next(cloud.pieces(max(cloud.count, 1)), Cloud(np.empty((0, 3))))
-    triangles = _triangles(path, header, faces, lists[0], limit_bytes)
-    check_memory(path, cloud.count, len(triangles), limit_bytes)
-    return Mesh(
-        path, "PLY mesh", piece.points, triangles, piece.colours, cloud.notes, cloud.precision
-    )
+    triangles = _triangles(path, header, faces, lists[0])
+    return Mesh(path, "PLY mesh", piece.points, triangles, cloud.notes, cloud.precision)
 
 
-def _triangles(path: Path, header: PlyHeader, faces: Element, name: str, limit_bytes: int) -> Ints:
+def _triangles(path: Path, header: PlyHeader, faces: Element, name: str) -> Ints:
     if header.order:
         start = _start_of(path, header, faces)
-        return binary_polygons(path, faces, name, header.order, start, limit_bytes)
+        return binary_polygons(path, faces, name, header.order, start)
     with opened_text(path, header.size, header.lines) as text:
         _skip(text, header, faces, "faces")
-        return text_polygons(text, faces, name, limit_bytes)
+        return text_polygons(text, faces, name)
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
-from airzoo_bench.formats.clouds.meshes import check_memory, fans, triangles_of
+from airzoo_bench.formats.clouds.meshes import fans, triangles_of
 from airzoo_bench.formats.clouds.ply_header import Element
 from airzoo_bench.formats.clouds.text_rows import TextLines
 from airzoo_bench.geometry.arrays import Ints
@@ -19,7 +19,6 @@ from airzoo_bench.geometry.arrays import Ints
 __all__ = ["binary_polygons", "end_of_element", "text_polygons"]
 
 _FEWEST, _MOST = 32, 1 << 18
-_LINES = 1 << 16
 
 
 def end_of_element(path: Path, element: Element, order: str, start: int) -> int:
@@ -34,30 +33,20 @@ def end_of_element(path: Path, element: Element, order: str, start: int) -> int:
     return start
 
 
-def binary_polygons(
-    path: Path, element: Element, name: str, order: str, start: int, limit_bytes: int
-) -> Ints:
+def binary_polygons(path: Path, element: Element, name: str, order: str, start: int) -> Ints:
     """Read the faces of a binary file as triangles (F, 3), polygons as fans."""
-    parts, total = [np.empty((0, 3), np.int64)], 0
-    for rows, _ in _runs(path, element, order, start):
-        parts.append(fans(np.asarray(rows[name]).astype(np.int64)))
-        total += len(parts[-1])
-        check_memory(path, 0, total, limit_bytes)
-    return np.concatenate(parts)
+    runs = _runs(path, element, order, start)
+    parts = [fans(np.asarray(rows[name]).astype(np.int64)) for rows, _ in runs]
+    return np.concatenate([np.empty((0, 3), np.int64), *parts])
 
 
-def text_polygons(text: TextLines, element: Element, name: str, limit_bytes: int) -> Ints:
+def text_polygons(text: TextLines, element: Element, name: str) -> Ints:
     """Read the faces of a text file as triangles (F, 3), polygons as fans."""
-    parts, total = [np.empty((0, 3), np.int64)], 0
-    for done in range(0, element.count, _LINES):
-        polygons = []
-        for _ in range(min(_LINES, element.count - done)):
-            (line,), _numbers = text.take(1, element.count, "faces")
-            polygons.append(_text_polygon(text, element, name, line))
-        parts.append(triangles_of(polygons))
-        total += len(parts[-1])
-        check_memory(text.path, 0, total, limit_bytes)
-    return np.concatenate(parts)
+    polygons = []
+    for _ in range(element.count):
+        (line,), _numbers = text.take(1, element.count, "faces")
+        polygons.append(_text_polygon(text, element, name, line))
+    return triangles_of(polygons)
 
 
 def _text_polygon(text: TextLines, element: Element, name: str, line: str) -> list[int]:

@@ -15,8 +15,8 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import first_bytes, sha256_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
-from airzoo_bench.formats.clouds.las import open_las, read_header
-from airzoo_bench.formats.clouds.parquet_points import open_parquet
+from airzoo_bench.formats.clouds.las import open_las, read_projection
+from airzoo_bench.formats.parquet import open_points
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -28,9 +28,9 @@ SHARD_SUFFIXES = (".las", ".laz", ".parquet")
 _LOOK_BYTES = 1 << 12
 
 
-def open_shards(folder: Path, paths: Sequence[Path], limit_bytes: int) -> FileCloud:
+def open_shards(folder: Path, paths: Sequence[Path]) -> FileCloud:
     """Open the shards of a cloud as one cloud, in the order that they are given in."""
-    files = tuple(_opened(path, limit_bytes) for path in paths)
+    files = tuple(_opened(path) for path in paths)
     _check_once([file.path for file in files if file.count])
     _check_same_crs([path for path in paths if path.suffix.lower() != ".parquet"])
     kinds = " and ".join(sorted({file.kind for file in files}))
@@ -54,13 +54,13 @@ def shards_in(folder: Path) -> list[Path]:
     return paths
 
 
-def _opened(path: Path, limit_bytes: int) -> FileCloud:
+def _opened(path: Path) -> FileCloud:
     if not path.is_file():
         raise refusal(path, "no such shard", expected="all shards of the cloud")
     if not path.stat().st_size:
         raise refusal(path, "is empty: not even a header", fix=FIX_COPY)
     is_parquet = path.suffix.lower() == ".parquet"
-    file = open_parquet(path, limit_bytes) if is_parquet else open_las(path)
+    file = open_points(path) if is_parquet else open_las(path)
     return replace(file, read=partial(_while_there, file))
 
 
@@ -112,7 +112,7 @@ def _twice(path: Path, what: str) -> PredictionError:
 
 
 def _check_same_crs(paths: list[Path]) -> None:
-    stating = [(path, stated) for path in paths if (stated := read_header(path).projection)]
+    stating = [(path, stated) for path in paths if (stated := read_projection(path))]
     for path, stated in stating[1:]:
         first, others = stating[0]
         if stated != others and _crs(path) != _crs(first):

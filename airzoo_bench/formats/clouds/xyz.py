@@ -18,13 +18,11 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
-from airzoo_bench.formats.clouds.columns import Columns, columns_by_name, columns_of_sample
+from airzoo_bench.formats.clouds.columns import Columns, columns_by_name
 from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["looks_like_text", "open_text"]
-
-"""Endings of clouds as text."""
 
 _SAMPLE = 1000
 _MOST_COLUMNS = 64
@@ -146,7 +144,7 @@ def _columns(path: Path, start: _Start, sample: Floats) -> Columns:
     given = _IN_BRACKETS.sub("", start.names or "").strip("#/;, \t")
     names = [name.strip("\"'") for name in re.split(r"[\s,;]+", given)]
     if start.names is not None and len(names) == sample.shape[1]:
-        found = columns_by_name(names, sample)
+        found = columns_by_name(names)
         if found is None and not start.names.startswith(_COMMENTS):
             raise refusal(
                 path,
@@ -156,7 +154,7 @@ def _columns(path: Path, start: _Start, sample: Floats) -> Columns:
             )
         if found is not None:
             return found
-    return columns_of_sample(sample, intensity_first=path.suffix.lower() == ".pts")
+    return Columns(sample.shape[1])
 
 
 def _refuse_poses(path: Path, sample: Floats) -> None:

@@ -147,7 +147,12 @@ class _New:
         if not faults:
             folder = self.work / self.place.path
             checked = check_submission(
-                folder, self.rules.board, self.rules.data, fetch=True, until=self.until
+                folder,
+                self.rules.board,
+                self.rules.data,
+                fetch=True,
+                until=self.until,
+                resources=self.rules.resources,
             )
             faults = [*checked.errors, *self._faults_of_names(checked, out)]
         if faults:

@@ -110,6 +110,7 @@ class _Submitted:
             self.rules.data,
             known=known,
             fetch=True,
+            resources=self.rules.resources,
         )
         given, others = checked.submission, Others(self.pull, self.ledger, board, known)
         faults = [*checked.errors, *others.crowd(place)]

@@ -32,7 +32,9 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     place = artifact.place
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked = check_submission(work / place.path, rules.board, rules.data)
+    checked = check_submission(
+        work / place.path, rules.board, rules.data, resources=rules.resources
+    )
     for error in checked.errors:
         raise error
     benchmark = next(one for one in rules.board.benchmarks if one.name == place.benchmark)

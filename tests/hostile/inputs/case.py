@@ -15,6 +15,7 @@ from tests.hostile.mutations import Random
 __all__ = ["Input", "spoilt"]
 
 Spoil = Callable[[Random, bytes], bytes]
+_PREDICTIONS = ("retrieval/", "matching/", "reconstruction/", "readers/")
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,8 @@ def spoilt(one: Input, random: Random, folder: Path) -> list[str]:
     if one.checksums and random.random() < 0.9:
         _write_checksums(path, before)
     command = one.commands[int(random.integers(len(one.commands)))]
+    if one.name.startswith(_PREDICTIONS):
+        command = (*command, "--untrusted")
     return [word.replace("FOLDER", str(folder)).replace("FILE", str(path)) for word in command]
 
 

@@ -1,0 +1,193 @@
+"""Files of meshes: GLB, glTF and STL by trimesh, OBJ and OFF here; only shape is read.
+
+trimesh takes OBJ with indices below 0, or with corners of several forms, for another mesh.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from array import array
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Never
+
+import numpy as np
+import trimesh
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
+from airzoo_bench.formats.clouds.meshes import Mesh
+from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text
+from airzoo_bench.geometry.arrays import Floats, Ints
+
+__all__ = ["open_gltf", "open_obj", "open_off", "open_stl"]
+
+_AXES = "axes as in the file: glTF takes y as up, and many exporters turn and centre the scene"
+_COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression", b"KHR_meshopt")
+_DAMAGE = (
+    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
+    *(NameError, NotImplementedError, OSError, RuntimeError, TypeError, ValueError),
+)
+_SINGLE = np.dtype(np.float32)
+
+
+def open_gltf(path: Path) -> Mesh:
+    """Read a GLB or glTF file: all triangles, else all points, each moved by its nodes."""
+    raw = path.read_bytes()
+    if any(name in raw for name in _COMPRESSED):
+        raise refusal(
+            path,
+            "is compressed by an extension (Draco or meshopt), which is not read here",
+            expected="GLB without compression of meshes",
+            fix="export it again without compression, or as PLY",
+        )
+    vertices, faces = _load(path, raw, "glb" if raw.startswith(b"glTF") else "gltf")
+    return Mesh(path, "GLB mesh", vertices, faces, (_AXES,), _SINGLE)
+
+
+def open_stl(path: Path) -> Mesh:
+    """Read an STL file, binary or text; corners that triangles share are in it once for each."""
+    raw = path.read_bytes()
+    count = int.from_bytes(raw[80:84], "little")
+    is_text = len(raw) != 84 + 50 * count and raw.lstrip().startswith(b"solid")
+    if is_text and not raw.rstrip().rpartition(b"\n")[2].lstrip().startswith(b"endsolid"):
+        raise refusal(path, "ends within a solid", expected="endsolid at its end", fix=FIX_COPY)
+    vertices, faces = _load(path, raw, "stl")
+    kind, precision = ("text", np.dtype(np.float64)) if is_text else ("binary", _SINGLE)
+    return Mesh(path, f"STL mesh ({kind})", vertices, faces, precision=precision)
+
+
+class _NoFiles:
+    """Refuses to open what a mesh names, instead of a resolver."""
+
+    def __getitem__(self, name: object) -> Never:
+        raise PredictionError(
+            "its data lie in another file or address (uri), which is never opened",
+            expected="a GLB file that holds everything itself",
+            fix="export it as one binary file",
+        )
+
+    get = __getitem__
+
+
+def _load(path: Path, raw: bytes, kind: str) -> tuple[Floats, Ints]:
+    """Return the vertices and triangles of a file, by trimesh."""
+    try:
+        if kind != "stl":
+            # trimesh takes NaN among the transforms of nodes for none.
+            text = raw[20 : 20 + int.from_bytes(raw[12:16], "little")] if kind == "glb" else raw
+            json.loads(text, parse_constant=_refuse_constant)
+        scene = trimesh.load_scene(
+            io.BytesIO(raw),
+            file_type=kind,
+            resolver=_NoFiles(),  # type: ignore[arg-type]
+            process=False,
+            maintain_order=True,
+            skip_materials=True,
+        )
+        parts = [_part(scene, node) for node in scene.graph.nodes_geometry]
+    except PredictionError as error:
+        raise error.inside(path) from error
+    except _DAMAGE as error:
+        why = "".join(one for one in str(error)[:100] if one.isprintable())
+        raise refusal(
+            path,
+            f"the {kind.upper()} file is damaged or cut off: {why or type(error).__name__}",
+            fix=FIX_COPY,
+        ) from error
+    parts = [part for part in parts if len(part[1])] or [part for part in parts if len(part[0])]
+    if not parts:
+        raise refusal(path, "holds neither triangles nor points", expected="a mesh in its scene")
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = [faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+
+
+def _refuse_constant(name: str) -> Never:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _part(scene: Any, node: str) -> tuple[Floats, Ints]:
+    matrix, name = scene.graph[node]
+    geometry = scene.geometry[name]
+    x, y, z = np.asarray(geometry.vertices, np.float64).T
+    with np.errstate(invalid="ignore", over="ignore"):
+        moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix[:3]]
+    faces = np.asarray(getattr(geometry, "faces", np.empty((0, 3))), np.int64)
+    return np.stack(moved, axis=-1), faces
+
+
+def open_obj(path: Path) -> Mesh:
+    """Read an OBJ file: ``v`` and ``f``; materials are never opened."""
+    vertices, triangles, notes = array("d"), array("q"), set[str]()
+    with opened_text(path) as text:
+        while (line := text.next()) is not None:
+            kind, *words = line.split()
+            try:
+                if kind == "v":
+                    x, y, z = map(float, words[:3])
+                    vertices.extend((x, y, z))
+                elif kind == "f":
+                    count = len(vertices) // 3
+                    _add_fan(triangles, [_index(word.partition("/")[0], count) for word in words])
+                elif kind == "mtllib":
+                    notes.add("mtllib, usemtl and the textures they name are not read")
+            except (ValueError, OverflowError) as error:
+                expected = "v x y z, or f and indices of vertices from 1 (below 0: from the end)"
+                raise text.wrong(line, expected) from error
+    if not vertices:
+        raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
+    return Mesh(path, "OBJ mesh", _rows(vertices), _rows(triangles), tuple(notes))
+
+
+def _index(word: str, count: int) -> int:
+    number = int(word)
+    if number == 0 or number < -count:
+        raise ValueError("no vertex has this number")
+    return number - 1 if number > 0 else count + number
+
+
+def open_off(path: Path) -> Mesh:
+    """Read an OFF file, as text; colours and normals are passed over."""
+    vertices, triangles = array("d"), array("q")
+    with opened_text(path) as text:
+        rows = _rows_of_off(text)
+        keyword, *counts = next(rows, [""])
+        try:
+            if keyword not in ("OFF", "COFF", "NOFF", "CNOFF"):
+                raise ValueError("no OFF file")
+            n_vertices, n_faces = map(int, (counts or next(rows, []))[:2])
+            for _ in range(n_vertices):
+                x, y, z = map(float, next(rows, [])[:3])
+                vertices.extend((x, y, z))
+            for _ in range(n_faces):
+                size, *corners = map(int, next(rows, []))
+                if size < 1 or len(corners) < size or not min(corners[:size]) >= 0:
+                    raise ValueError("no face")
+                _add_fan(triangles, corners[:size])
+            if next(rows, None) is not None:
+                raise ValueError("more than its first lines say")
+        except (ValueError, OverflowError) as error:
+            raise text.error(
+                "is none that its first lines promise, or the file ends before it",
+                "OFF, the numbers of vertices and faces, then x y z, then corners of faces",
+            ) from error
+    return Mesh(path, "OFF mesh", _rows(vertices), _rows(triangles))
+
+
+def _rows_of_off(text: TextLines) -> Iterator[list[str]]:
+    while (line := text.next()) is not None:
+        words = line.partition("#")[0].split()
+        if words:
+            yield words
+
+
+def _add_fan(triangles: array[int], corners: list[int]) -> None:
+    for second, third in pairwise(corners[1:]):
+        triangles.extend((corners[0], second, third))
+
+
+def _rows(values: Any) -> Any:
+    return np.array(values).reshape(-1, 3)
