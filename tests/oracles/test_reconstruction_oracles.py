@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.neighbours import mutual_distances
 from airzoo_bench.reconstruction.metrics import score_distances
+from airzoo_bench.reconstruction.neighbours import mutual_distances
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 from tests.reconstruction.cloud_support import surface
 
