@@ -79,7 +79,14 @@ def test_solving_leaves_sigterm_to_the_command() -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("wait", [_SLEEP, _DEEP, _SLOW_TO_STOP, _NEVER_STOPS])
+@pytest.mark.parametrize(
+    "wait",
+    [
+        _SLEEP,
+        *(pytest.param(wait, marks=pytest.mark.slow) for wait in (_DEEP, _SLOW_TO_STOP)),
+        _NEVER_STOPS,
+    ],
+)
 def test_a_command_ends_in_time(wait: str, number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", _STUCK.replace("{wait}", wait), str(tmp_path)],

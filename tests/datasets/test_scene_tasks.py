@@ -99,6 +99,7 @@ def test_scenes_are_pure_tasks(
     assert engine.stages["scenes"] > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", SPREAD, indirect=True)
 def test_any_number_of_workers_makes_the_same(
     tree: Path, data: Path, cluster: DaskEngine, here: dict[str, bytes], tmp_path: Path

@@ -45,7 +45,8 @@ def ask(tmp_path: Path) -> list[object]:
 
 
 # Between two stages, or in the middle of one.
-@pytest.mark.parametrize("when", [pytest.param(1, marks=pytest.mark.slow), 20])
+@pytest.mark.parametrize("when", [1, 20])
+@pytest.mark.slow
 def test_a_run_goes_on_with_another_scheduler(
     when: int,
     ask: list[object],

@@ -145,6 +145,7 @@ def test_matching_from_a_bucket(
         assert (read < 0.05 * size * times) if stated else (size <= read < size * 1.1), times
 
 
+@pytest.mark.slow
 def test_another_surface_model_is_refused(
     command: Run, bucket: Bucket, apart: Apart, prepared: Path, tmp_path: Path
 ) -> None:
@@ -162,6 +163,7 @@ def test_another_surface_model_is_refused(
 
 
 @pytest.mark.parametrize("where", ["web", "bucket"])
+@pytest.mark.slow
 def test_a_raster_that_is_replaced_is_read_anew(
     where: str,
     web_apart: tuple[Path, Apart],

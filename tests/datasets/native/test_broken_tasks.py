@@ -71,6 +71,7 @@ def test_scenes_that_fail_are_left_out_in_order(world: World, two: Engine) -> No
     assert ("scenes", 3) in world.shown
 
 
+@pytest.mark.slow
 def test_a_worker_killed_on_the_way_changes_no_byte(world: World, whole: dict[str, bytes]) -> None:
     (world.home / "two-kills").touch()
     with local_cluster(2, 1 << 30) as engine:
@@ -103,7 +104,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("engine", ["local", "dask"])
+@pytest.mark.parametrize("engine", ["local", pytest.param("dask", marks=pytest.mark.slow)])
 def test_ctrl_c_keeps_what_is_finished(world: World, whole: dict[str, bytes], engine: str) -> None:
     world.hold("two", until=("four",))
     script, folder = world.home / "command.py", world.home / "data" / "flights"

@@ -150,6 +150,7 @@ def test_claimed_result_that_is_not_so_is_refused_and_shown(
     assert "claimed 1, re-scored 0.5" in comment
 
 
+@pytest.mark.slow
 def test_name_that_another_took_meanwhile_stays_off_the_board(
     board: Board, perfect: dict[str, list[Any]]
 ) -> None:
@@ -242,6 +243,7 @@ def test_no_board_is_built_of_a_folder_that_is_not_there(
     assert not site.exists()
 
 
+@pytest.mark.slow
 def test_run_that_breaks_off_has_read_all_older_runs(
     board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
