@@ -14,9 +14,8 @@ from airzoo_bench.report.sections import Section
 from airzoo_bench.results.best import AgainstBest, against_best
 from airzoo_bench.results.comparison import Pair, compare
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.statistics.significance import LEVEL, holm
 from airzoo_bench.tables.best_marks import best_texts
 from airzoo_bench.tables.method_table import as_shown, score_column
 from airzoo_bench.tables.model import Cell, share_to_percent, show_number

@@ -12,9 +12,8 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import make_sample
-from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import LEVEL, paired_tests
+from airzoo_bench.statistics.significance import LEVEL, holm, paired_tests
 
 __all__ = ["AgainstBest", "against_best", "best_place", "family_of", "find_one", "value_of"]
 

@@ -16,10 +16,9 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import is_hit, make_sample
 from airzoo_bench.results.selection import find_scene
-from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import TIE, ResamplingConfig, paired_difference
-from airzoo_bench.statistics.significance import PairedTest, mcnemar, p_floor, paired_tests
+from airzoo_bench.statistics.significance import PairedTest, holm, mcnemar, p_floor, paired_tests
 
 __all__ = ["Comparison", "Pair", "compare"]
 

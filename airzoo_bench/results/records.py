@@ -16,7 +16,7 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.records_reading import SCORE_AGAIN, column_names, no_number, read_table
+from airzoo_bench.results.records_csv import SCORE_AGAIN, column_names, no_number, read_table
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
 from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.storage.mirror import fetched

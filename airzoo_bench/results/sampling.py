@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import SampleIntervals
 from airzoo_bench.statistics.sample_intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+
+if TYPE_CHECKING:  # records need pandas, which tables of results do without
+    from airzoo_bench.results.records import Scored
 
 __all__ = ["is_hit", "is_share", "make_sample", "pooled_sample", "score_intervals"]
 

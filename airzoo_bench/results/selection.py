@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
+
+if TYPE_CHECKING:  # records need pandas, which tables of results do without
+    from airzoo_bench.results.records import Scored
 
 __all__ = ["check_score", "choose_scores", "find_scene", "named_scores", "score_keys"]
 

@@ -1,10 +1,10 @@
-"""Paired tests of every two of many variables, from one set of draws that all pairs share.
+"""Tests and intervals of every two of many variables, from draws that all pairs share.
 
-They are the tests of `significance.paired_tests`: over scenes Student's t, which needs no draws. Of
-means a change of places turns the sign of a unit's difference, and the sum of differences under
-given signs is the difference of two sums, one of each variable; so the sums of N variables hold the
-draws of all N (N - 1) / 2 pairs. Of medians the resamples of a difference are the differences of
-two medians' resamples.
+Tests are those of `significance.paired_tests`, intervals those of `sample_intervals`: over scenes
+Student's t, which needs no draws. Of means a change of places turns the sign of a unit's
+difference, and the sum of differences under given signs is the difference of two sums, one of each
+variable; so the sums of N variables hold the draws of all N (N - 1) / 2 pairs. Of medians the
+resamples of a difference are the differences of two medians' resamples.
 
 Corrected for many pairs, p must be resolved far below one draw. Where fewer than 25 draws are as
 extreme as what was observed, p of a mean is the normal tail with the exact variance of the signed
@@ -14,7 +14,7 @@ median, where no resample lies beyond 0, is the normal tail with the resamples' 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.statistics.bootstrap_limits import percentile_p_values
+from airzoo_bench.statistics.bootstrap_limits import percentile_p_values, quantiles
 from airzoo_bench.statistics.intervals import FEWEST
 from airzoo_bench.statistics.resampling import (
     EXACT_BITS,
@@ -40,9 +40,10 @@ from airzoo_bench.statistics.samples import (
     paired_difference,
 )
 from airzoo_bench.statistics.scene_means import student
+from airzoo_bench.statistics.shares import Reaches, difference_limits, put_together, squares_of_hits
 from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
 
-__all__ = ["pair_p_values", "resamples_for"]
+__all__ = ["pair_limits", "pair_p_values", "resamples_for"]
 
 _FEW, _MANY, _MOST_METHODS = 2_000, 10_000, 224
 _RESOLVED = 25
@@ -247,3 +248,51 @@ def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
         losses += (part[others[~usual]] > part[one]).sum(axis=1)
     p_values[~usual] = mcnemar(wins, losses)
     return p_values
+
+
+def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
+    """Take the interval of every difference: over scenes by Student's t, shares MOVER, else drawn.
+
+    Of V variables, all shares or none, return low and high of row minus column (2, V, V) above the
+    diagonal; NaN elsewhere, and where a group has fewer than `FEWEST` units. Those of a pair are
+    the same to the last bit whatever the other variables are.
+    """
+    count, confidence = len(sample.medians), resampling.confidence
+    limits = np.full((2, count, count), np.nan)
+    if sample.fewest[0] < FEWEST:
+        return limits
+    wanted = np.triu(np.ones((count, count), np.bool_), 1)
+    if sample.unit == "scene":
+        [values] = sample.values
+        shares = np.zeros(count, np.bool_) if sample.shares is None else sample.shares
+        for one, others in rows_of(wanted):
+            gaps = paired_difference(values[one], values[others])
+            limits[:, one, others] = student(gaps, shares[others], confidence)[0].T
+    elif sample.shares is None or not sample.shares.all():
+        draws = mean_draws(sample, resampling)
+        for one, others in rows_of(wanted, resampling.resamples):
+            ranked = np.sort(paired_difference(draws[one], draws[others]), axis=1)
+            levels = np.broadcast_to(resampling.tails, (len(ranked), 2))
+            limits[:, one, others] = quantiles(ranked, levels).T
+    elif all(((part == 0) | (part == 1)).all() for part in sample.values):
+        hits = [part.sum(axis=1) for part in sample.values]
+        for one, others in rows_of(wanted):
+            limits[:, one, others] = _limits_of_hits(sample, hits, confidence, one, others).T
+    else:
+        for one, others in rows_of(wanted, sum(part.shape[1] for part in sample.values)):
+            gaps_of_scenes = [paired_difference(part[one], part[others]) for part in sample.values]
+            limits[:, one, others] = difference_limits(gaps_of_scenes, confidence).T
+    return limits
+
+
+def _limits_of_hits(
+    sample: Sample, hits: Sequence[Floats], confidence: float, one: int, others: Places
+) -> Floats:
+    """Take `difference_limits` from what each wins of another, which products count."""
+    squares, sizes = np.zeros((2, len(others))), [part.shape[1] for part in sample.values]
+    for part, counts, queries in zip(sample.values, hits, sizes, strict=True):
+        both, reaches = part[others] @ part[one], Reaches.of_hits(queries, confidence)
+        won, lost = (reaches.at((counts[side] - both).astype(np.intp)) for side in (one, others))
+        squares += squares_of_hits(won, lost, queries)
+    means = np.mean([counts / queries for counts, queries in zip(hits, sizes, strict=True)], axis=0)
+    return put_together(means[one] - means[others], squares, len(sizes))

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.statistics.corrections import holm
 from airzoo_bench.statistics.pair_tests import normal_tail
-from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.statistics.significance import LEVEL, holm
 
 __all__ = ["correct_pairs", "rank_ranges", "told_apart", "unpaired_p_values"]
 

@@ -1,4 +1,4 @@
-"""Paired tests of methods on the same units: permutation, bootstrap, McNemar."""
+"""Paired tests of methods on the same units: permutation, bootstrap, McNemar; Holm's correction."""
 
 from __future__ import annotations
 
@@ -22,7 +22,15 @@ from airzoo_bench.statistics.samples import (
     paired_difference,
 )
 
-__all__ = ["LEVEL", "PairedTest", "mcnemar", "p_floor", "paired_permutation", "paired_tests"]
+__all__ = [
+    "LEVEL",
+    "PairedTest",
+    "holm",
+    "mcnemar",
+    "p_floor",
+    "paired_permutation",
+    "paired_tests",
+]
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
@@ -208,3 +216,16 @@ def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
     # A multiple of a power of 2, which `bdtr` misses by a hair: 0.34375 shall not print as 0.3437.
     digits, power = np.frexp(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))
     return np.asarray(np.ldexp(np.rint(digits * _P_STEPS) / _P_STEPS, power))
+
+
+def holm(p_values: Floats, family: int | None = None) -> Floats:
+    """Adjust p-values (M,) so that the chance of any false finding stays below a level (Holm 1979).
+
+    `family` is how many comparisons were looked at, at least M. Those that are not given count as
+    1, so that the given ones come out as large as they can.
+    """
+    order = np.argsort(p_values, kind="stable")
+    factors = (family or len(p_values)) - np.arange(len(p_values))
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.minimum(np.maximum.accumulate(p_values[order] * factors), 1.0)
+    return adjusted

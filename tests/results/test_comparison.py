@@ -10,7 +10,7 @@ from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.sampling import make_sample, score_intervals
 from airzoo_bench.results.selection import choose_scores
-from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison_layout import comparison_table
 from airzoo_bench.tables.interval_layout import intervals_table
 from tests.results.compared import EAST, FAST, WEST, against, hits

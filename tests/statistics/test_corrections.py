@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from airzoo_bench.results.best import family_of
-from airzoo_bench.statistics.corrections import holm
+from airzoo_bench.statistics.significance import holm
 
 
 def test_by_hand():

@@ -7,10 +7,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics.corrections import holm
-from airzoo_bench.statistics.pair_intervals import pair_limits
 from airzoo_bench.statistics.pair_tests import (
     mean_draws,
+    pair_limits,
     pair_p_values,
     resamples_for,
     signed_sums,
@@ -18,7 +17,7 @@ from airzoo_bench.statistics.pair_tests import (
 from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
 from airzoo_bench.statistics.resampling import exact_products
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import paired_permutation, paired_tests
+from airzoo_bench.statistics.significance import holm, paired_permutation, paired_tests
 from tests.statistics.coverage import coverage_of_ranks
 
 CONFIG = ResamplingConfig(2_000)

@@ -13,8 +13,7 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.results.sampling import make_sample, score_intervals
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.pair_intervals import pair_limits
-from airzoo_bench.statistics.pair_tests import pair_p_values
+from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.verdicts import verdict
 from airzoo_bench.tables.wording import intervals_made

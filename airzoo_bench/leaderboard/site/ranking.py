@@ -16,8 +16,7 @@ from airzoo_bench.leaderboard.site.api import API, Pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
 from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.pair_intervals import pair_limits
-from airzoo_bench.statistics.pair_tests import pair_p_values, resamples_for
+from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values, resamples_for
 from airzoo_bench.statistics.rank_ranges import (
     correct_pairs,
     rank_ranges,
