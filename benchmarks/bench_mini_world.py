@@ -22,7 +22,7 @@ from typing import Any
 from airzoo_bench.datasets.mini.world.build import build_world, digest
 from airzoo_bench.datasets.mini.world.model import REGIONS
 
-CHECKSUMS = Path(__file__).resolve().parents[1] / "tests" / "mini" / "checksums.json"
+CHECKSUMS = Path(__file__).resolve().parents[1] / "tests/datasets/mini/checksums.json"
 
 
 def measure(region: str, seed: int) -> dict[str, Any]:

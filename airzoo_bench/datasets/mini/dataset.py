@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Annotated
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import read_text
 from airzoo_bench.core.options import Option
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
-
-__all__ = ["AIRZOO_MINI", "AirZooMini", "MiniOptions"]
 
 
 @dataclass(frozen=True)
@@ -33,11 +32,20 @@ class MiniOptions:
     @property
     def source(self) -> int:
         """What all randomness comes from: the seed, or the key."""
-        if self.key_file is not None:
-            return _key_of(self.key_file, self.seed)
         if self.seed >> 64:
             raise UsageError("the seed is too large", where="--seed", expected="less than 2**64")
-        return self.seed
+        if self.key_file is None:
+            return self.seed
+        if self.seed:
+            raise UsageError("--seed and --key-file are both given", fix="leave one of them out")
+        text = read_text(self.key_file, UsageError, "key file", 1 << 10).strip()
+        if not re.fullmatch("[0-9a-fA-F]{32}", text):
+            fix = f"openssl rand -hex 16 > {self.key_file}"
+            expected = "32 hexadecimal digits"
+            raise UsageError("holds no key", where=self.key_file, expected=expected, fix=fix)
+        from airzoo_bench.datasets.mini.noise import keyed
+
+        return keyed(bytes.fromhex(text))
 
 
 class AirZooMini(Dataset[MiniOptions]):
@@ -63,23 +71,6 @@ class AirZooMini(Dataset[MiniOptions]):
         from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
 
         return prepare_airzoo_mini(options.source, settings)
-
-
-def _key_of(file: Path, seed: int) -> int:
-    from airzoo_bench.core.files import read_text
-    from airzoo_bench.datasets.mini.noise import keyed
-
-    if seed:
-        raise UsageError("--seed and --key-file are both given", fix="leave one of them out")
-    text = read_text(file, UsageError, "key file", 1 << 10).strip()
-    if not re.fullmatch("[0-9a-fA-F]{32}", text):
-        raise UsageError(
-            "holds no key",
-            where=file,
-            expected="32 hexadecimal digits",
-            fix=f"openssl rand -hex 16 > {file}",
-        )
-    return keyed(bytes.fromhex(text))
 
 
 AIRZOO_MINI = AirZooMini()

@@ -40,9 +40,8 @@ _DECIMALS = {"altitude_m": 4, "roll_deg": 4, "pitch_deg": 4, "yaw_deg": 4, "time
 _MOST_DEPTH_M = 400.0
 _BLOCK = 64  # frames looked at together in search of the next key frame
 
-_CLIMB_WAVE_M = 700.0
-_PITCH_WAVE_M = 550.0
-_SWING_WAVE_M = 300.0
+# Lengths of the waves in which altitude, pitch, yaw and speed go up and down.
+_CLIMB_WAVE_M, _PITCH_WAVE_M, _SWING_WAVE_M, _PACE_WAVE_M = 700.0, 550.0, 300.0, 900.0
 _SWING_DEG = 40.0
 _ROLL_PITCHES_DEG = (-90.0, -10.0)
 _SURVEY_PITCHES_DEG = (-85.0, -45.0)  # of the lines, and of the orbit; lines across take the mean
@@ -56,7 +55,6 @@ _EASE_M = 20.0  # of speed along it,
 _TURN_S = 3.0  # and of yaw in time
 _SLOWEST, _FASTEST = 6.0, 11.0  # m/s wanted; what is flown keeps to 5 to 12
 _SIDEWAYS = 2.5  # m/s^2
-_PACE_WAVE_M = 900.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,11 +159,9 @@ def survey(
     across = np.column_stack((-y, -x * np.sign(along[-1, 1])))
     east, north = np.sign(across[-1])
     start = 0.0 if east > 0 else 180.0
-    parts = (
-        _labelled(along, _NORTH, down),
-        _labelled(across, _AHEAD, (down + inwards) / 2),
-        _labelled(_arc(radius, start, start - 360.0 * east * north), _INWARDS, inwards),
-    )
+    orbit = _arc(radius, start, start - 360.0 * east * north)
+    ahead = _labelled(across, _AHEAD, (down + inwards) / 2)
+    parts = (_labelled(along, _NORTH, down), ahead, _labelled(orbit, _INWARDS, inwards))
     table = np.concatenate(parts)
     corners = _rotated(table[:, :2], turn_deg) if turn_deg else table[:, :2]
     line, wanted = smooth_line(corners + middle, table[:, 2:])

@@ -100,21 +100,11 @@ def direction(step: int) -> tuple[float, float]:
 
 
 class Dice:
-    """A sequence of random choices, for the layout, where one follows another.
-
-    Parameters
-    ----------
-    seed : int
-    *keys : int
-        Name the sequence: others with other keys are independent of it.
-    """
+    """A sequence of random choices; sequences of other keys are independent of it."""
 
     def __init__(self, seed: int, *keys: int) -> None:
-        self._start = (
-            derived(seed, f"dice {[*map(int, keys)]}")
-            if is_keyed(seed)
-            else int(hash_of(seed, *keys)[0])
-        )
+        name = f"dice {[*map(int, keys)]}"
+        self._start = derived(seed, name) if is_keyed(seed) else int(hash_of(seed, *keys)[0])
         self._drawn = 0
 
     def bits(self) -> int:

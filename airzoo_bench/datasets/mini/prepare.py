@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -61,31 +60,17 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = [
-    "ROLL",
-    "SURVEY",
-    "Photos",
-    "make_worlds",
-    "mini_photos",
-    "mini_protocols",
-    "prepare_airzoo_mini",
-    "seen_surface",
-]
-
 P = TypeVar("P", bound=Protocol)
 
 SURVEY, ROLL = "survey", "roll"
 
-_SURVEY_SIDE_M = 100.0
-_SURVEY_SPACING_M = 50.0
-_SURVEY_OVERLAP = 0.55
-_ROLL_OVERLAP = 0.25
+_SURVEY_SIDE_M, _SURVEY_SPACING_M = 100.0, 50.0
+_SURVEY_OVERLAP, _ROLL_OVERLAP = 0.55, 0.25
 _ROLL_PHOTOS = 30  # each of the 15 conditions twice
 
 _CLOUD_DECIMALS = 4
 # The voxels of the protocol: exact depth then gives the true points themselves.
 _CLOUD_VOXEL_M = 0.5
-_RENDERED = "frames"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +99,16 @@ def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> Photos:
     turns = [every[(7 * row + seed) % len(every)] for row in range(number)]
     names = [f"{name}_{row:04d}" for name, flight in flights for row in range(len(flight))]
     if is_keyed(own):
-        turns = sorted(turns, key=_shuffled(own, "conditions"))
+        turns = [
+            turns[row] for row in sorted(range(number), key=partial(seed_of, own, "conditions"))
+        ]
+        # Photos lie off the line of their flight, each by itself, as far as GPS is off.
+        gusts = [[f"{name} {row}" for row in range(len(flight))] for name, flight in flights]
+        poses = [
+            noisy_priors(places, part, derived(own, "gusts"))
+            for places, part in zip(gusts, poses, strict=True)
+        ]
         names = [f"{seed_of(own, name):016x}" for name in names]
-        poses = [_in_gusts(part, own, name) for part, (name, _) in zip(poses, flights, strict=True)]
     weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
     frames = FrameList(
         names=tuple(names),
@@ -140,17 +132,6 @@ def _survey(airspace: Airspace, seed: int) -> Trajectory:
     turn, east, north = (words(derived(seed, "survey"), 3) >> np.uint64(11)) * 2.0**-53
     shift = (float((east - 0.5) * _SURVEY_SIDE_M), float((north - 0.5) * _SURVEY_SIDE_M))
     return flown(turn_deg=float(360.0 * turn), shift_m=shift)
-
-
-def _in_gusts(poses: Poses, seed: int, flight: str) -> Poses:
-    """Take photos off the line of their flight, each by itself, as far as GPS is off."""
-    names = [f"{flight} {row}" for row in range(len(poses))]
-    return noisy_priors(names, poses, derived(seed, "gusts"))
-
-
-def _shuffled(seed: int, what: str) -> Callable[[object], int]:
-    drawn = count()
-    return lambda _: seed_of(seed, what, next(drawn))
 
 
 def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progress) -> Cloud:
@@ -187,14 +168,8 @@ def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
     """Make worlds, fly over them, take photos and work out the truth of every track."""
     protocols = mini_protocols(seed)
     regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
-    worlds = make_worlds(
-        regions,
-        settings.root,
-        derived(seed, "worlds"),
-        engine=settings.engine,
-        progress=settings.progress,
-        note=settings.note,
-    )
+    use: Any = {"engine": settings.engine, "progress": settings.progress, "note": settings.note}
+    worlds = make_worlds(regions, settings.root, derived(seed, "worlds"), **use)
     scenes = [
         _scene(region, world, seed, protocols, settings)
         for region, world in zip(regions, worlds, strict=True)
@@ -238,10 +213,9 @@ def _scene(
 ) -> SceneContent:
     """Take the photos of a region, and make the truth of all tracks."""
     photos = mini_photos(region, load_world(world).dsm, seed)
-    rendered = world.with_name(f"{world.name}-{_RENDERED}")
-    engine, progress = settings.engine, settings.progress
-    load = partial(load_world, world)
-    render_frames(photos.frames, load, rendered, engine=engine, progress=progress)
+    rendered = world.with_name(f"{world.name}-frames")
+    progress, load = settings.progress, partial(load_world, world)
+    render_frames(photos.frames, load, rendered, engine=settings.engine, progress=progress)
     cloud = rendered / "cloud.ply"
     voxels = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     write_ply(cloud, seen_surface(photos, rendered, voxels, progress))

@@ -11,8 +11,6 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
 
-__all__ = ["noisy_priors"]
-
 # Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
 # and gimbal (yaw, pitch, roll).
 _GPS_M = (2.0, 2.0, 3.0)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFilter
 
 from airzoo_bench.datasets.mini.noise import Singles, gaussians, hash64, seed_of, uniforms
 from airzoo_bench.datasets.mini.rendering.weather import Conditions
@@ -46,7 +47,8 @@ def take_photo(
 ) -> NDArray[np.uint8]:
     """Turn the light (3, H, W) that reaches the lens, see `to_stored`, into an image (H, W, 3)."""
     _, height, width = light.shape
-    drops = _drops(width, height, rotation, given, seed)
+    falls = given.falling != "nothing"
+    drops = _drops(width, height, rotation, given, seed) if falls else None
     photo = np.empty((height, width, 3), np.uint8)
     for rows in row_blocks(width, height):
         sharp = _blurred(light, rows)
@@ -107,12 +109,8 @@ def _add_noise(levels: Singles, rows: slice, width: int, deviation: float, seed:
 
 def _drops(
     width: int, height: int, rotation: Floats, given: Conditions, seed: int
-) -> NDArray[np.uint8] | None:
-    """How much of each pixel (H, W) rain or snow in the air covers, in 255ths."""
-    if given.falling == "nothing":
-        return None
-    from PIL import Image, ImageDraw, ImageFilter
-
+) -> NDArray[np.uint8]:
+    """Return how much of each pixel (H, W) rain or snow in the air covers, in 255ths."""
     image = Image.new("L", (width, height))
     draw = ImageDraw.Draw(image)
     rain = given.falling == "rain"
@@ -122,7 +120,11 @@ def _drops(
     start = np.stack([chance[0] * 1.2 - 0.1, chance[1] * 1.2 - 0.1]) * [[width], [height]]
     near = chance[2] ** 3
     if rain:
-        ends = _streaks(start, near, chance[3], rotation, height)
+        # Streaks lie along the way that drops fall as the camera sees it.
+        fall = (rotation @ np.array([0.16, 0.05, -1.0]))[:2]
+        length = (0.02 + 0.09 * near) * height
+        jitter = np.stack([chance[3] - 0.5, 0.5 - chance[3]]) * 0.12
+        ends = np.concatenate([start, start + (fall[:, None] + jitter) * length]).T
         thick = max(round(height / 500), 1)
         for line, strength in zip(ends.tolist(), (26 + 60 * chance[4]).tolist(), strict=True):
             draw.line(line, fill=int(strength), width=thick)
@@ -133,15 +135,3 @@ def _drops(
             draw.ellipse(box, fill=int(strength))
     blur_px = (0.4 if rain else 0.7) * height / 480
     return np.asarray(image.filter(ImageFilter.BoxBlur(blur_px)))
-
-
-def _streaks(
-    start: Floats, near: Singles, chance: Singles, rotation: Floats, height: int
-) -> Floats:
-    """Draw streaks (N, 4), x0 y0 x1 y1, along the way that drops fall as the camera sees it."""
-    wind = np.array([0.16, 0.05, -1.0])
-    fall = (rotation @ wind)[:2]
-    length = (0.02 + 0.09 * near) * height
-    jitter = np.stack([chance - 0.5, 0.5 - chance]) * 0.12
-    end = start + (fall[:, None] + jitter) * length
-    return np.concatenate([start, end]).T

@@ -17,9 +17,18 @@ from numpy.typing import NDArray
 from airzoo_bench.datasets.mini.noise import Singles, floor_log2, hash64, uniforms, volume_noise
 from airzoo_bench.datasets.mini.world.model import Buildings, Material, Mesh, World
 
+_Indices = NDArray[np.int64]
+
 # A pixel that grazes a surface covers a long strip of it. Its colour is filtered to the geometric
 # mean of the strip's sides, up to this: a little too sharp along, a little too soft across.
 _MOST_SLANT = 4.0
+
+F = TypeVar("F", np.float32, np.float64)
+_LANE_SCALE = np.float32(1.0 / (255.0 * 256.0))
+_MOST_LEVELS = 8
+_STEPS_M = (1.5, 4.0, 9.0, 20.0)  # where the horizon is looked for, in each direction
+_AROUND = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+_LAMP_CELL_M, _LAMP_TRIES, _LAMP_REACH_M = 26.0, 12, 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,16 +43,16 @@ class Points:
     dither: Singles  # (N,): in [0, 1), another one for each pixel
     material: NDArray[np.uint8]  # (N,)
     owner: NDArray[np.int32]  # (N,)
-    triangle: NDArray[np.int64]  # (N,)
+    triangle: _Indices  # (N,)
 
     def __len__(self) -> int:
         return len(self.distance)
 
-    def take(self, index: NDArray[np.int64]) -> Points:
+    def take(self, index: _Indices) -> Points:
         """Return the points of these numbers."""
         return Points(*(values.take(index, axis=-1) for values in vars(self).values()))
 
-    def made_of(self, *materials: int) -> NDArray[np.int64]:
+    def made_of(self, *materials: int) -> _Indices:
         """Return the numbers of the points of some materials."""
         return np.flatnonzero(np.isin(self.material, materials))
 
@@ -63,18 +72,13 @@ def dot(a: NDArray[F], b: NDArray[F]) -> NDArray[F]:
     return product
 
 
-F = TypeVar("F", np.float32, np.float64)
-_LANE_SCALE = np.float32(1.0 / (255.0 * 256.0))
-_MOST_LEVELS = 8
-
-
 @dataclass(frozen=True, eq=False)
 class Texture:
     """A square image and its halvings."""
 
     texels: NDArray[np.uint64]  # (sum of level sizes,)
-    offsets: NDArray[np.int64]  # (levels,): where each level starts
-    sizes: NDArray[np.int64]  # (levels,): how many texels a side it has
+    offsets: _Indices  # (levels,): where each level starts
+    sizes: _Indices  # (levels,): how many texels a side it has
     side_m: float  # length of the square on the ground
 
     @classmethod
@@ -96,9 +100,9 @@ class Texture:
         size, start = self.sizes.take(level), self.offsets.take(level)
         # 256ths of a texel
         scale = (256.0 / gsd_m / (1 << np.arange(len(self.sizes)))).astype(np.float32).take(level)
-        north, side = self._mirrored(y), np.float32(self.side_m)
-        column, share_x = _split(self._mirrored(x) * scale, size)
-        row, share_y = _split((side - north) * scale, size)
+        side = np.float32(self.side_m)
+        column, share_x = _split(_mirror(x, side) * scale, size)
+        row, share_y = _split((side - _mirror(y, side)) * scale, size)
         right = column < size - 1
         down = np.where(row < size - 1, size, 0)
         first = start + row * size + column
@@ -111,17 +115,15 @@ class Texture:
         lanes = total.view(np.uint16).reshape(-1, 4).T
         return lanes.astype(np.float32, order="C") * _LANE_SCALE
 
-    def _mirrored(self, x: Singles) -> Singles:
-        """Fold coordinates beyond [0, side] back into it, as between two mirrors."""
-        side = np.float32(self.side_m)
-        period = 2 * side
-        folded: Singles = side - np.abs(x - np.floor(x * (1 / period)) * period - side)
-        return folded
+
+def _mirror(x: Singles, side: np.float32) -> Singles:
+    """Fold coordinates beyond [0, side] back into it, as between two mirrors."""
+    period = 2 * side
+    folded: Singles = side - np.abs(x - np.floor(x * (1 / period)) * period - side)
+    return folded
 
 
-def _split(
-    position: Singles, size: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _split(position: Singles, size: _Indices) -> tuple[_Indices, _Indices]:
     """Split 256ths of texels into whole texels, from the centre of the first on, and the rest."""
     fixed = position.astype(np.int64) - 128
     np.clip(fixed, 0, (size - 1) << 8, out=fixed)
@@ -133,14 +135,6 @@ def _halved(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
     even = np.pad(level, ((0, odd), (0, odd), (0, 0)), mode="edge").astype(np.uint16)
     total = even[0::2, 0::2] + even[1::2, 0::2] + even[0::2, 1::2] + even[1::2, 1::2]
     return ((total + 2) >> 2).astype(np.uint8)
-
-
-_STEPS_M = (1.5, 4.0, 9.0, 20.0)
-_AROUND = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
-
-_LAMP_CELL_M = 26.0
-_LAMP_TRIES = 12
-_LAMP_REACH_M = 30.0
 
 
 def surroundings(world: World) -> Texture:
@@ -279,7 +273,7 @@ class Facades:
     def _plaster(
         self,
         points: Points,
-        style: NDArray[np.int64],
+        style: _Indices,
         cell: Singles,
         fuzz: Singles,
         height: Singles,
@@ -302,7 +296,7 @@ class Facades:
 
 
 def _runs(
-    mesh: Mesh, normal: NDArray[np.float64], walls: NDArray[np.int64]
+    mesh: Mesh, normal: NDArray[np.float64], walls: _Indices
 ) -> tuple[Singles, Singles, Singles]:
     """Direction along each wall triangle's wall, and where the wall starts and how long it is."""
     nx, ny = normal[0, walls], normal[1, walls]
@@ -328,7 +322,7 @@ def _runs(
 def _glass(
     cell: Singles,
     fuzz: Singles,
-    style: NDArray[np.int64],
+    style: _Indices,
     storey: Singles,
     number: NDArray[np.uint64],
 ) -> Singles:
@@ -351,7 +345,7 @@ def _covered(place: Singles, low: Singles | float, high: Singles | float, size: 
     return share
 
 
-def _door(offset: Singles, height: Singles, slant: Singles, style: NDArray[np.int64]) -> Singles:
+def _door(offset: Singles, height: Singles, slant: Singles, style: _Indices) -> Singles:
     half, top = _DOOR_M
     fuzz = np.maximum(slant, np.float32(0.02))
     across = np.clip((half - np.abs(offset)) / fuzz + 0.5, 0.0, 1.0)

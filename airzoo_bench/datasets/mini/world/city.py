@@ -75,7 +75,6 @@ def city_plan(seed: int) -> Plan:
 
 
 def _bridges(dice: Dice, canal: Line) -> list[Frame]:
-    """Return frames on the canal, u across it."""
     frames = []
     for share in (0.18, 0.5, 0.82):
         index = int(len(canal) * (share + dice.real(-0.06, 0.06)))
@@ -129,7 +128,6 @@ class _District:
     taken: list[_Box] = field(default_factory=list)
 
     def paint(self, kind: str, shape: Shape, key: int = 0, season: int = 0) -> None:
-        """Add a decal on this side."""
         self.plan.paint(kind, shape, key, side=self.side, season=season)
 
     def plant(self, frame: Frame, radius: float, kind: str = "broad") -> None:
@@ -187,11 +185,9 @@ class _District:
         return bool(np.any(seen & (north == (self.side == 1))))
 
     def anywhere(self, rect: Rect) -> Frame:
-        """Draw a place in a rectangle."""
         return rect.frame.at(self.dice.real(rect.u0, rect.u1), self.dice.real(rect.v0, rect.v1))
 
     def split(self, box: _Box, depth: int) -> None:
-        """Divide a box into blocks by streets."""
         u0, u1, v0, v1 = box
         wide, high = u1 - u0, v1 - v0
         if max(wide, high) < 118 and min(wide, high) < 100:
@@ -236,7 +232,6 @@ class _District:
             fill(self, self.dice, block.inset(_PAVEMENT_M))
 
     def mark_streets(self) -> None:
-        """Paint lanes and crossings, and leave traffic."""
         for street in self.streets:
             if street.v1 < 4:
                 continue
@@ -281,7 +276,6 @@ class _District:
                     self.paint("car", car, dice.integer(0, 99), season)
 
     def fill_yard(self, yard: Rect) -> None:
-        """Strew beds and trees over a yard."""
         dice = self.dice
         area = max(yard.long, 0.0) * max(yard.deep, 0.0)
         for _ in range(int(area / 120)):

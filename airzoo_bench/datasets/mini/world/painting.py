@@ -391,7 +391,7 @@ class RoofBrush(Brush):
         self.rim = np.minimum(along, np.minimum(self.v - self.rect.v0, self.rect.v1 - self.v))
 
     def within(self, u0: float, u1: float, v0: float, v1: float) -> Bools:
-        """Return where a rectangle is."""
+        """Return where a rectangle is, given its sides."""
         return (self.u > u0) & (self.u < u1) & (self.v > v0) & (self.v < v1)
 
     def near(self, u: float, v: float, half_u: float, half_v: float) -> Bools:
