@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, fans, sampled, triangles_of
+from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, add_fan, cut_fans, sampled
 from tests.formats.cloud_support import opened, read, refused, write_ply
 from tests.formats.mesh_support import (
     CUBE,
@@ -24,7 +25,7 @@ from tests.formats.mesh_support import (
     quads,
 )
 
-CUBE_FACES = np.concatenate([fans(quad[None]) for quad in CUBE_QUADS])
+CUBE_FACES = np.concatenate([cut_fans(quad[None]) for quad in CUBE_QUADS])
 
 
 def sample_mesh(vertices: Any, faces: Any, *, count: int, seed: int, block: int = 1 << 20) -> Any:
@@ -91,8 +92,10 @@ def test_far_from_the_origin_nothing_is_lost() -> None:
 def test_polygons_become_fans_in_their_order() -> None:
     polygons = [[0, 1, 2, 3], [4, 5], [6, 7, 8], [], [9, 10, 11, 12, 13]]
     want = [[0, 1, 2], [0, 2, 3], [6, 7, 8], [9, 10, 11], [9, 11, 12], [9, 12, 13]]
-    assert triangles_of(polygons).tolist() == want
-    assert triangles_of([]).shape == (0, 3)
+    triangles = array("q")
+    for polygon in polygons:
+        add_fan(triangles, polygon)
+    assert np.array(triangles).reshape(-1, 3).tolist() == want
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.lzf import decompress
+from airzoo_bench.formats.clouds.pcd import _decompress
 from tests.formats.cloud_support import (
     made,
     opened,
@@ -47,11 +47,11 @@ def test_what_open3d_writes(ascii_: bool, compressed: bool, tmp_path: Path) -> N
 
 
 def test_lzf_by_hand() -> None:
-    assert decompress(b"\x02abc", 3) == b"abc"
+    assert _decompress(b"\x02abc", 3) == b"abc"
     # Three literals, then a copy of 2 + 2 from 3 back, then a long one of 7 + 1 + 2 from 1 back.
-    assert decompress(b"\x02abc\x40\x02\xe0\x01\x00", 17) == b"abcabca" + b"a" * 10
+    assert _decompress(b"\x02abc\x40\x02\xe0\x01\x00", 17) == b"abcabca" + b"a" * 10
     for damaged in (b"\x02ab", b"\x20\x00", b"\x02abc\x40", b"\x02abc\x02abc", b"\x02abc\xe0"):
-        assert decompress(damaged, 3) is None
+        assert _decompress(damaged, 3) is None
 
 
 @pytest.mark.parametrize("data", KINDS)

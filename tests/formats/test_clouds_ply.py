@@ -130,7 +130,7 @@ def test_cut_off(cut: int, tmp_path: Path) -> None:
         ("property double x", "property list uchar double x", "hold lists"),
         ("comment made", "element vertex 3", "twice"),
         ("comment made", "\x1b[2J", "header is"),
-        ("format binary_little_endian 1.0", "format utf8 1.0", "unknown format"),
+        ("format binary_little_endian 1.0", "format utf8 1.0", "format utf8"),
         ("format binary_little_endian 1.0", "comment none", "no format"),
         ("end_header", "end", "no line end_header"),
     ],

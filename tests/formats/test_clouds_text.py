@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.formats.clouds import gzipped
 from tests.formats.cloud_support import (
     colours_of,
     made,
@@ -225,11 +224,6 @@ class TestGzip:
         assert sum(len(piece) for piece in pieces) == 40
         del pieces
         assert list(disk.iterdir()) == []
-
-    def test_what_is_too_large(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(gzipped, "MOST_UNPACKED", 100)
-        with refused("unpacks to more than 100 bytes"):
-            opened(self.packed(tmp_path))
 
     def test_damage_names_the_packed_file(self, tmp_path: Path) -> None:
         path = self.packed(tmp_path)

@@ -1,8 +1,9 @@
-"""Clouds in gzip files: unpacked to disk, bounded, for as long as they are read."""
+"""Clouds in gzip files: unpacked to disk for as long as they are read."""
 
 from __future__ import annotations
 
 import gzip
+import shutil
 import tempfile
 import weakref
 import zlib
@@ -10,16 +11,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import IO
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 
 __all__ = ["Unpacked"]
-
-MOST_UNPACKED = 1 << 36
-_CHUNK_BYTES = 1 << 20
 
 
 class Unpacked:
@@ -33,7 +30,7 @@ class Unpacked:
     Raises
     ------
     PredictionError
-        It is damaged, holds more than `MOST_UNPACKED` bytes, or the disk has no room.
+        It is damaged, or the disk has no room.
     """
 
     def __init__(self, packed: Path) -> None:
@@ -44,7 +41,7 @@ class Unpacked:
         self.path = folder / packed.stem
         try:
             with gzip.open(packed) as source, self.path.open("wb") as target:
-                _copy(packed, source, target)
+                shutil.copyfileobj(source, target)
         except (gzip.BadGzipFile, EOFError, zlib.error) as error:
             raise refusal(packed, "is damaged or cut off", fix=FIX_COPY) from error
         except OSError as error:
@@ -68,17 +65,3 @@ class Unpacked:
                 raise self.named(error) from error
 
         return replace(inner, path=self._packed, kind=f"{inner.kind}, gzip", read=read)
-
-
-def _copy(packed: Path, source: gzip.GzipFile, target: IO[bytes]) -> None:
-    done = 0
-    while block := source.read(_CHUNK_BYTES):
-        done += len(block)
-        if done > MOST_UNPACKED:
-            raise refusal(
-                packed,
-                f"unpacks to more than {MOST_UNPACKED:,} bytes",
-                expected="less",
-                fix="thin the cloud, or give it unpacked",
-            )
-        target.write(block)

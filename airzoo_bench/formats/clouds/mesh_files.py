@@ -9,7 +9,6 @@ import io
 import json
 from array import array
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Never
 
@@ -18,7 +17,7 @@ import trimesh
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
-from airzoo_bench.formats.clouds.meshes import Mesh
+from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
 from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text
 from airzoo_bench.geometry.arrays import Floats, Ints
 
@@ -131,7 +130,7 @@ def open_obj(path: Path) -> Mesh:
                     vertices.extend((x, y, z))
                 elif kind == "f":
                     count = len(vertices) // 3
-                    _add_fan(triangles, [_index(word.partition("/")[0], count) for word in words])
+                    add_fan(triangles, [_index(word.partition("/")[0], count) for word in words])
                 elif kind == "mtllib":
                     notes.add("mtllib, usemtl and the textures they name are not read")
             except (ValueError, OverflowError) as error:
@@ -166,7 +165,7 @@ def open_off(path: Path) -> Mesh:
                 size, *corners = map(int, next(rows, []))
                 if size < 1 or len(corners) < size or not min(corners[:size]) >= 0:
                     raise ValueError("no face")
-                _add_fan(triangles, corners[:size])
+                add_fan(triangles, corners[:size])
             if next(rows, None) is not None:
                 raise ValueError("more than its first lines say")
         except (ValueError, OverflowError) as error:
@@ -182,11 +181,6 @@ def _rows_of_off(text: TextLines) -> Iterator[list[str]]:
         words = line.partition("#")[0].split()
         if words:
             yield words
-
-
-def _add_fan(triangles: array[int], corners: list[int]) -> None:
-    for second, third in pairwise(corners[1:]):
-        triangles.extend((corners[0], second, third))
 
 
 def _rows(values: Any) -> Any:

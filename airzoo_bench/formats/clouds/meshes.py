@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +21,10 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 __all__ = [
     "Mesh",
     "MeshSampling",
+    "add_fan",
+    "cut_fans",
     "face_areas",
-    "fans",
     "sampled",
-    "triangles_of",
 ]
 
 _ENDLESS = 1e18
@@ -76,7 +78,7 @@ class Mesh:
     precision: np.dtype[Any] = _DOUBLE
 
 
-def fans(polygons: Ints) -> Ints:
+def cut_fans(polygons: Ints) -> Ints:
     """Cut polygons (P, n) of n vertices into triangles ((n - 2) P, 3), as fans from the first."""
     sides = polygons.shape[1] if polygons.ndim == 2 else 0
     if sides < 3:
@@ -86,19 +88,10 @@ def fans(polygons: Ints) -> Ints:
     return triangles.reshape(-1, 3)
 
 
-def triangles_of(polygons: Sequence[Sequence[int]]) -> Ints:
-    """Cut polygons of different sizes into triangles (F, 3), in their order."""
-    by_size: dict[int, list[int]] = {}
-    for place, polygon in enumerate(polygons):
-        by_size.setdefault(len(polygon), []).append(place)
-    parts, owners = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
-    for size, places in by_size.items():
-        rows = np.array([polygons[place] for place in places], np.int64)
-        parts.append(fans(rows.reshape(len(places), size)))
-        owners.append(np.repeat(places, max(size - 2, 0)))
-    order = np.argsort(np.concatenate(owners), kind="stable")
-    triangles: Ints = np.concatenate(parts)[order]
-    return triangles
+def add_fan(triangles: array[int], corners: Sequence[int]) -> None:
+    """Append the triangles of a polygon, as a fan from its first corner."""
+    for second, third in pairwise(corners[1:]):
+        triangles.extend((corners[0], second, third))
 
 
 def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -23,15 +24,14 @@ from airzoo_bench.formats.clouds.cloud import (
     refusal,
     uncounted,
 )
-from airzoo_bench.formats.clouds.lzf import decompress
 from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
 
 __all__ = ["open_pcd"]
 
 _LONGEST_HEADER = 1 << 16
-_KINDS = {"F": "f", "I": "i", "U": "u"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _MOST_REPEATS = 1 << 16
+_LONGEST_LITERAL = 32
 _CONFIDENCE = ("confidence", "conf")
 
 
@@ -102,39 +102,32 @@ def _read_header(path: Path) -> _Header:
             if words and not words[0].startswith("#"):
                 values.setdefault(words[0].upper(), words[1:])
         size = stream.tell()
-    if values.get("DATA", []) not in (["ascii"], ["binary"], ["binary_compressed"]):
-        said = shown(" ".join(values.get("DATA", [])))
+    data = " ".join(values.get("DATA", []))
+    if data not in ("ascii", "binary", "binary_compressed"):
         raise refusal(
-            path, f"the PCD header ends with DATA {said}", expected="ascii, binary, ..._compressed"
+            path,
+            f"the PCD header ends with DATA {shown(data)}",
+            expected="ascii, binary, ..._compressed",
         )
-    points = _one_count(path, values, "POINTS")
-    if _one_count(path, values, "WIDTH", points) * _one_count(path, values, "HEIGHT", 1) != points:
+    counts = {key: _counts(path, key, values.get(key, [])) for key in ("POINTS", "WIDTH", "HEIGHT")}
+    (points, *more), width, height = counts["POINTS"] or [-1], counts["WIDTH"], counts["HEIGHT"]
+    if points < 0 or more:
+        raise refusal(path, "the PCD header has no POINTS", expected="POINTS and a count")
+    if math.prod(width or [points]) * math.prod(height or [1]) != points:
         raise refusal(path, "WIDTH times HEIGHT is not POINTS", expected="the same number")
-    return _Header(_fields(path, values), points, values["DATA"][0], size, lines)
+    return _Header(_fields(path, values), points, data, size, lines)
 
 
-def _counts(path: Path, values: dict[str, list[str]], key: str) -> list[int]:
-    words = values.get(key, [])
+def _counts(path: Path, key: str, words: list[str]) -> list[int]:
     if not all(word.isascii() and word.isdigit() and len(word) < 19 for word in words):
         raise refusal(path, f"{key} is {shown(' '.join(words))}", expected="counts of 0 or more")
     return [int(word) for word in words]
 
 
-def _one_count(
-    path: Path, values: dict[str, list[str]], key: str, default: int | None = None
-) -> int:
-    if key not in values and default is not None:
-        return default
-    counts = _counts(path, values, key)
-    if len(counts) != 1:
-        raise refusal(path, f"the PCD header has no {key}", expected=f"{key} and a count")
-    return counts[0]
-
-
 def _fields(path: Path, values: dict[str, list[str]]) -> tuple[_Field, ...]:
     names, kinds = values.get("FIELDS", []), [kind.upper() for kind in values.get("TYPE", [])]
-    sizes = _counts(path, values, "SIZE")
-    repeats = _counts(path, values, "COUNT") if "COUNT" in values else [1] * len(names)
+    sizes = _counts(path, "SIZE", values.get("SIZE", []))
+    repeats = _counts(path, "COUNT", values.get("COUNT", ["1"] * len(names)))
     if not len(names) == len(sizes) == len(kinds) == len(repeats):
         raise refusal(path, "FIELDS, SIZE, TYPE and COUNT differ in length", expected="one a field")
     fields: list[_Field] = []
@@ -147,7 +140,7 @@ def _fields(path: Path, values: dict[str, list[str]]) -> tuple[_Field, ...]:
                 expected="each field once, of type F (4, 8), I or U (1, 2, 4, 8)",
             )
         place = sum(field.repeats for field in fields)
-        fields.append(_Field(name, f"<{_KINDS[kind]}{size}", count, place))
+        fields.append(_Field(name, f"<{kind.lower()}{size}", count, place))
     return tuple(fields)
 
 
@@ -195,7 +188,7 @@ def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
 def _read_compressed(path: Path, header: _Header, packed: int, points: int) -> Iterator[Cloud]:
     with path.open("rb") as stream:
         stream.seek(header.size + 8)
-        body = decompress(stream.read(packed), header.points * header.record.itemsize)
+        body = _decompress(stream.read(packed), header.points * header.record.itemsize)
     if body is None:
         raise _damaged(path)
     columns, start = {}, 0
@@ -212,3 +205,38 @@ def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
     trust = next((columns[name] for name in _CONFIDENCE if name in columns), None)
     points = columns_to_points(columns["x"], columns["y"], columns["z"])
     return Cloud(points, None, None if trust is None else as_confidence(trust))
+
+
+def _decompress(data: bytes, size: int) -> bytearray | None:
+    """Undo Marc Lehmann's LZF; None where the data are damaged."""
+    out = bytearray()
+    place, end = 0, len(data)
+    try:
+        while place < end and len(out) <= size:
+            control = data[place]
+            place += 1
+            if control < _LONGEST_LITERAL:
+                out += data[place : place + control + 1]
+                place += control + 1
+                continue
+            length = control >> 5
+            if length == 7:
+                length += data[place]
+                place += 1
+            distance = ((control & 0x1F) << 8 | data[place]) + 1
+            place += 1
+            if not _copy_back(out, distance, length + 2):
+                return None
+    except IndexError:
+        return None
+    return out if place == end and len(out) == size else None
+
+
+def _copy_back(out: bytearray, distance: int, length: int) -> bool:
+    start = len(out) - distance
+    if start < 0:
+        return False
+    piece = out[start : start + length]
+    # A copy may reach into what it writes; the piece then repeats itself.
+    out += (piece * -(-length // distance))[:length] if distance < length else piece
+    return True
