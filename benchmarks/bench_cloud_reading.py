@@ -1,7 +1,7 @@
 """Reading clouds: this package beside the library that is usual for the format.
 
-LAZ and LAS beside laspy, PLY and PCD beside Open3D; each gives coordinates as float64 (N, 3) and
-colours as they come. Here the file is read in pieces and put together, since whole clouds are what
+LAZ and LAS beside laspy, PLY and PCD beside Open3D; each gives coordinates as float64 (N, 3).
+Here the file is read in pieces and put together, since whole clouds are what
 the others give. The best of some runs, in turn; wall and CPU seconds (all threads), so that the
 first run warms the disk cache.
 """
@@ -43,20 +43,16 @@ def read_ours(path: Path) -> int:
     """Read into one array."""
     source = open_cloud(path, limit_bytes=LIMIT, sampling=None)
     points, done = np.empty((source.count, 3)), 0
-    colours = np.empty((source.count, 3), np.uint8)
     for piece in source.pieces(PIECE):
         points[done : done + len(piece)] = piece.points
-        if piece.colours is not None:
-            colours[done : done + len(piece)] = piece.colours
         done += len(piece)
     return done
 
 
 def read_laspy(path: Path) -> int:
-    """Read by laspy, coordinates and colours."""
+    """Read by laspy, coordinates."""
     las = laspy.read(path)
-    colours = np.stack((las.red, las.green, las.blue), axis=-1)
-    return len(np.asarray(las.xyz)) if len(colours) else 0
+    return len(np.asarray(las.xyz))
 
 
 def read_open3d(path: Path) -> int:

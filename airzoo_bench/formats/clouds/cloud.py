@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import accumulate
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +18,10 @@ __all__ = [
     "Cloud",
     "CloudSource",
     "FileCloud",
-    "Shard",
-    "Sharded",
     "as_confidence",
     "columns_to_points",
     "read_records",
     "refusal",
-    "shards_of",
     "uncounted",
 ]
 
@@ -62,45 +58,6 @@ class CloudSource(Protocol):
         """Yield all points, at most that many at a time."""
 
 
-@dataclass(frozen=True, eq=False)
-class Shard:
-    """A part of a cloud that is read by itself, anywhere; it can be pickled.
-
-    Attributes
-    ----------
-    name : str
-        For messages.
-    number : int
-        Its place among the shards.
-    first : int
-        How many points stand in those before it, those with NaN included.
-    source : CloudSource
-    """
-
-    name: str
-    number: int
-    first: int
-    source: CloudSource
-
-    def through(self, change: Callable[[CloudSource], CloudSource]) -> Shard:
-        """Return the shard with another source, made of its own."""
-        return replace(self, source=change(self.source))
-
-
-@runtime_checkable
-class Sharded(Protocol):
-    """A cloud that says what its shards are: put one after the other, they are the cloud."""
-
-    @property
-    def shards(self) -> tuple[Shard, ...]:
-        """One where it is not in shards."""
-
-
-def shards_of(cloud: CloudSource) -> tuple[Shard, ...]:
-    """Return the shards of a cloud, at least one."""
-    return cloud.shards if isinstance(cloud, Sharded) else (Shard("the cloud", 0, 0, cloud),)
-
-
 FIX_COPY = "write or copy the file again"
 
 
@@ -121,8 +78,6 @@ class FileCloud:
         Type that the coordinates are stored in.
     notes : tuple of str
         What the user should know of how it was read.
-    files : tuple of FileCloud
-        Where it lies in a folder of several, these.
     """
 
     path: Path
@@ -131,17 +86,6 @@ class FileCloud:
     read: Callable[[int], Iterator[Cloud]]
     precision: np.dtype[Any]
     notes: tuple[str, ...] = ()
-    files: tuple[FileCloud, ...] = ()
-
-    @property
-    def shards(self) -> tuple[Shard, ...]:
-        """See `Sharded`."""
-        files = self.files or (self,)
-        firsts = accumulate((file.count for file in files), initial=0)
-        return tuple(
-            Shard(file.path.name, number, first, file)
-            for number, (file, first) in enumerate(zip(files, firsts, strict=False))
-        )
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most that many at a time."""

@@ -41,7 +41,6 @@ def open_shards(folder: Path, paths: Sequence[Path]) -> FileCloud:
         partial(_pieces, files),
         min((file.precision for file in files), key=lambda dtype: dtype.itemsize),
         tuple(f"{file.path.name}: {note}" for file in files for note in file.notes),
-        files,
     )
 
 
