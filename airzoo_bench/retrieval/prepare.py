@@ -18,7 +18,6 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
@@ -76,7 +75,6 @@ def build_truth(
     inputs: SceneInputs,
     gallery: Gallery | ImageGallery,
     rules: GroundTruth | StatedTruth,
-    engine: Engine = HERE,
 ) -> PreparedScene:
     """Cut the gallery, cast the footprints, and find which tile answers which photo."""
     if isinstance(gallery, ImageGallery) or isinstance(rules, StatedTruth):
@@ -90,8 +88,8 @@ def build_truth(
         if in_map_frame
         else (footprints.lonlat, boxes_of(tiles), boxes_of(dropped))
     )
-    positives = _positives(points, boxes, rules, engine)
-    shared = overlaps(points, boxes, engine)
+    positives = _positives(points, boxes, rules)
+    shared = overlaps(points, boxes)
     answerable = positives.counts > 0
     kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
     rows = np.flatnonzero(kept)
@@ -164,12 +162,10 @@ def _in_pixels(
     return np.round(pixels, _PIXEL_DECIMALS), kept, empty
 
 
-def _positives(
-    points: Floats, boxes: Floats, rules: GroundTruth, engine: Engine = HERE
-) -> Positives:
+def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
     if rules.iou_above is not None:
-        return positives_from_iou(points, boxes, rules.iou_above, engine)
-    found = positives_from_points(points, boxes, engine)
+        return positives_from_iou(points, boxes, rules.iou_above)
+    found = positives_from_points(points, boxes)
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
 
 

@@ -7,14 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.retrieval import positive_shards
-from airzoo_bench.retrieval.positives import (
-    overlaps,
-    positives_from_iou,
-    positives_from_points,
-)
+from airzoo_bench.retrieval import positives
+from airzoo_bench.retrieval.positives import overlaps, positives_from_points
 from airzoo_bench.retrieval.tile_grid import find_runs
-from tests.retrieval.engine_support import Shuffled
 from tests.retrieval.positive_support import (
     UNIT_BOX,
     assert_same,
@@ -131,41 +126,11 @@ def test_tiles_without_extent_are_refused_by_row(bad):
         positives_from_points(np.zeros((1, 1, 2)), boxes)
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    columns=st.integers(1, 9),
-    rows=st.integers(1, 9),
-    shuffled=st.booleans(),
-    most=st.sampled_from([1, 2, 5, 7, 30]),
-)
-def test_any_cut_of_the_gallery_gives_the_same_positives(seed, columns, rows, shuffled, most):
-    rng = np.random.default_rng(seed)
-    row, column = (index.ravel() for index in np.indices((rows, columns)))
-    boxes = np.stack([column, -row, column + 1.5, 1.5 - row], axis=1)
-    boxes = rng.permutation(boxes) if shuffled else boxes
-    points = rng.integers(-2, 11, (6, 4, 2)) / 2
-    points[0, 0] = np.nan
-    for found, expected in (
-        (f(points, boxes, *more, engine=Shuffled(most)), f(points, boxes, *more))
-        for f, more in ((positives_from_points, ()), (overlaps, ()), (positives_from_iou, (0.1,)))
-    ):
-        assert found.offsets.tobytes() == expected.offsets.tobytes()
-        assert found.tiles.tobytes() == expected.tiles.tobytes()
-        assert (found.overlap is None) == (expected.overlap is None)
-        if found.overlap is not None:
-            assert found.overlap.tobytes() == expected.overlap.tobytes()
-
-
 def test_large_galleries_are_searched_by_several_trees(monkeypatch):
     corners = np.random.default_rng(0).uniform(0, 9, (500, 2))
     boxes = np.concatenate([corners, corners + 1], axis=1)
     points = np.random.default_rng(1).uniform(0, 9, (20, 4, 2))
     expected = [positives_from_points(points, boxes), overlaps(points, boxes)]
-    monkeypatch.setattr(positive_shards, "_TILES", 64)
-    trees = []
-    plain = positive_shards._tree
-    monkeypatch.setattr(positive_shards, "_tree", lambda some: trees.append(some) or plain(some))
+    monkeypatch.setattr(positives, "_TILES", 64)
     found = [positives_from_points(points, boxes), overlaps(points, boxes)]
-    assert max(map(len, trees)) == 64
     assert [one.tiles.tolist() for one in found] == [one.tiles.tolist() for one in expected]
