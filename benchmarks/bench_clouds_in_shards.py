@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
@@ -179,7 +179,7 @@ def measured(points: int, options: argparse.Namespace) -> None:
 
 def _on_dask(folders: list[Path], options: argparse.Namespace) -> tuple[float, float]:
     memory = options.memory_mb * MEGABYTE
-    with chosen_engine(
+    with open_engine(
         EngineKind.DASK, options.scheduler, jobs=options.workers, memory_bytes=memory
     ) as engine:
         watched = Watched(engine)

@@ -20,7 +20,6 @@ from airzoo_bench.cli.common import (
     ProtocolOption,
     ReaderOption,
     memory_bytes,
-    progress,
     put,
     say,
     show,
@@ -30,13 +29,13 @@ from airzoo_bench.cli.engines import (
     ProgressOption,
     ResumeOption,
     SchedulerOption,
-    rated,
-    watched,
+    choose_progress,
+    keep_scenes,
 )
 from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -158,14 +157,12 @@ def _evaluate(
     memory = memory_bytes(max_memory)
     with (
         only_run_at(out),
-        chosen_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
-        watched(
-            place, show_progress=show_progress, keep_for=kept_beside(out), resume=resume
-        ) as watching,
+        open_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
+        keep_scenes(kept_beside(out), resume=resume and not writing) as scenes,
     ):
         threads = jobs if engine is EngineKind.LOCAL else 1
-        shown = rated if show_progress else progress
-        resources = Resources(memory, threads, shown, bool(writing), watching)
+        place.progress = choose_progress(place, show_progress=show_progress)
+        resources = Resources(memory, threads, place.progress, bool(writing), place, scenes)
         evaluation = evaluate(
             predictions_here(predictions),
             data=resolve_data(data),

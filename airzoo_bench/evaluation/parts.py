@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -10,11 +10,12 @@ from typing import Protocol as Structural
 
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import HERE, Engine, Processes
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from airzoo_bench.evaluation.scene_store import SceneStore
 
 __all__ = [
     "DOUBLED",
@@ -95,6 +96,8 @@ class Resources:
         Where tasks are done.
     keep : bool
         Keep what figures need besides the scores, such as clouds.
+    scenes : SceneStore, optional
+        Keeps scenes that are scored.
     """
 
     memory_bytes: int = 2 << 30
@@ -102,12 +105,17 @@ class Resources:
     progress: Progress = silent
     keep: bool = False
     engine: Engine = HERE
+    scenes: SceneStore | None = None
 
     @property
     def processes(self) -> Engine:
         """Where tasks are done that keep the interpreter's lock: not in threads of this process."""
         as_well = self.engine.distributed or self.jobs == 1
         return self.engine if as_well else Processes(self.jobs)
+
+    def finish(self, name: str, truth: object, compute: Callable[[], S]) -> S:
+        """Return what an earlier run has kept of a scene, else compute it."""
+        return compute() if self.scenes is None else self.scenes.load_or(name, truth, compute)
 
 
 @dataclass(frozen=True)

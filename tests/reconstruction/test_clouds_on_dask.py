@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs the extra dask")
 
-from airzoo_bench.engines.cluster import local_cluster
+from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.reconstruction.distances import clouds as clouds_module
 from airzoo_bench.reconstruction.distances.clouds import cloud_distances

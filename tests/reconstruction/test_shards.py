@@ -15,15 +15,12 @@ import pytest
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.engines.kept import Kept
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.reconstruction import scenes
 from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud
 from airzoo_bench.reconstruction.distances import clouds as clouds_module
-from airzoo_bench.reconstruction.distances.clouds import block_distances
-from airzoo_bench.reconstruction.distances.neighbours import mutual_distances
 from airzoo_bench.reconstruction.reading import open_reconstruction
 from airzoo_bench.reconstruction.scenes import score_geometry
 from airzoo_bench.reconstruction.scoring import ScoredScene
@@ -98,28 +95,6 @@ def test_shards_score_what_one_cloud_scores_on_any_engine(
         np.testing.assert_array_equal(found.distances.to_prediction, whole.distances.to_prediction)
     assert engine.stages["shards"] >= 4 + 7 + 4
     assert engine.stages["cells"] > 3
-
-
-def test_tasks_that_were_kept_fit_no_other_cut(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second = surface(1200, 0, far=0.05), surface(1000, 1)
-    prediction = opened(in_shards(tmp_path / "p", first, 3, write_parquet, ".parquet"))
-    truth = opened(in_shards(tmp_path / "t", second, 2, write_parquet, ".parquet"))
-    expected = mutual_distances(first, second, jobs=1)
-    done = []
-    for block, cells in ((300, 100), (300, 100), (400, 100), (300, 150)):
-        inner = Scattered()
-        engine = Kept(inner, tmp_path / "kept", reuse=True)
-        engine.begin("the same run")
-        monkeypatch.setattr(clouds_module, "_TILE", cells)
-        found = block_distances(prediction, truth, block_points=block, jobs=1, engine=engine)
-        np.testing.assert_array_equal(found.to_truth, expected[0])
-        np.testing.assert_array_equal(found.to_prediction, expected[1])
-        done.append(inner.stages.get("cells", 0))
-    assert done[0] > 0
-    assert done[1] == 0  # all were there
-    assert done[3] > 0
 
 
 def test_the_sample_of_a_prepared_cloud_makes_cells(
