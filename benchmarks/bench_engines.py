@@ -30,8 +30,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.engines.cluster import local_cluster
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.dask import local_cluster
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries

@@ -25,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.engines.cluster import local_cluster
+from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import Cameras

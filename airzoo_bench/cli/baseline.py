@@ -15,7 +15,8 @@ from airzoo_bench.cli.common import JobsOption, say
 from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
 from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -77,12 +78,11 @@ def _predict(
     show_progress: bool,
     **settings: Any,
 ) -> None:
-    from airzoo_bench.engines.processes import Processes
     from airzoo_bench.evaluation.generate import run_baseline
     from airzoo_bench.evaluation.parts import Resources
 
     baseline: Any = track.baseline
-    with chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
+    with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
         shown = choose_progress(place, show_progress=show_progress)
         run_baseline(
             track.name,

@@ -19,7 +19,8 @@ from airzoo_bench.cli.common import (
     show,
 )
 from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
     from airzoo_bench.core.progress import Progress
@@ -109,7 +110,6 @@ def check_geometry(
         report_values,
         save_report,
     )
-    from airzoo_bench.engines.processes import Processes
 
     if out is not None:
         check_output_folder(out, OUTPUT_NAMES)
@@ -117,7 +117,7 @@ def check_geometry(
     sampling = Sampling(samples, seed, DepthKind(depth_kind), depth_scale)
     scenes = _scenes(data, scene, poses, images, crs)
     rule = PairRule(pairs)
-    with chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
+    with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
         where = place, choose_progress(place, show_progress=show_progress)
         checked = [_checked(one, depth, sampling, rule, median_below, where) for one in scenes]
     if form is Format.JSON:

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from airzoo_bench.cli.common import printable, progress, say
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress, told
 from airzoo_bench.engines.choose import EngineKind
 
 if TYPE_CHECKING:
     from airzoo_bench.engines.engine import Engine
-    from airzoo_bench.engines.kept import Kept
-    from airzoo_bench.engines.watched import Watched
+    from airzoo_bench.evaluation.scene_store import SceneStore
 
 __all__ = [
     "EngineOption",
@@ -26,8 +24,8 @@ __all__ = [
     "ResumeOption",
     "SchedulerOption",
     "choose_progress",
+    "keep_scenes",
     "rated",
-    "watched",
 ]
 
 T = TypeVar("T")
@@ -57,49 +55,39 @@ ResumeOption = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Go on from the tasks that a run with this --out had finished when it was stopped. "
-        "With --engine dask they are always kept; here, where --resume was given to that run too.",
+        help="Keep each scene that is scored, and go on from those that a run with this --out and "
+        "--resume had kept when it was stopped.",
     ),
 ]
 ProgressOption = Annotated[
     bool,
     typer.Option(
-        "--progress", help="Show tasks, rate, time left and the address of Dask's dashboard."
+        "--progress",
+        help="Show blocks, rate, time left and the address of Dask's dashboard.",
     ),
 ]
 
 
 @contextmanager
-def watched(
-    place: Engine, *, show_progress: bool, keep_for: Path | None = None, resume: bool = False
-) -> Iterator[Watched]:
-    """Show the work of an engine; keep what is finished until the block is done.
+def keep_scenes(beside: Path | None, *, resume: bool) -> Iterator[SceneStore | None]:
+    """Open the store of scored scenes for ``--resume``; remove it when the block is done."""
+    if beside is None or not resume:
+        yield None
+        return
+    from airzoo_bench.evaluation.scene_store import SceneStore
 
-    Parameters
-    ----------
-    place : Engine
-    show_progress : bool
-        What ``--progress`` shows.
-    keep_for : Path, optional
-        The folder of the run, beside which finished tasks are kept.
-    resume : bool
-        Use what is kept there.
-    """
-    from airzoo_bench.engines.watched import Watched
-
-    kept = None if keep_for is None else _kept(keep_for, place, resume=resume)
-    used = place if kept is None or not (resume or place.distributed) else kept
-    watching = Watched(used, rated if show_progress else progress)
-    if show_progress:
-        _say_dashboard(place)
+    store = SceneStore(beside.with_name(f"{beside.name}.unfinished"))
+    if store.paths():
+        say(f"{store.folder} holds scored scenes, which are used where they are of this very run")
+    else:
+        say("no scene of an earlier run is kept: all begins anew")
     try:
-        yield watching
+        yield store
     except KeyboardInterrupt:
-        if used is kept and kept.leftovers:
-            _say_how_to_go_on(kept)
+        if store.paths():
+            say(f"scored scenes are kept in {store.folder}; the same command goes on from there")
         raise
-    if kept is not None:
-        kept.remove()
+    store.remove()
 
 
 def choose_progress(place: Engine, *, show_progress: bool) -> Progress:
@@ -111,37 +99,9 @@ def choose_progress(place: Engine, *, show_progress: bool) -> Progress:
     show_progress : bool
         What ``--progress`` shows.
     """
-    if show_progress:
-        _say_dashboard(place)
-    return rated if show_progress else progress
-
-
-def _say_dashboard(place: Engine) -> None:
-    if place.dashboard is not None:
+    if show_progress and place.dashboard is not None:
         say(f"dashboard: {place.dashboard}")
-
-
-def _say_how_to_go_on(kept: Kept) -> None:
-    tasks = counted(kept.leftovers, "finished task")
-    say(f"{tasks} kept in {kept.folder}; the same command with --resume goes on from there")
-
-
-def _kept(out: Path, place: Engine, *, resume: bool) -> Kept:
-    """Return the engine that keeps finished tasks beside the run's folder; say what lies there."""
-    from airzoo_bench.engines.kept import Kept, kept_folder
-
-    kept = Kept(place, kept_folder(out), reuse=resume)
-    found = f"{kept.folder} holds {counted(kept.leftovers, 'finished task')}"
-    if resume and not kept.leftovers:
-        say("no task of an earlier run is kept: all begins anew")
-    elif resume:
-        say(f"{found}, which are used where they are of this very run")
-    elif kept.leftovers:
-        say(
-            f"{found} of a run that was stopped; with --resume this run would go on from them, "
-            "without it they are removed when it is saved"
-        )
-    return kept
+    return rated if show_progress else progress
 
 
 # Stages that are shown at the moment: a track may show one that its engine shows as well.

@@ -21,7 +21,6 @@ from airzoo_bench.cli.common import (
     ReaderOption,
     UntrustedOption,
     memory_bytes,
-    progress,
     put,
     say,
     show,
@@ -31,13 +30,13 @@ from airzoo_bench.cli.engines import (
     ProgressOption,
     ResumeOption,
     SchedulerOption,
-    rated,
-    watched,
+    choose_progress,
+    keep_scenes,
 )
 from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.given import AnyTrack
@@ -170,15 +169,15 @@ def _evaluate(
     memory = memory_bytes(max_memory)
     with (
         only_run_at(out),
-        chosen_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
-        watched(
-            place, show_progress=show_progress, keep_for=kept_beside(out), resume=resume
-        ) as watching,
+        open_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
+        keep_scenes(kept_beside(out), resume=resume and not writing) as scenes,
     ):
         threads = jobs if engine is EngineKind.LOCAL else 1
-        shown = rated if show_progress else progress
+        place.progress = choose_progress(place, show_progress=show_progress)
         limits = Limits(memory) if untrusted else None
-        resources = Resources(memory, threads, shown, bool(writing), watching, limits)
+        resources = Resources(
+            memory, threads, place.progress, bool(writing), place, scenes=scenes, limits=limits
+        )
         evaluation = evaluate(
             predictions_here(predictions),
             data=resolve_data(data),

@@ -11,7 +11,8 @@ from airzoo_bench.cli.common import JobsOption, examples, put, say, working
 from airzoo_bench.cli.engines import EngineOption, SchedulerOption
 from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import Processes
 
 __all__ = ["BUILD_EXAMPLES", "SERVE_EXAMPLES", "build", "serve"]
 
@@ -54,7 +55,6 @@ def build(
     The board that stands is replaced in one step, when the new one is whole. A second build reads
     what the first has kept and takes seconds.
     """
-    from airzoo_bench.engines.processes import Processes
     from airzoo_bench.leaderboard.board import read_board
     from airzoo_bench.leaderboard.site.api_files import Given
     from airzoo_bench.leaderboard.site.build import build_board
@@ -82,7 +82,7 @@ def build(
     )
     kept = out.with_name(f"{out.name}.cache") if cache is None else cache
     with (
-        chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
+        open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place,
         working("building the board"),
     ):
         build_board(given, out, kept, engine=place, note=say)

@@ -10,6 +10,7 @@ import typer
 
 from airzoo_bench.cli.common import JobsOption, LightGroup, examples, progress, put, say
 from airzoo_bench.core.plurals import counted
+from airzoo_bench.engines.engine import Processes
 
 __all__ = ["app"]
 
@@ -44,7 +45,6 @@ def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     from airzoo_bench.core.places import data_root
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.world.model import REGIONS
-    from airzoo_bench.engines.processes import Processes
 
     regions = list(REGIONS.values())
     folders = make_worlds(
@@ -82,7 +82,6 @@ def render(
     from airzoo_bench.datasets.mini.rendering.renderer import default_camera
     from airzoo_bench.datasets.mini.world.model import REGIONS
     from airzoo_bench.datasets.mini.world.store import load_world
-    from airzoo_bench.engines.processes import Processes
 
     (folder,) = make_worlds([REGIONS[region]], data_root(), seed, progress=progress, note=say)
     camera = default_camera()

@@ -20,7 +20,8 @@ from airzoo_bench.cli.locations import with_data
 from airzoo_bench.core.places import data_root
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS, TRACKS
-from airzoo_bench.engines.choose import EngineKind, chosen_engine
+from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.about import About
@@ -139,7 +140,6 @@ def _prepare(
 ) -> None:
     from airzoo_bench.core.places import check_new_folder
     from airzoo_bench.datasets.dataset import PrepareSettings
-    from airzoo_bench.engines.processes import Processes
 
     chosen, root = dataset.options(**options), data_root()
     with working(_GETTING_READY):
@@ -161,7 +161,7 @@ def _prepare(
         say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
         return
     check_new_folder(folder, replace=force)
-    with chosen_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
+    with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
         shown = choose_progress(place, show_progress=show_progress)
         prepared = dataset.prepare(chosen, replace(settings, engine=place, progress=shown))
     _print_prepared(dataset.about, dataset.reasons(chosen), prepared)

@@ -1,31 +1,31 @@
-"""Which engine does the work: the one place that turns options into one."""
+"""The one place that turns options into an engine."""
 
 from __future__ import annotations
 
 import importlib.util
 import re
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from enum import StrEnum
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.engines.engine import Engine, Here
+from airzoo_bench.engines.engine import Engine, Processes
 
-__all__ = ["LOCAL", "EngineKind", "chosen_engine"]
+__all__ = ["LOCAL", "EngineKind", "open_engine"]
 
 LOCAL = "local"
 _ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s/:@]+):(\d{1,5})")
 
 
 class EngineKind(StrEnum):
-    """Where work is done."""
+    """Where work is done, as options name it."""
 
     LOCAL = "local"
     DASK = "dask"
 
 
 @contextmanager
-def chosen_engine(
+def open_engine(
     kind: EngineKind,
     scheduler: str | None,
     *,
@@ -35,26 +35,30 @@ def chosen_engine(
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Engine]:
     """Open the engine that options ask for; it ends with the block."""
-    _check(kind, scheduler)
+    _check_options(kind, scheduler)
     if kind is EngineKind.LOCAL:
-        opened: AbstractContextManager[Engine] = nullcontext(here or Here())
-    else:
-        from airzoo_bench.engines.cluster import connected, local_cluster
+        engine = here or Engine()
+        try:
+            yield engine
+        finally:
+            if isinstance(engine, Processes):
+                engine.kill()
+        return
+    from airzoo_bench.engines.dask import connect, local_cluster  # Dask is an extra
 
-        if scheduler is None or scheduler == LOCAL:
-            opened = local_cluster(jobs, memory_bytes)
-        else:
-            opened = connected(scheduler, note)
-    with opened as engine:
+    own = scheduler in (None, LOCAL)
+    cluster = local_cluster(jobs, memory_bytes) if own else connect(str(scheduler), note)
+    with cluster as engine:
         yield engine
 
 
-def _check(kind: EngineKind, scheduler: str | None) -> None:
+def _check_options(kind: EngineKind, scheduler: str | None) -> None:
     if kind is EngineKind.LOCAL:
         if scheduler is not None:
             raise UsageError("--scheduler is of Dask", fix="add --engine dask")
         return
-    if scheduler not in (None, LOCAL) and not _is_address(scheduler):
+    found = _ADDRESS.fullmatch(scheduler or "")
+    if scheduler not in (None, LOCAL) and not (found and 0 < int(found[3]) < 1 << 16):
         raise UsageError(
             "that is not the address of a scheduler",
             where=f"--scheduler {scheduler}",
@@ -65,8 +69,3 @@ def _check(kind: EngineKind, scheduler: str | None) -> None:
             "--engine dask needs Dask, which is not installed",
             fix="pip install 'airzoo-bench[dask]'",
         )
-
-
-def _is_address(text: str) -> bool:
-    found = _ADDRESS.fullmatch(text)
-    return found is not None and 0 < int(found[3]) < 1 << 16

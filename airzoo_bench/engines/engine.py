@@ -1,53 +1,83 @@
-"""What an engine is, and the plain one: all work in this process, one task after the other.
+"""Where blocks of work are done: in this process, in others of this machine, or on a cluster.
 
 A track cuts its work by `Engine.cut` and hands it to `Engine.map` as a pure function of what all
-tasks share and of one item; it reduces the results in the order of the items. It never asks which
-engine it has, so that a record is the same bytes on any.
+blocks share and of one item; results come in the order of the items. It never asks which engine it
+has, so that a record is the same bytes on any.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, TypeVar
 
-from airzoo_bench.engines.tasks import attempt
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.progress import Progress, silent
 
-__all__ = ["HERE", "Engine", "Here", "runs"]
+__all__ = [
+    "HERE",
+    "BlockError",
+    "Engine",
+    "Fault",
+    "Processes",
+    "attempt",
+    "split",
+    "without_ctrl_c",
+]
 
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
+UNREAD = 4
+"""Blocks a worker that may wait to be read, so that memory does not grow with their number."""
+_IDLE_S = 60
+_QUIET = "ignore:resource_tracker"
 
-class Engine(ABC):
-    """Where tasks are done.
+
+class BlockError(UserError):
+    """A block failed for want of memory or of a file; `Engine.map` adds which block, and a fix."""
+
+
+class Fault(NamedTuple):
+    """What kept a block from its result; exceptions that Dask raises would lose long messages."""
+
+    error: UserError
+
+
+class Engine:
+    """Does one block after the other in this process; a block itself may use threads.
 
     Attributes
     ----------
+    distributed : bool
+        Whether other processes work, so that work is cut.
     dashboard : str or None
         Where a browser shows what is going on.
-    distributed : bool
-        Whether other processes work, so that work is cut and a run can be lost.
     more_memory : str
-        What a user may do where a task has too little.
+        What a user may do where a block has too little.
+    progress : Progress
+        Shows the blocks of each `map`.
     """
 
-    dashboard: str | None = None
     distributed: bool = False
+    dashboard: str | None = None
     more_memory: str = "lower --jobs, or run it on a machine with more memory"
 
-    def begin(self, run: str) -> None:  # noqa: B027 - most engines keep nothing
-        """Say which run the tasks are of that come next."""
+    def __init__(self, progress: Progress = silent) -> None:
+        self.progress = progress
 
-    def forget(self) -> None:  # noqa: B027 - most engines keep nothing
-        """Drop what is kept of the run: it cannot be trusted."""
-
-    @abstractmethod
     def cut(self, count: int, size: int) -> list[slice]:
-        """Cut so many elements into runs, each of which is a task."""
+        """Cut `count` elements into blocks of `size`, or into one where all is done here."""
+        return split(count, size if self.distributed else max(count, 1))
 
-    @abstractmethod
     def map(
         self,
         work: Callable[[S, T], R],
@@ -57,35 +87,154 @@ class Engine(ABC):
         stage: str,
         name: Callable[[T], str],
     ) -> Iterator[R]:
-        """Yield what ``work(shared, item)`` returns, in the order of the items."""
+        """Yield what ``work(shared, item)`` returns, in the order of the items.
+
+        Parameters
+        ----------
+        work : callable
+            A function of a module: other processes import it by its name.
+        items : sequence
+        shared : object
+            Its arrays are mapped by processes of this machine, and must not be written to.
+        stage : str
+            What the items are, for progress.
+        name : callable
+            What an item is called in messages.
+        """
+        if not len(items):
+            return
+        with closing(self._results(work, items, shared, stage)) as results:
+            shown = self.progress(results, stage, len(items)) if len(items) > 1 else results
+            for item, found in zip(items, shown, strict=True):
+                if not isinstance(found, Fault):
+                    yield found
+                    continue
+                if isinstance(found.error, BlockError):
+                    fix = found.error.fix or self.more_memory
+                    raise BlockError(found.error.what, where=name(item), fix=fix)
+                raise found.error
+
+    def _results(
+        self, work: Callable[[S, T], R], items: Sequence[T], shared: S, stage: str
+    ) -> Generator[R | Fault, None, None]:
+        """Yield the result of each item in order, or what kept it from one."""
+        del stage
+        for item in items:
+            yield attempt(work, shared, item)
 
 
-def runs(count: int, size: int) -> list[slice]:
-    """Cut so many elements into runs of a size; the last may be shorter."""
+HERE = Engine()
+"""Does one block after the other, in this process."""
+
+
+def split(count: int, size: int) -> list[slice]:
+    """Split `count` elements into blocks of `size`; the last may be shorter."""
     return [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
 
 
-class Here(Engine):
-    """All work in this process; what a task does, it may do in threads."""
-
-    def cut(self, count: int, size: int) -> list[slice]:
-        """See `Engine.cut`."""
-        del size
-        return [slice(0, count)] if count else []
-
-    def map(
-        self,
-        work: Callable[[S, T], R],
-        items: Sequence[T],
-        *,
-        shared: S,
-        stage: str,
-        name: Callable[[T], str],
-    ) -> Iterator[R]:
-        """See `Engine.map`."""
-        for item in items:
-            yield attempt(work, shared, item).value(name(item), self.more_memory)
+def attempt(work: Callable[[S, T], R], shared: S, item: T) -> R | Fault:
+    """Do a block of work, and return its result or what kept it from one."""
+    try:
+        return work(shared, item)
+    except UserError as error:
+        return Fault(error)
+    except MemoryError:
+        return Fault(BlockError("too little memory for it"))
+    except OSError as error:
+        what = error.strerror or str(error) or type(error).__name__
+        what = what if error.filename is None else f"{what}: {error.filename}"
+        return Fault(BlockError(what, fix="mend that, then run again"))
 
 
-HERE: Engine = Here()
-"""Does one task after the other, in this process."""
+class Processes(Engine):
+    """Does blocks in processes of this machine: joblib's loky, which start at the first `map`.
+
+    Parameters
+    ----------
+    jobs : int
+        How many; with one, all is done in this process.
+    """
+
+    def __init__(self, jobs: int, progress: Progress = silent) -> None:
+        super().__init__(progress)
+        self.distributed = jobs > 1
+        self._jobs = jobs
+        self._pool: Any = None
+
+    def _results(
+        self, work: Callable[[S, T], R], items: Sequence[T], shared: S, stage: str
+    ) -> Generator[R | Fault, None, None]:
+        if self._jobs == 1 or len(items) == 1:
+            yield from super()._results(work, items, shared, stage)
+            return
+        import joblib  # takes 50 ms, which commands that start no process do without
+
+        # joblib.Parallel as a generator would compute all items at once, however few are read.
+        with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            file = str(Path(folder, "shared"))
+            joblib.dump((work, shared), file)
+            try:
+                waiting: deque[Any] = deque()
+                for item in items:
+                    waiting.append(self._submit(file, item))
+                    if len(waiting) == UNREAD * self._jobs:
+                        yield waiting.popleft().result()
+                while waiting:
+                    yield waiting.popleft().result()
+            except BrokenProcessPool as error:
+                self.kill()
+                raise UserError(
+                    "a process was killed, perhaps for want of memory",
+                    where=stage,
+                    fix="lower --jobs, or add --engine dask, which does its work again",
+                ) from error
+            except BaseException:
+                self.kill()
+                raise
+
+    def _submit(self, file: str, item: T) -> Any:
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        with without_ctrl_c():
+            if self._pool is None:
+                self._pool = ProcessPoolExecutor(self._jobs, timeout=_IDLE_S)
+            return self._pool.submit(_attempt_dumped, file, item)
+
+    def kill(self) -> None:
+        """End the processes in the middle of their blocks."""
+        if self._pool is not None:
+            pool, self._pool = self._pool, None
+            # Not `shutdown(kill_workers=True)`, which fails where blocks are still queued.
+            for process in list(pool._processes.values()):
+                process.terminate()
+            pool.shutdown(wait=True)
+
+
+@lru_cache(maxsize=1)
+def _load_shared(file: str) -> Any:
+    import joblib
+
+    return joblib.load(file, mmap_mode="r")  # written by this run, for its own processes
+
+
+def _attempt_dumped(file: str, item: T) -> Any:
+    work, shared = _load_shared(file)
+    return attempt(work, shared, item)
+
+
+@contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """Start processes that a Ctrl-C does not reach: this process ends them.
+
+    What a stopped run leaves of locks its tracker clears, which need not warn of it.
+    """
+    if _QUIET not in sys.warnoptions:
+        sys.warnoptions.append(_QUIET)
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

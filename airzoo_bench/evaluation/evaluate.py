@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,6 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UserError
 from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree, stamps
 from airzoo_bench.core.version import versions
-from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.given import Given, ReadBy, read_truths
 from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
@@ -82,12 +82,12 @@ def evaluate(
     begun: Callable[[], None] = lambda: None,
 ) -> Evaluation:
     """Score predictions."""
-    with _unchanged([path], resources.engine, _CHANGED_PREDICTIONS):
+    with _unchanged([path], resources, _CHANGED_PREDICTIONS):
         return _evaluated(path, data, track, protocol, method, resources, read_by, begun)
 
 
 @contextmanager
-def _unchanged(paths: Iterable[Path], engine: Engine, fault: UserError) -> Iterator[None]:
+def _unchanged(paths: Iterable[Path], resources: Resources, fault: UserError) -> Iterator[None]:
     """Refuse what is made of files that change meanwhile: nobody could name their checksum."""
     begun = [(path, stamps(path)) for path in paths]
     try:
@@ -97,7 +97,8 @@ def _unchanged(paths: Iterable[Path], engine: Engine, fault: UserError) -> Itera
             now = stamps(path)
             changed = sorted(file for file, stamp in before.items() if now.get(file) != stamp)
             if changed:
-                engine.forget()
+                if resources.scenes is not None:
+                    resources.scenes.remove()
                 raise fault.inside(changed[0])
 
 
@@ -117,9 +118,10 @@ def _evaluated(
         raise error
     benchmark, truths = _open_truths(given, data)
     read_again = [file for truth in truths for file in of.read_while_scoring(truth)]
-    with _unchanged(read_again, resources.engine, _CHANGED_TRUTH):
+    with _unchanged(read_again, resources, _CHANGED_TRUTH):
         sha256 = sha256_of_tree(predictions.path)
-        resources.engine.begin(_run_of(given, sha256, truths, read_by.names, resources))
+        if resources.scenes is not None:
+            resources.scenes.begin(_run_of(given, sha256, truths, read_by.names, resources))
         begun()
         assigned = of.assign(predictions, chosen, truths, data)
         scene_predictions = []
@@ -128,7 +130,12 @@ def _evaluated(
                 raise predicted
             scene_predictions.append(predicted)
         pairs = zip(scene_predictions, truths, strict=True)
-        scored = [of.score(predicted, truth, chosen, resources) for predicted, truth in pairs]
+        scored = [
+            resources.finish(
+                truth.scene, truth, partial(of.score, predicted, truth, chosen, resources)
+            )
+            for predicted, truth in pairs
+        ]
     records = of.records(scored, chosen)
     notes = [
         *given.notes,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -10,13 +10,13 @@ from typing import Protocol as Structural
 
 from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import HERE, Engine, Processes
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from airzoo_bench.core.sandbox import Limits
+    from airzoo_bench.evaluation.scene_store import SceneStore
 
 __all__ = [
     "DOUBLED",
@@ -99,6 +99,8 @@ class Resources:
         Keep what figures need besides the scores, such as clouds.
     limits : Limits or None
         Of the child that reads predictions which are not trusted; None reads them in this process.
+    scenes : SceneStore, optional
+        Keeps scenes that are scored.
     """
 
     memory_bytes: int = 2 << 30
@@ -107,12 +109,17 @@ class Resources:
     keep: bool = False
     engine: Engine = HERE
     limits: Limits | None = None
+    scenes: SceneStore | None = None
 
     @property
     def processes(self) -> Engine:
         """Where tasks are done that keep the interpreter's lock: not in threads of this process."""
         as_well = self.engine.distributed or self.jobs == 1
         return self.engine if as_well else Processes(self.jobs)
+
+    def finish(self, name: str, truth: object, compute: Callable[[], S]) -> S:
+        """Return what an earlier run has kept of a scene, else compute it."""
+        return compute() if self.scenes is None else self.scenes.load_or(name, truth, compute)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.results.comparable import apart_in, check_same_queries
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, read_records

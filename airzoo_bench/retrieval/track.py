@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,7 +107,8 @@ class RetrievalTrack(
         """See `match_scene`."""
         from airzoo_bench.retrieval.scene_predictions import match_scene
 
-        return match_scene(predictions, truth, rows, protocol.scores, resources)
+        rank = partial(match_scene, predictions, truth, rows, protocol.scores, resources)
+        return resources.finish(f"ranking of {truth.scene}", truth, rank)
 
     def score(
         self,

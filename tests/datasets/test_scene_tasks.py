@@ -12,10 +12,8 @@ import pytest
 
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.engines.cluster import local_cluster
-from airzoo_bench.engines.dask_tasks import DaskEngine
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.dask import DaskEngine, local_cluster
+from airzoo_bench.engines.engine import HERE, Engine, Processes
 from tests.datasets.native.flights import everything
 from tests.datasets.published import airzoo_real_tree, image_trees, ortholoc_tree, uav_visloc_tree
 from tests.datasets.published.airzoo_test_tree import make_trajectory

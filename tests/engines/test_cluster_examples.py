@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from airzoo_bench.engines.cluster import connected
+from airzoo_bench.engines.dask import connect
 from tests.engines import work
 from tests.support import MadeScene, made_protocol, write_benchmark
 
@@ -126,7 +126,7 @@ def test_the_commands_of_the_manifests_make_a_cluster(tmp_path: Path) -> None:
         # The operator gives workers their names, and tells them where the scheduler is.
         given = arguments(worker, DASK_WORKER_NAME="airzoo-default-worker-1")
         stack.enter_context(running(given, DASK_SCHEDULER_ADDRESS=address, **env))
-        with connected(address) as engine:
+        with connect(address) as engine:
             found = engine.map(work.square, range(4), shared=1, stage="tasks", name=str)
             assert [int(one["square"][0]) for one in found] == [1, 2, 5, 10]
 

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.engines.cluster import local_cluster
-from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.engines.kept import Kept, kept_folder
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.core.registry import TRACKS as TRACKS_BY_NAME
+from airzoo_bench.engines.dask import local_cluster
+from airzoo_bench.engines.engine import HERE, Engine, Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.scene_store import SceneStore
 from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
@@ -29,7 +28,6 @@ from tests.support import run_main
 WORKERS = (pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(4, marks=pytest.mark.slow))
 KILLED = ("matching", pytest.param("retrieval", marks=pytest.mark.slow))
 HOME = Path(__file__).resolve().parents[2]
-COMMAND = "from airzoo_bench.cli.main import main; main()"
 
 
 @pytest.fixture(scope="module")
@@ -123,36 +121,57 @@ def test_a_worker_killed_on_the_way_changes_no_byte(
     assert found == here[track]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("track", KILLED)
-def test_a_client_killed_on_the_way_leaves_tasks_that_resume_goes_on_from(
+@pytest.mark.parametrize("track", TRACKS)
+def test_resume_goes_on_from_scored_scenes(
     track: str,
     predictions: dict[str, Path],
     here: dict[str, tuple[bytes, bytes]],
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    out = tmp_path / "out"
-    ask = ["eval", track, predictions[track], "--out", out, "--method", "m"]
-    process = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, *map(str, ask), "--resume"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": str(HOME)},
-    )
-    while process.poll() is None and not list(kept_folder(out).glob("*.task")):
-        time.sleep(0.01)
-    process.kill()
-    process.wait()
-    if (out / "result.json").exists():
-        pytest.skip(f"{track} was quicker than the signal")
-    left = Kept(HERE, kept_folder(out), reuse=True).leftovers
-    assert left > 0
+    out, kept = tmp_path / "out", tmp_path / "out.unfinished"
+    ask = ["eval", track, predictions[track], "--out", out, "--method", "m", "--resume"]
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as stopping:
+        stopping.setattr("airzoo_bench.evaluation.evaluate._result", stop)
+        assert run_main(*ask) == 130
+    assert "the same command goes on from there" in capfd.readouterr().err
+    assert list(kept.glob("*.scene"))
     assert not (out / "result.json").exists()
-    capfd.readouterr()
-    assert run_main(*ask, "--resume", "--progress") == 0
-    told = capfd.readouterr().err
-    assert f"holds {left} finished task" in told
+    with monkeypatch.context() as resuming:
+        resuming.setattr(type(TRACKS_BY_NAME.get(track)), "score", stop)
+        assert run_main(*ask) == 0
+    assert "used where they are of this very run" in capfd.readouterr().err
     assert (out / "records.csv").read_bytes() == here[track][0]
     assert (out / "result.json").read_bytes() == here[track][1]
-    assert not kept_folder(out).exists()
+    assert not kept.exists()
+
+
+def found(store: SceneStore, computed: Any) -> list[float]:
+    """Return what a store has of a scene, or else has computed."""
+    return store.load_or("park", None, lambda: {"a": np.array(computed)})["a"].tolist()  # type: ignore[no-any-return]
+
+
+def test_scenes_of_another_run_and_damaged_ones_are_not_used(tmp_path: Path) -> None:
+    store = SceneStore(tmp_path / "kept")
+    store.begin("one run")
+    assert found(store, [0, 1, 2]) == [0, 1, 2]
+    assert found(store, [0, 0]) == [0, 1, 2]
+    (path,) = store.paths()
+    path.write_bytes(path.read_bytes()[:-30])
+    assert found(store, [1]) == [1]
+    store.begin("another run")
+    assert found(store, [1, 1]) == [1, 1]
+    store.remove()
+    assert not (tmp_path / "kept").exists()
+
+
+def test_resume_needs_a_folder(
+    predictions: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main("eval", "matching", predictions["matching"], "--resume") == 2
+    assert "--resume needs a folder to write into" in capsys.readouterr().err

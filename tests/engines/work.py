@@ -24,6 +24,11 @@ def square(added: int, number: int) -> Arrays:
     return {"square": np.array([number * number + added]), "who": np.array(os.getpid())}
 
 
+def total(shared: tuple[bytes, npt.NDArray[np.float64]], weights: npt.NDArray[np.float64]) -> str:
+    """Return a sum that rounds otherwise where arrays lie at odd addresses."""
+    return float((shared[1][::3] * weights[::3]).sum()).hex()
+
+
 def dying_once(flags: Path, number: int) -> int:
     """Kill the worker the first time that it is task 3."""
     if number == 3 and not (flags / "died").exists():
@@ -39,32 +44,26 @@ def deadly(worst: int, number: int) -> int:
     return number
 
 
-def unreadable(folder: Path, number: int) -> int:
-    """Read a shard that is not there."""
-    if number == 3:
+def faulty(folder: Path, number: int) -> int:
+    """Fail at item 3, in the way that the folder's name says."""
+    if number < 3:
+        return number
+    if folder.name == "unreadable":
         return len((folder / "shard-3.npy").read_bytes())
-    return number
-
-
-def buggy(table: dict[int, int], number: int) -> int:
-    return table[number]
-
-
-def faulty(length: int, number: int) -> int:
-    if number >= 3:
-        raise PredictionError("x" * length, where=f"row {number}", expected="less", fix="cut it")
-    return number
-
-
-def hungry(shared: None, number: int) -> int:
-    del shared
-    if number == 3:
+    if folder.name == "hungry":
         raise MemoryError
+    if folder.name == "buggy":
+        raise KeyError(number)
+    raise PredictionError("x" * 20_000, where=f"row {number}", expected="less", fix="cut it")
+
+
+def marking(folder: Path, number: int) -> int:
+    (folder / f"at-{number}").touch()
     return number
 
 
 def waiting(folder: Path, number: int) -> int:
     """Say that it is at work; the first two end, the rest waits."""
-    (folder / f"at-{number}").touch()
+    marking(folder, number)
     time.sleep(0 if number < 2 else 600)
     return number

@@ -11,7 +11,7 @@ from rasterio import Affine
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.photo_metadata import priors_to_poses, read_prior
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, world_to_camera

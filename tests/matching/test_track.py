@@ -14,9 +14,9 @@ import pytest
 from rasterio import Affine
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.engines.engine import Here
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.scene_store import SceneStore
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import match_scene
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
@@ -52,16 +52,17 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
 
 
-class Careless(Here):
+class Careless(SceneStore):
     """Somebody grids the surface model anew when its checksum has been taken."""
 
     def __init__(self, dsm: Path) -> None:
+        super().__init__(dsm.with_suffix(".kept"))
         self.dsm, self.forgotten = dsm, False
 
     def begin(self, run: str) -> None:
         os.utime(self.dsm, ns=(0, 0))
 
-    def forget(self) -> None:
+    def remove(self) -> None:
         self.forgotten = True
 
 
@@ -69,11 +70,11 @@ def test_no_result_is_made_of_a_surface_model_that_changes(world: World, tmp_pat
     """The truth that it states would not be that which it was scored by."""
     path = world.write(tmp_path / "method.npz", world.matches())
     dsm = world.truth.maps[0].dsm
-    engine = Careless(dsm)
+    store = Careless(dsm)
     with pytest.raises(BenchmarkError, match="changed while predictions were scored") as caught:
-        evaluate(path, track="matching", data=world.root, resources=Resources(engine=engine))
+        evaluate(path, track="matching", data=world.root, resources=Resources(scenes=store))
     assert dsm.name in str(caught.value)
-    assert engine.forgotten
+    assert store.forgotten
     evaluate(path, track="matching", data=world.root)
 
 

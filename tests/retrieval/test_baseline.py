@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.retrieval.baseline import _cost, describe, root_sift, vlad
 from airzoo_bench.retrieval.baseline_settings import VladSettings
 

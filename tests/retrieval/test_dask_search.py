@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.engines.cluster import local_cluster
-from airzoo_bench.engines.engine import Here
+from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.scene_store import SceneStore
 from airzoo_bench.retrieval import descriptor_search
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
@@ -59,17 +59,18 @@ def test_nan_is_named_as_in_one_process(data: Path, tmp_path: Path) -> None:
                 evaluate(path, data=data, resources=resources)
 
 
-class Careless(Here):
+class Careless(SceneStore):
     """Somebody writes other descriptors into the file while the run goes on."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__(path.with_suffix(".kept"))
         self.path, self.forgotten = path, False
 
     def begin(self, run: str) -> None:
         described(self.path, np.ones((81, 8), "f4"))
         os.utime(self.path, ns=(0, 0))  # whatever the clock's resolution
 
-    def forget(self) -> None:
+    def remove(self) -> None:
         self.forgotten = True
 
 
@@ -82,17 +83,18 @@ def test_no_result_is_made_of_predictions_that_change(
     if linked:
         path = tmp_path / "p.npz"
         path.symlink_to(file)
-    engine = Careless(file)
+    store = Careless(file)
     with pytest.raises(PredictionError) as caught:
-        evaluate(path, data=data, resources=Resources(engine=engine))
+        evaluate(path, data=data, resources=Resources(scenes=store))
     assert path.name in str(caught.value)
-    assert engine.forgotten
+    assert store.forgotten
 
 
-class Named(Here):
+class Named(SceneStore):
     """Tells which run it was told to be of."""
 
     def begin(self, run: str) -> None:
+        super().begin(run)
         self.run = run
 
 
@@ -100,9 +102,9 @@ def test_a_run_with_other_memory_or_descriptors_is_another_run(data: Path, tmp_p
     """Queries are cut by the memory, so that a finished task may be of other queries."""
 
     def run(memory_bytes: int) -> str:
-        engine = Named()
-        evaluate(path, data=data, resources=Resources(memory_bytes, engine=engine))
-        return engine.run
+        store = Named(tmp_path / f"kept-{len(list(tmp_path.iterdir()))}")
+        evaluate(path, data=data, resources=Resources(memory_bytes, scenes=store))
+        return store.run
 
     path = described(tmp_path / "p.npz")
     one = run(1 << 30)

@@ -14,7 +14,7 @@ from airzoo_bench.datasets.geometry_checks.depth_consistency import (
     compare_depths,
 )
 from airzoo_bench.datasets.geometry_checks.depth_frames import FrameStore
-from airzoo_bench.engines.engine import Engine, runs
+from airzoo_bench.engines.engine import Engine, split
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["ComparedPair", "compared_pairs"]
@@ -33,7 +33,7 @@ def compared_pairs(
     store: FrameStore, ordered: Ints, engine: Engine, progress: Progress
 ) -> Iterator[ComparedPair]:
     """Compare pairs (P, 2) in their order."""
-    tasks = runs(len(ordered), _PAIRS_A_TASK)
+    tasks = split(len(ordered), _PAIRS_A_TASK)
     found = engine.map(
         _compare,
         tasks,

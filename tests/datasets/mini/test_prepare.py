@@ -24,7 +24,7 @@ from airzoo_bench.datasets.geometry_checks.depth_report import (
     check_depth_consistency,
 )
 from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction

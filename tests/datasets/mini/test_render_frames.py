@@ -26,7 +26,7 @@ from airzoo_bench.datasets.mini.frames import (
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import Renderer
 from airzoo_bench.datasets.mini.world.model import CRS, World
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat

@@ -14,9 +14,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.engines.cluster import local_cluster
-from airzoo_bench.engines.engine import Engine
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.dask import local_cluster
+from airzoo_bench.engines.engine import Engine, Processes
 from tests.datasets.native.flights import SCENES, everything
 from tests.datasets.native.watched_flights import World
 from tests.support import HANGS_S

@@ -18,17 +18,17 @@ from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.published.options import AirZooRealOptions
 from airzoo_bench.datasets.scene_parts import SceneSource
-from airzoo_bench.engines.engine import Here
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Engine, Processes
 from tests.datasets.native.watched_flights import T, World
 
 VARIABLE = "AIRZOO_BENCH_DATA"
 
 
-class Moving(Here):
+class Moving(Engine):
     """Workers that do not see a file which this machine has."""
 
     def __init__(self, hidden: Path) -> None:
+        super().__init__()
         self.hidden = hidden
 
     def map(self, *args: Any, **named: Any) -> Iterator[Any]:
@@ -36,7 +36,7 @@ class Moving(Here):
         return super().map(*args, **named)
 
 
-class Losing(Here):
+class Losing(Engine):
     """Workers whose disk this machine does not see."""
 
     def map(self, *args: Any, **named: Any) -> Iterator[Any]:
@@ -45,7 +45,7 @@ class Losing(Here):
             yield part, facts
 
 
-class Other(Here):
+class Other(Engine):
     """Workers of another data root."""
 
     def map(self, *args: Any, **named: Any) -> Iterator[Any]:
@@ -92,7 +92,7 @@ def test_other_processes_show_nothing(tmp_path: Path) -> None:
     given = PrepareSettings(tmp_path, tmp_path, copy=True, engine=Processes(2), progress=shown)
     sent = pickle.loads(pickle.dumps(given))  # noqa: S301 - its own
     assert sent == replace(given, engine=sent.engine, progress=silent, note=sent.note)
-    assert isinstance(sent.engine, Here)
+    assert isinstance(sent.engine, Engine)
 
 
 def shown(items: Iterable[T], label: str, total: int) -> Iterator[T]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.engines.processes import Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.leaderboard.site.build import build_board
 from tests.leaderboard.site.support import built, files_of, given, method, some_runs, write_version
 

@@ -1,0 +1,190 @@
+"""What every engine does alike: order, bytes, faults, deaths and Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from airzoo_bench.core.errors import PredictionError, UserError
+from airzoo_bench.engines.dask import local_cluster
+from airzoo_bench.engines.engine import UNREAD, Engine, Processes
+from tests.engines import work
+from tests.engines.work import named
+from tests.support import HANGS_S
+
+GIB = 1 << 30
+HOME = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def dask() -> Iterator[Engine]:
+    with local_cluster(2, GIB) as made:
+        yield made
+
+
+@pytest.fixture(params=["here", "processes", "dask"])
+def engine(request: pytest.FixtureRequest) -> Engine:
+    if request.param == "dask":
+        found: Engine = request.getfixturevalue("dask")
+        return found
+    return Engine() if request.param == "here" else Processes(2)
+
+
+def test_results_come_in_the_order_of_the_items(engine: Engine) -> None:
+    found = engine.map(work.square, range(300), shared=7, stage="squares", name=named)
+    assert [int(one["square"][0]) for one in found] == [n * n + 7 for n in range(300)]
+    assert list(engine.map(work.square, [], shared=0, stage="squares", name=named)) == []
+
+
+def test_sums_are_the_same_bytes(engine: Engine) -> None:
+    random = np.random.default_rng(0)
+    shared = b"odd", random.random(100_001)
+    items = [random.random(100_001) for _ in range(6)]
+    expected = [work.total(shared, item) for item in items]
+    assert list(engine.map(work.total, items, shared=shared, stage="sums", name=str)) == expected
+
+
+def test_work_is_done_by_two_others(engine: Engine) -> None:
+    if not engine.distributed:
+        pytest.skip("all is done here")
+    found = engine.map(work.square, range(200), shared=0, stage="squares", name=named)
+    workers = {int(one["who"]) for one in found}
+    assert len(workers) == 2
+    assert os.getpid() not in workers
+
+
+def test_few_blocks_wait_to_be_read(tmp_path: Path) -> None:
+    found = Processes(2).map(work.marking, range(100), shared=tmp_path, stage="s", name=named)
+    next(found)
+    time.sleep(1.0)
+    assert len(list(tmp_path.iterdir())) <= 2 * UNREAD
+    assert list(found) == list(range(1, 100))
+
+
+def test_blocks_do_not_depend_on_the_number_of_workers() -> None:
+    assert Processes(2).cut(10, 4) == Processes(8).cut(10, 4)
+    assert Processes(2).cut(10, 4) == [slice(0, 4), slice(4, 8), slice(8, 10)]
+    assert Engine().cut(10, 4) == [slice(0, 10)]
+    assert Engine().cut(0, 4) == []
+
+
+def test_a_file_that_cannot_be_read_names_its_block(engine: Engine, tmp_path: Path) -> None:
+    folder = tmp_path / "unreadable"
+    with pytest.raises(UserError, match=r"shard-3\.npy") as caught:
+        list(engine.map(work.faulty, range(6), shared=folder, stage="shards", name=named))
+    assert caught.value.where == "shard 3"
+
+
+def test_a_block_without_memory_is_named(engine: Engine) -> None:
+    with pytest.raises(UserError, match="shard 3: too little memory") as caught:
+        list(engine.map(work.faulty, range(6), shared=Path("hungry"), stage="s", name=named))
+    assert caught.value.fix == engine.more_memory
+
+
+def test_the_first_fault_of_the_user_comes_whole(engine: Engine) -> None:
+    with pytest.raises(PredictionError) as caught:
+        list(engine.map(work.faulty, range(9), shared=Path("long"), stage="rows", name=named))
+    fault = caught.value
+    assert fault.what == "x" * 20_000
+    assert (fault.where, fault.expected, fault.fix) == ("row 3", "less", "cut it")
+
+
+def test_a_bug_keeps_its_class_and_its_traceback(engine: Engine) -> None:
+    with pytest.raises(KeyError) as caught:
+        list(engine.map(work.faulty, range(9), shared=Path("buggy"), stage="s", name=named))
+    assert "in faulty" in "".join(traceback.format_exception(caught.value))
+
+
+def test_a_run_that_is_left_early_leaves_the_engine_usable(engine: Engine) -> None:
+    found = engine.map(work.square, range(500), shared=0, stage="squares", name=named)
+    next(found)
+    found.close()  # type: ignore[attr-defined]
+    assert len(list(engine.map(work.square, range(9), shared=0, stage="s", name=named))) == 9
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_worker_of_dask_killed_once_changes_nothing(dask: Engine, tmp_path: Path) -> None:
+    found = dask.map(work.dying_once, range(20), shared=tmp_path, stage="shards", name=named)
+    assert list(found) == list(range(20))
+    assert (tmp_path / "died").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_block_of_dask_that_kills_its_workers_is_named(dask: Engine) -> None:
+    done: list[int] = []
+    with pytest.raises(UserError, match="workers died of it") as caught:
+        done.extend(dask.map(work.deadly, range(30), shared=11, stage="shards", name=named))
+    assert caught.value.where == "shard 11"
+    assert done == list(range(11))
+    assert len(list(dask.map(work.deadly, range(9), shared=-1, stage="s", name=named))) == 9
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_process_that_was_killed_is_one_message() -> None:
+    engine = Processes(2)
+    with pytest.raises(UserError, match="numbers: a process was killed") as caught:
+        list(engine.map(work.deadly, range(9), shared=3, stage="numbers", name=named))
+    assert "lower --jobs" in str(caught.value.fix)
+    assert len(list(engine.map(work.deadly, range(9), shared=-1, stage="s", name=named))) == 9
+
+
+def test_a_cluster_leaves_the_environment_alone() -> None:
+    """Dask gives libraries of its workers one thread each, and would give it to this process."""
+    before = dict(os.environ)
+    with local_cluster(1, GIB):
+        assert dict(os.environ) == before
+
+
+HOLDING = """
+import sys
+from pathlib import Path
+from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import Processes
+from tests.engines import work
+
+if __name__ == "__main__":
+    kind, folder = EngineKind(sys.argv[1]), Path(sys.argv[2])
+    with open_engine(kind, None, jobs=2, memory_bytes=1 << 30, here=Processes(2)) as engine:
+        for _ in engine.map(work.waiting, range(40), shared=folder, stage="s", name=str):
+            pass
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("kind", ["local", "dask"])
+@pytest.mark.parametrize("by", ["SIGINT", pytest.param("SIGKILL", marks=pytest.mark.slow)])
+def test_no_worker_outlives_its_run(tmp_path: Path, kind: str, by: str) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(HOLDING)
+    process = subprocess.Popen(
+        [sys.executable, str(script), kind, str(tmp_path)],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(HOME)},
+    )
+    while len({path.name for path in tmp_path.glob("at-*")} - {"at-0", "at-1"}) < 2:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    assert len(workers) >= 2
+    if by == "SIGINT":
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does it, to all of them
+    else:
+        process.kill()
+    _, errors = process.communicate(timeout=HANGS_S)
+    assert process.returncode != 0
+    assert psutil.wait_procs(workers, timeout=HANGS_S)[1] == []
+    if by == "SIGINT":
+        assert errors.splitlines()[-1] == "KeyboardInterrupt"
+        assert errors.count("Traceback") == 1
