@@ -36,7 +36,7 @@ from airzoo_bench.engines.cluster import local_cluster
 from airzoo_bench.engines.processes import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
+from airzoo_bench.matching.solving import PoseQueries, solve_queries
 from airzoo_bench.results.records_csv import csv_blocks
 from benchmarks.bench_clouds_in_shards import compared, strips, write_laz
 from benchmarks.bench_hard_queries import joined_queries
