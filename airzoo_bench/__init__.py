@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from airzoo_bench.api.solving import solve_pose
     from airzoo_bench.core.errors import ArgumentError, UserError
     from airzoo_bench.matching.metrics import PoseErrors
-    from airzoo_bench.matching.solvers import PoseEstimate
+    from airzoo_bench.matching.solving import PoseEstimate
 
 __all__ = [
     "ArgumentError",
@@ -75,7 +75,7 @@ _HOMES = {
     "api.scores": ("QueryScores",),
     "api.solving": ("solve_pose",),
     "core.errors": ("ArgumentError", "UserError"),
-    "matching.solvers": ("PoseEstimate",),
+    "matching.solving": ("PoseEstimate",),
     "matching.metrics": ("PoseErrors",),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

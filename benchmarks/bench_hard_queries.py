@@ -29,8 +29,7 @@ from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching.pose import PoseProblem
-from airzoo_bench.matching.pose_tasks import PoseQueries, Solved, solve_queries
+from airzoo_bench.matching.solving import PoseProblem, PoseQueries, QueryPoses, solve_queries
 from tests.matching.pose_support import SETTINGS, make_scene
 
 MATCHES, EASY, HARD = 200, 2_000, 12
@@ -93,14 +92,14 @@ def joined_queries(scenes: Sequence[PoseProblem]) -> PoseQueries:
     )
 
 
-def timed(queries: PoseQueries, resources: Resources) -> tuple[float, Solved]:
+def timed(queries: PoseQueries, resources: Resources) -> tuple[float, QueryPoses]:
     """Return wall seconds and answers."""
     begin = time.perf_counter()
     found = solve_queries(queries, SETTINGS, resources)
     return time.perf_counter() - begin, found
 
 
-def same(a: Solved, b: Solved) -> bool:
+def same(a: QueryPoses, b: QueryPoses) -> bool:
     """Tell whether answers are the same bytes."""
     return a.status == b.status and all(
         np.asarray(x).tobytes() == np.asarray(y).tobytes()

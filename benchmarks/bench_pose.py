@@ -29,10 +29,9 @@ from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, world_to_pixel
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.maps import ReferenceMap
-from airzoo_bench.matching.pose import PoseProblem, PoseSettings, solve_poses
 from airzoo_bench.matching.scene_predictions import ScenePredictions
 from airzoo_bench.matching.scoring import score_scene
-from airzoo_bench.matching.solvers import Status
+from airzoo_bench.matching.solving import PoseProblem, PoseSettings, Status, solve_poses
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 

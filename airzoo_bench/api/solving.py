@@ -11,8 +11,8 @@ from airzoo_bench.api.arrays import choice, coordinates, finite, floats, positiv
 from airzoo_bench.api.labels import same_index
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching import pose
-from airzoo_bench.matching.solvers import PoseEstimate, Solver
+from airzoo_bench.matching import solving
+from airzoo_bench.matching.solving import PoseEstimate, Solver
 
 __all__ = ["solve_pose"]
 
@@ -101,7 +101,7 @@ def solve_pose(
             where="pixels, points3d",
             expected="a row a match in both",
         )
-    return pose.solve_pose(
+    return solving.solve_pose(
         _camera(camera, distortion),
         at,
         points,
@@ -112,7 +112,7 @@ def solve_pose(
         max_trials=whole("max_trials", max_trials, whole("min_trials", min_trials)),
         confidence=_share("confidence", confidence),
         seed=whole("seed", seed, 0),
-        max_matches=whole("max_matches", max_matches, pose.MIN_MATCHES),
+        max_matches=whole("max_matches", max_matches, solving.MIN_MATCHES),
         max_trials_times_matches=whole("max_trials_times_matches", max_trials_times_matches),
     )
 

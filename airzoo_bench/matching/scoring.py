@@ -14,10 +14,10 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.metrics import pose_errors
-from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
 from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
 from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
+from airzoo_bench.matching.solving import PoseQueries, QueryPoses, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth
 
 if TYPE_CHECKING:
@@ -37,6 +37,13 @@ __all__ = [
 MISSING = "missing from the predictions"
 NOT_GIVEN = "no pose given"
 GIVEN = "given"
+STATUS_COLUMNS = {
+    LiftStatus.LIFTED: "lifted",
+    LiftStatus.OUTSIDE_MAP: "outside_map",
+    LiftStatus.OUTSIDE_DSM: "outside_dsm",
+    LiftStatus.NO_HEIGHT: "no_height",
+}
+"""Columns of the records that count matches by how lifting ended."""
 NEAR_M, NEAR_DEG = 0.05, 0.1
 """An answer this near to its prior counts as the prior, however it was written or solved."""
 
@@ -66,18 +73,6 @@ class ScoredScene:
     counts: dict[str, int]
 
 
-@dataclass(frozen=True, eq=False)
-class _Posed:
-    """Poses of Q queries, given or solved, and the counts of their matches."""
-
-    rotations: Floats
-    centres: Floats
-    status: list[str]
-    inliers: list[Bools]
-    seconds: Floats
-    counts: dict[str, Ints]
-
-
 def score_scene(
     truth: MatchingTruth,
     predicted: ScenePredictions,
@@ -85,16 +80,18 @@ def score_scene(
     resources: Resources,
 ) -> ScoredScene:
     """Score every query of a scene."""
+    of_matches: dict[str, Ints] = {}
     if predicted.poses is not None:
-        posed = _given(predicted.poses)
+        found = _given_poses(predicted.poses)
     else:
-        posed = _solved(truth, predicted, protocol, resources)
-    records = _records(truth, predicted.answered, posed, protocol.scores)
+        found, of_matches = _solve(truth, predicted, protocol, resources)
+    records = _records(truth, predicted.answered, found, of_matches, protocol.scores)
     counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
     if protocol.prior.is_measured:
-        poses = Poses(rotation=posed.rotations, centres=posed.centres)
+        poses = Poses(rotation=found.rotations, centres=found.centres)
         counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
-    return ScoredScene(records, posed.centres, posed.inliers, posed.seconds, counts)
+    inliers = [found.inliers[part] for part in predicted.parts()]
+    return ScoredScene(records, found.centres, inliers, found.seconds, counts)
 
 
 def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
@@ -104,27 +101,31 @@ def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int
         "failed": int(records["failed"].sum()),
         "left_out": len(truth.excluded),
     }
-    for name in ("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"):
+    for name in ("matches", *STATUS_COLUMNS.values(), "beyond_limit"):
         if name in records.columns:
             counts[name] = int(records[name].sum())
     return counts
 
 
 def _records(
-    truth: MatchingTruth, answered: Bools, posed: _Posed, settings: MatchingScores
+    truth: MatchingTruth,
+    answered: Bools,
+    found: QueryPoses,
+    of_matches: dict[str, Ints],
+    settings: MatchingScores,
 ) -> pd.DataFrame:
     import pandas as pd
 
     true = truth.poses
     rotation = true.rotation if settings.orientation_is_trusted else None
-    errors = pose_errors(posed.rotations, posed.centres, rotation, true.centres)
+    errors = pose_errors(found.rotations, found.centres, rotation, true.centres)
     columns: dict[str, Any] = {
         "scene": truth.scene,
         "query": truth.queries["id"].to_numpy(),
         "answered": answered,
-        "status": np.where(answered, posed.status, MISSING),
+        "status": np.where(answered, found.status, MISSING),
         "failed": ~np.isfinite(errors.translation_m),
-        **posed.counts,
+        **of_matches,
         **pose_columns(errors, settings),
     }
     return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
@@ -133,28 +134,25 @@ def _records(
 def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
     """Return the records of a method that answers every query by its prior pose."""
     answered = np.ones(len(truth.queries), np.bool_)
-    return _records(truth, answered, _given(truth.priors), settings)
+    return _records(truth, answered, _given_poses(truth.priors), {}, settings)
 
 
-def _given(poses: Poses) -> _Posed:
-    none: Bools = np.zeros(0, np.bool_)
-    found: Bools = np.asarray(np.isfinite(poses.centres).all(axis=1))
-    return _Posed(
-        poses.rotation,
-        poses.centres,
-        np.where(found, GIVEN, NOT_GIVEN).tolist(),
-        [none] * len(found),
-        np.zeros(len(found)),
-        {},
+def _given_poses(poses: Poses) -> QueryPoses:
+    status = np.where(np.isfinite(poses.centres).all(axis=1), GIVEN, NOT_GIVEN).tolist()
+    none = np.zeros(len(poses), np.int64)
+    no_inliers = np.zeros(0, np.bool_)
+    return QueryPoses(
+        poses.rotation, poses.centres, status, no_inliers, none, none.astype(np.float64)
     )
 
 
-def _solved(
+def _solve(
     truth: MatchingTruth,
     predicted: ScenePredictions,
     protocol: MatchingProtocol,
     resources: Resources,
-) -> _Posed:
+) -> tuple[QueryPoses, dict[str, Ints]]:
+    """Lift matches and solve for poses; return these, and counts of each query's matches."""
     solver = protocol.solver
     points, status = lifted_points(truth, predicted, protocol.lift, resources.jobs)
     given = np.diff(predicted.offsets)
@@ -169,20 +167,19 @@ def _solved(
     settings: Any = solver.model_dump(exclude={"name", "least_matches"}) | {"solver": solver.name}
     progress = Headed(truth.scene, resources.progress)
     found = solve_queries(queries, settings, replace(resources, progress=progress))
-    of_all = np.zeros(len(lifted), np.bool_)
-    of_all[lifted] = found.inliers
-    inliers = [of_all[part] for part in predicted.parts()]
-    counts = _counts(predicted, status)
-    counts["beyond_limit"] = found.left_out
-    counts["inliers"] = np.array([part.sum() for part in inliers], np.int64)
-    return _Posed(
-        found.rotations,
-        found.centres,
-        found.status,
-        inliers,
-        found.seconds,
-        counts,
-    )
+    inliers = np.zeros(len(lifted), np.bool_)
+    inliers[lifted] = found.inliers
+    counts = {"matches": given}
+    for kind, name in STATUS_COLUMNS.items():
+        counts[name] = _sums(status == kind, predicted.offsets)
+    counts |= {"beyond_limit": found.left_out, "inliers": _sums(inliers, predicted.offsets)}
+    return found._replace(inliers=inliers), counts
+
+
+def _sums(chosen: Bools, offsets: Ints) -> Ints:
+    """Count what is chosen of each query's matches."""
+    total = np.concatenate([[0], np.cumsum(chosen)])
+    return np.diff(total[offsets])
 
 
 def lifted_points(
@@ -203,17 +200,3 @@ def lifted_points(
     points = [np.zeros((0, 3)), *(one.points for one in lifted)]
     status = [np.zeros(0, np.uint8), *(one.status for one in lifted)]
     return np.concatenate(points), np.concatenate(status)
-
-
-def _counts(predicted: ScenePredictions, status: NDArray[np.uint8]) -> dict[str, Ints]:
-    names = {
-        "lifted": LiftStatus.LIFTED,
-        "outside_map": LiftStatus.OUTSIDE_MAP,
-        "outside_dsm": LiftStatus.OUTSIDE_DSM,
-        "no_height": LiftStatus.NO_HEIGHT,
-    }
-    parts = predicted.parts()
-    counts = {"matches": np.array([part.stop - part.start for part in parts], np.int64)}
-    for name, kind in names.items():
-        counts[name] = np.array([(status[part] == kind).sum() for part in parts], np.int64)
-    return counts

@@ -96,7 +96,7 @@ def test_the_defaults_of_solve_pose_are_those_of_all_shipped_protocols() -> None
 def test_the_image_size_plays_no_part_in_solving(world: World, solver: Any) -> None:
     from dataclasses import replace
 
-    from airzoo_bench.matching import pose
+    from airzoo_bench.matching import solving
 
     settings: Any = ab.solve_pose.__kwdefaults__ | {"solver": solver}
     del settings["distortion"]
@@ -106,7 +106,7 @@ def test_the_image_size_plays_no_part_in_solving(world: World, solver: Any) -> N
         camera = replace(camera, width=scale * camera.width, height=scale * camera.height)
         random = np.random.default_rng(2)
         pixels = world.query_xy[0] + random.normal(0, 2, world.query_xy[0].shape)
-        answers.append(pose.solve_pose(camera, pixels, world.points[0], **settings))
+        answers.append(solving.solve_pose(camera, pixels, world.points[0], **settings))
     assert answers[0].centre.tolist() == answers[1].centre.tolist()
     assert answers[0].inliers.sum() > 10
 

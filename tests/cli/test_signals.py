@@ -63,7 +63,7 @@ _NEVER_STOPS = """
 _SOLVED = """
 import signal, sys
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-from airzoo_bench.matching.pose import solve_poses
+from airzoo_bench.matching.solving import solve_poses
 from tests.matching.pose_support import SETTINGS, make_scene
 assert "pycolmap" not in sys.modules
 solve_poses([make_scene(0).problem], jobs=2, **SETTINGS)

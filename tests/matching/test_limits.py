@@ -18,14 +18,14 @@ import tomli_w
 from tests.matching.world import N_QUERIES, World
 from tests.support import HANGS_S, run_main
 
-# The command, saying when the solver is first called.
+# The command, which says when the solver is first called.
 INTERRUPTED = """
-from airzoo_bench.matching import pose
-find = pose.find_pose
-def told(*arguments):
+from airzoo_bench.matching import solving
+solve = solving._solve_rows
+def announce_and_solve(*arguments):
     print("solving", flush=True)
-    return find(*arguments)
-pose.find_pose = told
+    return solve(*arguments)
+solving._solve_rows = announce_and_solve
 from airzoo_bench.__main__ import main
 main()
 """

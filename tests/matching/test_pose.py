@@ -7,9 +7,8 @@ import pycolmap
 import pytest
 
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching import pose, solvers
-from airzoo_bench.matching.pose import PoseProblem, solve_pose, solve_poses
-from airzoo_bench.matching.solvers import Status
+from airzoo_bench.matching import solving
+from airzoo_bench.matching.solving import PoseProblem, Status, solve_pose, solve_poses
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import PROJECTED, SETTINGS, errors, fingerprint, make_scene
 
@@ -52,7 +51,7 @@ def test_pose_by_hand(settings):
 def test_camera_is_the_solvers_own(lens):
     """COLMAP projects as the package does, all five coefficients and the pixel's corner too."""
     scene = make_scene(1, lens=lens)
-    theirs = pycolmap.Camera(**solvers._camera_fields(scene.problem.camera))
+    theirs = pycolmap.Camera(**solving._camera_fields(scene.problem.camera))
     points = (scene.problem.points - scene.centre) @ scene.rotation.T
     np.testing.assert_allclose(theirs.img_from_cam(points), scene.problem.query_xy, atol=1e-9)
 
@@ -91,7 +90,7 @@ def test_place_on_earth_does_not_matter(settings):
 def test_without_the_local_origin_it_would(solver, monkeypatch):
     """What the test above guards: refinement in projected coordinates is off by centimetres."""
     pytest.importorskip("poselib", reason="the optional PoseLib is not installed")
-    monkeypatch.setattr(pose, "_middle", lambda points: np.zeros(3))
+    monkeypatch.setattr(solving, "_middle", lambda points: np.zeros(3))
     settings = SETTINGS | {"solver": solver}
     here, there = (
         solve_pose(*make_scene(4, noise_px=1.0, outliers=0.5, origin=origin).problem, **settings)
@@ -133,7 +132,7 @@ def problems():
 
 
 def test_same_bits_for_any_workers_and_order(problems, settings, monkeypatch):
-    monkeypatch.setattr(pose, "_WINDOW", 2)  # so that it is full
+    monkeypatch.setattr(solving, "_WINDOW", 2)  # so that it is full
     alone = [fingerprint(solve_pose(*problem, **settings)) for problem in problems]
     assert len(set(alone)) == len(problems)
     for jobs in (1, 2, 5):
@@ -261,13 +260,13 @@ def test_inliers_on_a_line_are_no_pose_whatever_else_there_is(monkeypatch):
     points = np.concatenate((line.points[:150], scene.problem.points[:50]))
     problem = PoseProblem(line.camera, line.query_xy, points)
     for inliers, status in [(150, Status.NO_POSE), (151, Status.SOLVED)]:
-        found = solvers.Found(scene.rotation, np.zeros(3), np.arange(200) < inliers)
-        monkeypatch.setitem(solvers._SOLVERS, "colmap", lambda *_, found=found: found)
+        found = solving._Found(scene.rotation, np.zeros(3), np.arange(200) < inliers)
+        monkeypatch.setitem(solving._SOLVERS, "colmap", lambda *_, found=found: found)
         assert solve_pose(*problem, **SETTINGS).status is status
 
 
 def test_pose_that_is_not_finite_is_none(monkeypatch):
     for rotation, translation in [(np.eye(3), (0.0, np.inf, 0.0)), (np.eye(3) * np.nan, (0, 0, 0))]:
-        found = solvers.Found(rotation, np.array(translation), np.ones(400, dtype=bool))
-        monkeypatch.setitem(solvers._SOLVERS, "colmap", lambda *_, found=found: found)
+        found = solving._Found(rotation, np.array(translation), np.ones(400, dtype=bool))
+        monkeypatch.setitem(solving._SOLVERS, "colmap", lambda *_, found=found: found)
         assert solve_pose(*make_scene(8).problem, **SETTINGS).status is Status.NO_POSE

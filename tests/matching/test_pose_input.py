@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.matching.pose import solve_pose, solve_poses
-from airzoo_bench.matching.solvers import Status
+from airzoo_bench.matching import solving
+from airzoo_bench.matching.solving import PoseSettings, Status, solve_pose, solve_poses
 from tests.matching.pose_support import SETTINGS, errors, make_scene
 
 
@@ -113,10 +113,10 @@ def test_trials_are_bounded_by_the_matches(
 ) -> None:
     asked = []
 
-    def find(solver: str, camera: Any, xy: Any, points: Any, ransac: Any) -> None:
-        asked.append((len(xy), ransac.min_trials, ransac.max_trials))
+    def find(camera: Any, xy: Any, points: Any, settings: PoseSettings) -> None:
+        asked.append((len(xy), settings["min_trials"], settings["max_trials"]))
 
-    monkeypatch.setattr("airzoo_bench.matching.pose.find_pose", find)
+    monkeypatch.setitem(solving._SOLVERS, "colmap", find)
     scene = make_scene(34, count=count, outliers=1.0)
     assert solve_pose(*scene.problem, **SETTINGS).status is Status.NO_POSE
     tight = SETTINGS | {"max_trials_times_matches": 500 * count}

@@ -13,8 +13,8 @@ import pytest
 from airzoo_bench.engines.engine import HERE
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.matching import pose, pose_tasks
-from airzoo_bench.matching.pose_tasks import PoseQueries, solve_queries
+from airzoo_bench.matching import solving
+from airzoo_bench.matching.solving import PoseQueries, solve_queries
 from airzoo_bench.results.records_csv import csv_blocks
 from tests.engines.scattered import Scattered
 from tests.matching.pose_support import SETTINGS, make_scene
@@ -70,7 +70,7 @@ def csv_of(evaluation: Evaluation) -> bytes:
 @pytest.fixture(autouse=True)
 def _still_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tasks are done twice to compare what they give, and seconds would differ."""
-    monkeypatch.setattr(pose, "perf_counter", lambda: 0.0)
+    monkeypatch.setattr(solving, "perf_counter", lambda: 0.0)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, None])
@@ -100,9 +100,9 @@ def test_tasks_give_arrays_that_need_no_pickle(world: World, predictions: Path) 
 
 
 def test_few_queries_are_a_task_each() -> None:
-    sizes = [pose_tasks._queries_a_task(count, 1) for count in (1, 351, 40_000, 10_000_000)]
+    sizes = [solving._queries_a_task(count, 1) for count in (1, 351, 40_000, 10_000_000)]
     assert sizes == [1, 1, 4, 64]
-    assert pose_tasks._queries_a_task(351, 2) == 32  # of which two threads take one each
+    assert solving._queries_a_task(351, 2) == 32  # of which two threads take one each
 
 
 def test_a_scene_without_queries() -> None:

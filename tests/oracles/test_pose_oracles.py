@@ -26,8 +26,7 @@ from airzoo_bench.geometry.rotations import (
     quaternion_to_matrix,
     rotation_angle_deg,
 )
-from airzoo_bench.matching.pose import PoseProblem, solve_pose
-from airzoo_bench.matching.solvers import Status
+from airzoo_bench.matching.solving import PoseProblem, Status, solve_pose
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import PROJECTED, SETTINGS, errors, make_scene
 
