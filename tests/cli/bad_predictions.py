@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import warnings
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,15 +32,6 @@ def edited(field: str, edit: Callable[[Any], Any]) -> Make:
         changed(**{field: array if result is None else result})(path, arrays)
 
     return make
-
-
-def put(index: Any, value: Any) -> Callable[[Any], None]:
-    """Return an edit that sets some entries."""
-
-    def edit(array: Any) -> None:
-        array[index] = value
-
-    return edit
 
 
 def described(**changes: Any) -> Make:
@@ -77,25 +65,6 @@ def cut(path: Path, arrays: Arrays) -> None:
     path.write_bytes(path.read_bytes()[:-200])
 
 
-def with_member(name: str, content: bytes) -> Make:
-    def make(path: Path, arrays: Arrays) -> None:
-        changed()(path, arrays)
-        with warnings.catch_warnings(), zipfile.ZipFile(path, "a") as archive:
-            warnings.simplefilter("ignore")  # of a name that there is already
-            archive.writestr(name, content)
-
-    return make
-
-
-def lying(shape: tuple[int, ...], descr: str = "<f4") -> bytes:
-    """Return an npy member whose header claims a shape and that holds no data."""
-    stream = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        stream, {"descr": descr, "fortran_order": False, "shape": shape}
-    )
-    return stream.getvalue()
-
-
 def parquet(**columns: Any) -> Make:
     def make(path: Path, arrays: Arrays) -> None:
         import pandas as pd
@@ -106,12 +75,6 @@ def parquet(**columns: Any) -> Make:
         )
 
     return make
-
-
-def npy_bytes(array: Any) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array, allow_pickle=True)
-    return stream.getvalue()
 
 
 def prediction_file(folder: Path, make: Make, arrays: Arrays) -> Path:

@@ -6,11 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply import write_ply
 from tests.reconstruction.world import (
     PROTOCOL,
     World,
@@ -76,32 +73,6 @@ def with_file(name: str, write: Callable[[Path], object]) -> Make:
     return make
 
 
-def write_laz(path: Path, points: Any) -> None:
-    header = laspy.LasHeader(point_format=3, version="1.2")
-    header.offsets, header.scales = points.min(axis=0), np.full(3, 0.001)
-    file = laspy.LasData(header)
-    file.x, file.y, file.z = points.T
-    file.write(path)
-
-
-def cut_laz(path: Path) -> None:
-    random = np.random.default_rng(0)
-    write_laz(path, random.uniform(0, 50, (120_000, 3)) + true_points("yard").mean(axis=0))
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
-
-
-def lying_ply(promised: int) -> Callable[[Path], None]:
-    def write(path: Path) -> None:
-        write_ply(path, Cloud(true_points("yard")))
-        content = path.read_bytes()
-        count = f"element vertex {len(true_points('yard'))}\n".encode()
-        assert count in content
-        path.write_bytes(content.replace(count, f"element vertex {promised}\n".encode()))
-
-    return write
-
-
 def taken(count: int) -> Callable[[World], Any]:
     """Return the extrinsics of the yard with so many poses, NaN in the others."""
 
@@ -117,15 +88,6 @@ def inverted(world: World) -> Any:
     poses = camera_poses("yard")
     local = poses.centres - poses.centres.mean(axis=0)
     return np.concatenate([poses.rotation.swapaxes(1, 2), local[..., None]], axis=2)
-
-
-def backwards(world: World) -> Any:
-    """Return true orientations with centres on a line that runs against the flight."""
-    poses = camera_poses("yard")
-    local = poses.centres - poses.centres.mean(axis=0)
-    along = np.linalg.svd(local)[2][0]
-    centres = -(local @ along)[:, None] * along
-    return np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
 
 
 def nan_at(rows: Any) -> Callable[[Any], Any]:

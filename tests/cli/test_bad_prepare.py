@@ -1,4 +1,4 @@
-"""Bad sources of `prepare photos`: one message, exit code 2, and no folder left behind."""
+"""What `prepare photos` does when it is stopped, and with poses taken the wrong way round."""
 
 from __future__ import annotations
 
@@ -7,49 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.bad_prepare_cases import CASES, FLAT
-from tests.support import files_below, make_place, run_main, write_raster
-
-
-@pytest.mark.parametrize("case", list(CASES))
-def test_bad_sources(
-    case: str,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    change, fragments = CASES[case]
-    place = make_place(tmp_path / "sources")
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    monkeypatch.chdir(tmp_path)
-    changes = change(place)
-    changes = changes if isinstance(changes, dict) else {}
-    force = ["--force"] if changes.pop("force", None) is not None else []
-    before = files_below(tmp_path)
-    assert run_main(*place.arguments(**changes), *force) == 2
-    out, message = capfd.readouterr()
-    assert out == ""
-    assert "Traceback" not in message
-    assert "\x1b" not in message
-    for fragment in fragments:
-        assert fragment in message
-    assert "\n  expected: " in message or "\n  fix:      " in message or "no such" in message
-    assert files_below(tmp_path) == before
-
-
-def test_a_map_without_georeference(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from rasterio import Affine
-
-    place = make_place(tmp_path)
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    write_raster(place.dom, FLAT, crs=None, transform=Affine.identity())
-    assert run_main(*place.arguments()) == 2
-    assert "dom.tif: no georeference: no geotransform\n  expected: a raster with a CRS" in (
-        capsys.readouterr().err
-    )
-    assert not (tmp_path / "data").exists()
+from tests.support import files_below, make_place, run_main
 
 
 @pytest.mark.parametrize("extra", [[], ["--copy"], ["--tiles", "files"]])

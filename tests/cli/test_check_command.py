@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.bad_prediction_cases import CASES
 from tests.cli.bad_predictions import (
     Arrays,
+    Make,
     changed,
     described,
     parquet,
     prediction_file,
+    raw,
     with_nan,
 )
 from tests.support import run_main, write_predictions
@@ -62,16 +63,13 @@ def test_check_names_descriptors_that_are_not_finite(
 
 
 @pytest.mark.parametrize(
-    ("case", "code"),
-    [
-        *[(case, 2) for case in ("not there", "empty", "a csv", "a pickle", "truncated")],
-        *[(case, 1) for case in ("repeated queries", "control characters")],
-    ],
+    ("make", "code"),
+    [(raw(b""), 2), (raw(b"query,tile\n"), 2), (changed(query_ids=np.array(["east/a"] * 10)), 1)],
 )
 def test_check_tells_what_is_wrong_from_what_is_no_prediction(
-    case: str, code: int, data: Path, tmp_path: Path, arrays: Arrays
+    make: Make, code: int, data: Path, tmp_path: Path, arrays: Arrays
 ) -> None:
-    assert run_main("check", prediction_file(tmp_path, CASES[case][0], arrays)) == code
+    assert run_main("check", prediction_file(tmp_path, make, arrays)) == code
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cli.bad_reconstruction import Capture
 from tests.cli.spoilt_clouds import (
     Make,
     cameras,
@@ -29,6 +28,8 @@ from tests.reconstruction.world import (
     true_points,
 )
 from tests.support import run_main
+
+Capture = pytest.CaptureFixture[str]
 
 
 def notes_of(world: World, path: Path, tmp_path: Path, *options: object) -> str:
