@@ -105,6 +105,8 @@ class Track(ABC, Generic[P, R, T, A, C, S]):
         From `score`, of all scenes.
     resources : Resources
         Memory and threads that may be used; no number depends on them.
+    read_scene, folder : callable, Path
+        Has a child read one scene under limits; where that child leaves its arrays.
     thorough, force : bool
         Whether to look for what takes time to find; whether a file is replaced.
     kind, seed : str, int

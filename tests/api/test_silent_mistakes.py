@@ -178,7 +178,7 @@ def test_nothing_that_can_be_compared_is_refused(results: Any) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("size", [2.0**-370, 2.0**-532, 2.0**-1000])
+@pytest.mark.parametrize("size", [2.0**-40, 2.0**-150])
 @pytest.mark.parametrize("statistic", ["mean", "median"])
 def test_intervals_of_tiny_numbers_are_those_of_others(size: float, statistic: Any) -> None:
     values = np.random.default_rng(0).random(40).round(4)

@@ -14,7 +14,6 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.results.records import read_records
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.statistics.samples import Sample
 from airzoo_bench.tables.breakdown import (
     condition_names,
     condition_title,
@@ -113,12 +112,6 @@ def test_different_numbers_have_different_texts(values: set[float]) -> None:
     texts = number_texts(sorted(values))
     assert len(set(texts)) == len(values)
     assert [float(text) for text in texts] == pytest.approx(sorted(values), rel=1e-5)
-
-
-def test_groups_of_one_name_are_refused() -> None:
-    values = (np.zeros((1, 6)), np.zeros((1, 6)))
-    with pytest.raises(ValueError, match="not all different"):
-        Sample("query", ("a", "a"), values, np.zeros(1, bool))
 
 
 @pytest.mark.parametrize(
