@@ -120,7 +120,11 @@ def test_a_chunk_table_of_another_number_of_chunks(
         pytest.param(3, True, 0, "<H", 1, id="another compressor"),
         pytest.param(3, True, 32, "<H", 0, id="a point of no parts"),
         pytest.param(3, True, 32, "<H", 0xFFFF, id="a point of too many parts"),
-        pytest.param(7, False, 8 + 36 + 4 + 8, "<I", 0xFFFFFFF0, id="layers of absurd size"),
+        pytest.param(
+            *(7, False, 8 + 36 + 4 + 8, "<I", 0xFFFFFFF0),
+            id="layers of absurd size",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_is_said_of_the_compression_is_wrong(

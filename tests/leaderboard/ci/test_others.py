@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.leaderboard.ci.repositories import git
 from tests.leaderboard.ci.walk import ADA, BOB, Board, submit, worse
 
@@ -18,6 +20,7 @@ def _accepted(board: Board, fork: Path, number: int) -> None:
     git(fork, "reset", "--quiet", "--hard", "origin/main")
 
 
+@pytest.mark.slow
 def test_warnings_about_others_are_not_pushed_out_of_the_comment(
     board: Board, perfect: dict[str, list[Any]]
 ) -> None:
