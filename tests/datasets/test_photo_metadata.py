@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
@@ -166,35 +164,6 @@ def test_files_that_are_no_photos(tmp_path: Path) -> None:
 
 
 WHOLE = jpg(GPS, packet(ANGLES))
-
-
-@settings(
-    max_examples=300,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(
-    changes=st.lists(
-        st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(0, 255)), min_size=1, max_size=8
-    ),
-    end=st.one_of(st.none(), st.integers(0, len(WHOLE))),
-)
-def test_any_file_is_read_or_refused(
-    tmp_path: Path, changes: list[tuple[int, int]], end: int | None
-) -> None:
-    content = bytearray(WHOLE)
-    for place, value in changes:
-        content[place] = value
-    path = tmp_path / "any.jpg"
-    path.write_bytes(content[:end])
-    try:
-        found = read_prior(path)
-    except BenchmarkError:
-        return
-    values = [value for value in vars(found).values() if value is not None]
-    assert np.isfinite(values).all()
-    assert (found.lon is None) == (found.lat is None)
 
 
 def test_photos_that_lack_something_are_named() -> None:

@@ -40,25 +40,6 @@ def test_rows_in_another_order_are_refused(world: World, tmp_path: Path) -> None
         scored(world, path)
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda row: f"{row} 7", "row 4 has 9 columns"),
-        (lambda row: "nan " + row.split(" ", 1)[1], "row 4 has a number that is not finite"),
-        (lambda row: row.rsplit(" ", 1)[0] + " 3", "quaternion of row 4 has length"),
-        (lambda row: row.rsplit(" ", 1)[0] + " 1e200", "quaternion of row 4 has length inf"),
-        (lambda row: row.rsplit(" ", 1)[0] + " x", "words where numbers"),
-    ],
-)
-def test_damaged_rows_are_refused(
-    world: World, tmp_path: Path, spoil: Callable[[str], str], message: str
-) -> None:
-    path = cloud_trajectory.write(tmp_path / "out", world)
-    change(path, lambda rows: [*rows[:3], spoil(rows[3]), *rows[4:]])
-    with pytest.raises(PredictionError, match=message):
-        scored(world, path, "cloud-trajectory")
-
-
 def change(path: Path, edit: Callable[[list[str]], list[str]]) -> None:
     text = path / "yard" / "trajectory.txt"
     head, *rows = text.read_text().splitlines()

@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError, UserError
-from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.reader import Reading, find_reader
+from airzoo_bench.evaluation.reader import find_reader
 from tests.matching.world import World
 from tests.readers.samples import aerialextrematch, colmap
 
@@ -39,26 +36,6 @@ def test_a_model_is_read(
 def test_another_world_is_named(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     with pytest.raises(PredictionError, match=r"by \(-299970\.0, -299988\.0\) m"):
         evaluated(colmap.write_model(tmp_path, world, offset=3e5))
-
-
-@given(st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=4), st.floats(0, 1))
-def test_damaged_models_are_refused_or_read(
-    world: World,
-    tmp_path_factory: pytest.TempPathFactory,
-    spoilt: list[tuple[float, int]],
-    kept: float,
-) -> None:
-    path = colmap.write_model(tmp_path_factory.mktemp("spoilt"), world) / "images.bin"
-    content = bytearray(path.read_bytes())
-    for place, value in spoilt:
-        content[int(place * (len(content) - 1))] = value
-    path.write_bytes(bytes(content[: int(kept * len(content))] if kept < 0.9 else content))
-    try:
-        READERS.get("colmap-poses").read(
-            path.parent, Reading(world.protocol, [world.truth], None, 1 << 24)
-        )
-    except PredictionError:
-        return
 
 
 @pytest.mark.parametrize("content", ["1 2 3\n", "1 a b c d e f g 1 x.png\n\n", "# nothing\n"])

@@ -134,28 +134,6 @@ def test_a_scene_without_its_cameras_is_named(world: World, out: Path) -> None:
     assert "files that belong to no scene, left aside: 1 (log.txt)" in notes
 
 
-def test_damaged_and_other_arrays(world: World, out: Path) -> None:
-    path = out / "yard" / "depth" / "000001.npy"
-    whole = path.read_bytes()
-    for content, message in (
-        (whole[:-1], "not as long"),
-        (b"nothing", "header is damaged"),
-        (whole.replace(b"<f4", b"|O8"), "an array of object"),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(PredictionError, match=message):
-            scored(world, out)
-    np.save(path, np.ones((3, 4), "f4"))
-    with pytest.raises(PredictionError, match=r"of shape \(3, 4\)"):
-        scored(world, out)
-    path.write_bytes(whole)
-    pose = np.zeros((4, 4), "f4")
-    K = np.load(out / "yard" / "camera" / "000000.npz")["intrinsics"]
-    np.savez(out / "yard" / "camera" / "000000.npz", pose=pose, intrinsics=K)
-    with pytest.raises(PredictionError, match="extrinsics"):
-        scored(world, out)
-
-
 def test_the_pickle_of_its_evaluation_is_answered_with_the_lines(
     world: World, tmp_path: Path
 ) -> None:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.reader import find_reader
 from airzoo_bench.formats import npz_rows
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.readers.vggt import VGGT
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import vggt
 from tests.readers.samples.true_views import TrueViews, true_views
@@ -145,23 +140,6 @@ def test_compressed_files_give_the_same(
     streams = count_streams(monkeypatch)
     assert scored(world, path, memory_bytes=300_000).result.overall == plain
     assert streams == ["depth", "depth_conf"]
-
-
-@settings(max_examples=15, deadline=None)
-@given(data=st.data())
-def test_damaged_files_are_refused_or_scored(
-    data: st.DataObject, world: World, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("damaged")
-    path = one(world, folder)
-    file = path / "yard" / "predictions.npz"
-    content = bytearray(file.read_bytes())
-    for _ in range(data.draw(st.integers(1, 4))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    file.write_bytes(content[: data.draw(st.sampled_from([len(content), len(content) // 2]))])
-    VGGT.recognise(path)
-    with contextlib.suppress(PredictionError):
-        world.score(path, read_by=ReadBy("vggt"))
 
 
 def test_maps_without_views_are_refused(world: World, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from airzoo_bench.core.errors import UserError
 from airzoo_bench.report import draw
 from airzoo_bench.report.figures import (
     label_text,
-    lacking_letters,
     save_figure,
 )
 from airzoo_bench.report.labels import axis_label
@@ -21,9 +20,7 @@ from tests.report.made import (
     HOSTILE,
     reconstruction_method,
     retrieval_method,
-    run,
     texts_of,
-    write_methods,
 )
 from tests.statistics.support import CHAMFER, ERROR, HIT
 
@@ -60,36 +57,6 @@ def test_a_title_and_a_width_on_demand() -> None:
     assert bare.get_figwidth() != 3.3
 
 
-@pytest.mark.parametrize("width", [2.5, 3.3, 6.4])
-def test_text_around_a_picture_stays_on_it(width: float) -> None:
-    methods = [retrieval_method("a method", 0), retrieval_method("b method", 1)]
-    sheet = Sheet(width, "A title of MANY WIDE WORDS, more than stand on a line of one column " * 2)
-    figure = draw.condition(methods, ERROR, "weather", None, sheet)
-    figure.draw_without_rendering()
-    for text in figure.texts:
-        extent = text.get_window_extent()
-        assert extent.x0 >= 0
-        assert extent.x1 <= figure.bbox.x1
-        assert extent.y1 <= figure.bbox.y1
-    assert sheet.title.split() == " ".join(figure.texts[-1].get_text().split()).split()
-
-
-def test_small_print_left_out_is_handed_over() -> None:
-    aside: list[str] = []
-    figure = draw.errors([retrieval_method("a", 0)], ERROR, Sheet(3.3, aside=aside))
-    assert texts_of(figure) == ""
-    assert aside[0] == "benchmark made, version 1; protocol made, version 1: 40 queries in 2 scenes"
-    assert "off the axis" in aside[1]
-    assert figure.get_figheight() < draw.errors([retrieval_method("a", 0)], ERROR).get_figheight()
-
-
-def test_bare_says_the_small_print_on_stderr(tmp_path: Path) -> None:
-    paths = write_methods(tmp_path, [retrieval_method("a", 0)])
-    done = run("plot", "recall", *paths, "--bare", "-o", tmp_path / "x.svg")
-    assert "protocol made, version 1: 40 queries in 2 scenes" in done.stderr
-    assert "40 queries" not in (tmp_path / "x.svg").read_text()
-
-
 def test_one_scene_as_if_it_were_all() -> None:
     methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
     east = draw.of_scene(methods, "east")
@@ -119,30 +86,6 @@ def test_no_letters_of_a_narrow_picture_are_below_6_points() -> None:
         figure.draw_without_rendering()
         texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
         assert min(text.get_fontsize() for text in texts) >= 6
-
-
-def test_letters_that_the_font_lacks_are_told(tmp_path: Path) -> None:
-    method = retrieval_method("数据 \N{ROCKET} é", 0)
-    assert lacking_letters(draw.recall([method])) == "数据\N{ROCKET}"
-    assert lacking_letters(draw.intervals([retrieval_method("é", 0)], HIT)) == ""
-    paths = write_methods(tmp_path, [method])
-    done = run("plot", "recall", *paths, "-o", tmp_path / "x.png")
-    assert "boxes stand for what the font, DejaVu Sans, lacks: 数 据" in done.stderr
-    done = run("plot", "recall", *paths, "-o", tmp_path / "x.svg")
-    assert "boxes" not in done.stderr
-
-
-@pytest.mark.parametrize("name", ["", " \t "])
-def test_a_blank_name_says_that_it_is_none(name: str) -> None:
-    method, other = retrieval_method(name, 0), retrieval_method("b", 1)
-    method.records["ranked"] = 3
-    figure = draw.recall([method, other])
-    [legend] = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["(no name)", "b"]
-    assert "lists end earlier: (no name) at 3" in texts_of(figure)
-    assert "(no name) " in texts_of(draw.errors([method], ERROR))
-    for drawn in (draw.intervals([method], HIT), draw.scenes([method], HIT)):
-        assert drawn.axes[0].get_yticklabels()[0].get_text() == "(no name)"
 
 
 def test_hostile_names_are_text(tmp_path: Path) -> None:

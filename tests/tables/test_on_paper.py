@@ -15,10 +15,9 @@ from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.latex_text import latex_width
 from airzoo_bench.tables.layouts import benchmarks_layout
 from airzoo_bench.tables.method_table import method_table
-from airzoo_bench.tables.model import Cell, Column, Row, Table
 from tests.results.made import result
 from tests.support import HANGS_S
-from tests.tables.small_tables import grouped, scored
+from tests.tables.small_tables import scored
 from tests.tables.typeset import document
 
 
@@ -48,49 +47,6 @@ def test_the_estimate_is_near_the_width(kind: str, tmp_path: Path) -> None:
     assert found, done.stdout[-1000:]
     (piece, *_) = by_count(table)
     assert 10 * latex_width(piece) == pytest.approx(float(found[1]), rel=0.06)
-
-
-def test_how_a_tabular_is_used_stands_above_it() -> None:
-    assert r": \begin{table*}\centering \input{table.tex}\end{table*}" in latex(scored("alone"))
-    wide = latex(scored("gains"))
-    assert "more than a page (--fit shrinks it): " in wide
-    assert r": \begin{table}\centering \input{table.tex}" in latex(grouped(1))
-
-
-def test_tracks_stand_apart() -> None:
-    columns = tuple(Column("A", "", True, group=g, block=g) for g in ("one", "two"))
-    made = latex(Table("T", (Column("M"), *columns), (Row((Cell("m"), Cell(1.0), Cell(2.0))),)))
-    assert made.count("\\end{tabular}\n\n\\medskip\n% about ") == 1
-    assert made.count(r"\begin{tabular}") == made.count("% about ") == 2
-
-
-def test_a_lone_score_stands_under_its_long_head() -> None:
-    column = Column("F1", "", True, group="A benchmark with a long title")
-    short = replace(column, group="B")
-    for head, kind in ((column, "lc"), (short, "lr")):
-        made = latex(Table("T", (Column("M"), head), (Row((Cell("m"), Cell(1.0))),)))
-        assert rf"\begin{{tabular}}{{{kind}}}" in made
-
-
-def test_a_stretched_block_centres_words() -> None:
-    table = grouped(3)
-    rows = [Row((*row.cells[:-1], Cell("some words"))) for row in table.rows]
-    made = latex(replace(table, rows=tuple(rows)))
-    assert r"\multicolumn{2}{l}" not in made
-    assert r"\multicolumn{2}{c}{some words}" in made
-
-
-def test_columns_of_no_group_keep_those_of_groups_in_place() -> None:
-    columns = (
-        Column("M"),
-        Column("A", "", True),
-        Column("B", "", True),
-        Column("P", "", True, group="G"),
-    )
-    cells = (Cell("m"), Cell(1.0), Cell(2.0), Cell(3.0))
-    made = latex(Table("T", columns, (Row(cells),), groups_per_block=3))
-    assert r" &  &  & \multicolumn{1}{c}{\textbf{G}} \\" in made
-    assert r"\cmidrule(lr){4-4}" in made
 
 
 def test_benchmarks_go_by_their_titles() -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import pytest
 
@@ -36,41 +33,12 @@ class Moving(Engine):
         return super().map(*args, **named)
 
 
-class Losing(Engine):
-    """Workers whose disk this machine does not see."""
-
-    def map(self, *args: Any, **named: Any) -> Iterator[Any]:
-        for part, facts in super().map(*args, **named):
-            shutil.rmtree(part.home)
-            yield part, facts
-
-
-class Other(Engine):
-    """Workers of another data root."""
-
-    def map(self, *args: Any, **named: Any) -> Iterator[Any]:
-        with mock.patch.dict(os.environ, {VARIABLE: "/elsewhere"}):
-            yield from super().map(*args, **named)
-
-
 @pytest.mark.parametrize("hidden", ["source/two", "data/.flights.prepare"])
 def test_a_worker_that_does_not_see_files_says_so(world: World, hidden: str) -> None:
     with pytest.raises(UserError, match=r"a worker on .* does not see this") as caught:
         world.make(Moving(world.home / hidden))
     assert caught.value.where == str(world.home / hidden)
     assert "on a file system that this machine and all workers see" in str(caught.value)
-
-
-def test_scenes_that_arrive_nowhere_are_no_benchmark(world: World) -> None:
-    with pytest.raises(UserError, match="scene one: this machine does not see what a worker made"):
-        world.make(Losing())
-    assert not (world.home / "data").exists()
-
-
-def test_a_worker_of_another_data_root_says_so(world: World) -> None:
-    with pytest.raises(UserError, match="another data root than this run: /elsewhere") as caught:
-        world.make(Other())
-    assert f"set {VARIABLE}=" in str(caught.value.fix)
 
 
 def test_relative_paths_are_seen_from_where_the_run_was_started(
