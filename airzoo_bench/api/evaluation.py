@@ -23,7 +23,7 @@ from airzoo_bench.evaluation.evaluate import evaluate as run
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.results.records import checked_records
-from airzoo_bench.storage.here import here
+from airzoo_bench.storage.rasters import here
 from airzoo_bench.storage.urls import is_url
 
 __all__ = ["Check", "check", "evaluate"]

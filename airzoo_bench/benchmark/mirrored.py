@@ -12,37 +12,35 @@ from pathlib import Path
 from airzoo_bench.benchmark.manifest import BenchmarkFile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.places import MARK, data_location
-from airzoo_bench.storage.faults import settled
-from airzoo_bench.storage.listing import names
 from airzoo_bench.storage.mirror import (
     Mirror,
     absent_is_absent,
     fetched,
-    listed_mirror,
     mirror_of,
     versions_of,
 )
 from airzoo_bench.storage.rasters import RASTERS, pointed
-from airzoo_bench.storage.remote import Entry, find
+from airzoo_bench.storage.remote import Entry, find, names
 from airzoo_bench.storage.urls import Url, url_of
 
 __all__ = ["data_here", "fetch_truth", "resolved"]
 
 _PROTOCOLS = "protocols"
-_MOST_FOLDERS = 1_000
 
 
 def data_here(location: str | Path | None = None) -> Path:
     """Return a benchmark folder, or the folder that holds some, as a path of this machine."""
     place = data_location() if location is None else location
     url = url_of(place)
-    return Path(place) if url is None else settled(lambda: _begun(url))
+    return Path(place) if url is None else _begun(url)
 
 
 def _begun(url: Url) -> Path:
     """Mirror benchmark.toml and the protocols of a folder, or of those in it."""
     found = _listed(url, "") or {
-        name: entry for folder in _folders(url) for name, entry in _listed(url, folder).items()
+        name: entry
+        for folder in names(url, folders=True)
+        for name, entry in _listed(url, f"{folder}/").items()
     }
     if not found:
         raise BenchmarkError(
@@ -54,17 +52,6 @@ def _begun(url: Url) -> Path:
     mirror = Mirror.of(url, versions_of(found))
     mirror.fetch_all(found)
     return mirror.tree
-
-
-def _folders(url: Url) -> list[str]:
-    found = names(url, folders=True)
-    if len(found) > _MOST_FOLDERS:
-        raise BenchmarkError(
-            f"holds {len(found):,} folders, and no {MARK}",
-            where=url,
-            fix="name the benchmark folder itself",
-        )
-    return [f"{name}/" for name in found]
 
 
 def _listed(url: Url, folder: str) -> dict[str, Entry]:
@@ -99,8 +86,6 @@ def resolved(folder: Path, file: BenchmarkFile, path: str) -> Path:
         with absent_is_absent():
             found[0].fetch(found[1], sha256=clouds[path])
         return place
-    if path in _picture_folders(file) and not found[0].url.read_only:
-        return listed_mirror(found[0].url.child(found[1])).tree
     if path in _picture_folders(file) | {scene.maps for scene in file.scenes}:
         place.mkdir(parents=True, exist_ok=True)
         return place

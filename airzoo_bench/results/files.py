@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from uuid import uuid4
@@ -13,10 +12,8 @@ from uuid import uuid4
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.storage.faults import settled
-from airzoo_bench.storage.listing import matching
 from airzoo_bench.storage.mirror import Mirror, fetched
-from airzoo_bench.storage.remote import find
+from airzoo_bench.storage.remote import find, matching
 from airzoo_bench.storage.urls import Url, url_of
 
 __all__ = ["method_names", "records_path", "result_paths", "results_here"]
@@ -51,7 +48,7 @@ def results_here(given: Sequence[str | Path]) -> list[Path]:
         if url is None:
             found.append(Path(location))
         else:
-            found += [settled(partial(_mirror_result, one)) for one in matching(url)]
+            found += [_mirror_result(one) for one in matching(url)]
     return found
 
 

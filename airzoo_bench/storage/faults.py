@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from airzoo_bench.core.errors import StorageError
 from airzoo_bench.storage.urls import Url
 
-__all__ = ["ChangedError", "ShortAnswerError", "changed", "check_version", "settled", "tried"]
+__all__ = ["DISK_FAULTS", "ShortAnswerError", "tried"]
 
 T = TypeVar("T")
 
 PAUSES_S = (0.2, 0.5, 1.0, 2.0)
 """Before each further try."""
-_CHANGES = 3
+DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.ENAMETOOLONG, errno.EROFS)
+"""What the disk of this machine refuses."""
 _PASSING = (408, 425, 429, 500, 502, 503, 504)
 _EXPIRED = ("ExpiredToken", "ExpiredTokenException", "RequestExpired", "TokenRefreshRequired")
 _WRONG_KEYS = ("InvalidAccessKeyId", "SignatureDoesNotMatch", "InvalidToken")
@@ -52,38 +53,14 @@ class ShortAnswerError(OSError):
     """Fewer bytes came than were asked for."""
 
 
-class ChangedError(StorageError):
-    """Something is no longer what it was when its version was asked for."""
-
-
-def changed(url: Url) -> ChangedError:
-    """Return the message for what changes each time that it is read."""
-    return ChangedError(
-        "changes while it is read", where=url, fix="run this again when nobody writes there"
-    )
-
-
-def settled(read: Callable[[], T]) -> T:
-    """Ask for versions and read what they are of, anew where it changed meanwhile."""
-    for _ in range(_CHANGES - 1):
-        with suppress(ChangedError):
-            return read()
-    return read()
-
-
-def check_version(url: Url, version: str, stated: Mapping[str, object]) -> None:
-    """Refuse an answer of another version than was asked for, as far as it states its own."""
-    for name in ("ETag", "Last-Modified"):
-        if f"{name}=" in version and name in stated and f"{name}={stated[name]} " not in version:
-            raise changed(url)
-
-
 def tried(url: Url, call: Callable[[], T]) -> T:
     """Call a client, again where its storage is busy or out of reach for a moment."""
     for pause in (*PAUSES_S, None):
         try:
             return call()
         except _errors() as error:
+            if getattr(error, "errno", None) in DISK_FAULTS:
+                raise
             if pause is None or not _may_pass(error):
                 raise explained(url, error) from error
         time.sleep(pause)

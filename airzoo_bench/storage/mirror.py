@@ -1,80 +1,59 @@
-"""Copies of what lies at URLs, in a cache folder: made when they are asked for, and never in part.
+"""Copies of what lies at URLs, in a cache folder: made when they are asked for.
 
 A mirror is a folder ``<cache>/<key>/<name>``; its key is that of the URL and of the versions of
-what was asked for, so that other content gets another mirror, and no file within ever changes.
-What changes while it is fetched for one mirror is left out of it, and fetched for another.
-Beside it ``origin.json`` says where it is from, so that more of it can be fetched, file by file;
-``versions.json``, if there is one, of which versions all files are that ever come into it.
+what was asked for, so that other content gets another mirror. Beside it ``origin.json`` says where
+it is from, so that more of it can be fetched, file by file.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from uuid import uuid4
 
-from airzoo_bench.core.errors import StorageError
-from airzoo_bench.core.files import atomic_write
-from airzoo_bench.storage.cache import cache_faults, cache_folder, fetch_file, held
-from airzoo_bench.storage.faults import changed, settled
-from airzoo_bench.storage.listing import files
-from airzoo_bench.storage.remote import Entry
+from airzoo_bench.core.errors import StorageError, UserError
+from airzoo_bench.core.files import atomic_write, sha256_of
+from airzoo_bench.storage.faults import DISK_FAULTS
+from airzoo_bench.storage.remote import AT_ONCE, Entry, download, files, stat
 from airzoo_bench.storage.urls import Url, safe_name, url_of
 
 __all__ = [
+    "CACHE_VARIABLE",
     "Mirror",
     "absent_is_absent",
+    "cache_folder",
     "fetched",
     "folder_mirror",
     "in_urls",
-    "listed_mirror",
     "mirror_of",
     "versions_of",
 ]
 
-_ORIGIN, _VERSIONS = "origin.json", "versions.json"
-_AT_ONCE = 8
+CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
+"""The variable of the environment that names the folder of all mirrors."""
+_ORIGIN = "origin.json"
 _origins: dict[Path, Url] = {}
 
 
-def folder_mirror(url: Url) -> Mirror:
-    """Return the mirror of a folder with all files of it, as they were at one time."""
-    return settled(lambda: _folder_mirror(url))
+def cache_folder() -> Path:
+    """Return the folder of all mirrors: AIRZOO_BENCH_CACHE, else one of the user's cache."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(named).expanduser().absolute()
+    from platformdirs import user_cache_path
 
-
-def _folder_mirror(url: Url) -> Mirror:
-    found = files(url)
-    if not found:
-        raise StorageError("no such file or folder, or an empty one", where=url)
-    mirror = Mirror.of(url, versions_of(found))
-    mirror.fetch_all(found)
-    if files(url) != found:
-        raise changed(url)
-    return mirror
+    return user_cache_path("airzoo-bench") / "mirrors"
 
 
 def versions_of(entries: Mapping[str, Entry]) -> str:
     """Return the versions of files; of what has none nobody knows whether it is still the same."""
     return repr([(name, entry.version or uuid4()) for name, entry in entries.items()])
-
-
-def listed_mirror(url: Url) -> Mirror:
-    """Return the mirror of a folder whose files are fetched when they are asked for."""
-    found: dict[str, Entry] = {}
-    with absent_is_absent():
-        found = files(url)
-    mirror = Mirror.of(url, versions_of(found))
-    stated = mirror.tree.parent / _VERSIONS
-    if not stated.is_file():
-        with atomic_write(stated, "w") as stream:
-            json.dump({name: (one.size, one.version) for name, one in found.items()}, stream)
-    return mirror
 
 
 @dataclass(frozen=True)
@@ -97,37 +76,27 @@ class Mirror:
         """Open a folder's mirror, and make it where there is none."""
         key = hashlib.sha256(f"{url.address}\n{versions}".encode()).hexdigest()[:24]
         home = cache_folder() / key
-        if not (home / _ORIGIN).is_file():
-            with atomic_write(home / _ORIGIN, "w") as stream:
-                json.dump({"url": url.address}, stream)
-            (home / _ORIGIN).chmod(0o600)  # a signed URL is a secret
+        tree = home / safe_name(url)
+        with _disk_faults():
+            if not (home / _ORIGIN).is_file():
+                with atomic_write(home / _ORIGIN, "w") as stream:
+                    json.dump({"url": url.address}, stream)
+                (home / _ORIGIN).chmod(0o600)  # a signed URL is a secret
+            tree.mkdir(exist_ok=True)
         with suppress(OSError):  # of a cache that others own
             (home / _ORIGIN).touch()  # says when the mirror was last used
-        tree = home / safe_name(url)
-        tree.mkdir(exist_ok=True)
         _origins[home] = url  # messages name it also when the mirror is gone
         return cls(url, tree)
 
     def fetch(self, name: str, entry: Entry | None = None, sha256: str | None = None) -> Path:
         """Return the path of a file, and fetch it where it is not there."""
         url, target = self.url.child(name), self.tree / name
-        with cache_faults():
-            if target.is_file():
-                return target
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with held(target) as is_there:
-                if not is_there:
-                    fetch_file(url, target, entry or self._stated(name), sha256)
+        with _disk_faults():
+            if not target.is_file():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                download(url, entry or stat(url), target)
+                _refuse_other(url, target, sha256)
         return target
-
-    def _stated(self, name: str) -> Entry | None:
-        """Return the version that a file must have, where that is known before it is fetched."""
-        versions = _versions(self.tree.parent / _VERSIONS)
-        if versions is not None and name not in versions:
-            raise StorageError(
-                "no such file when its folder was listed", where=self.url.child(name)
-            )
-        return None if versions is None else Entry(*versions[name])
 
     def fetch_all(
         self, entries: Mapping[str, Entry | None], sums: Mapping[str, str] | None = None
@@ -136,50 +105,43 @@ class Mirror:
         known = sums or {}
         for name in entries:
             self.url.child(name)  # before anything is fetched, none may lie elsewhere
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            fetched = [
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            waiting = [
                 pool.submit(self.fetch, name, entry, known.get(name))
                 for name, entry in entries.items()
             ]
             try:
-                for one in fetched:
+                for one in waiting:
                     one.result()
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
 
 
-def _split(path: Path) -> tuple[Path, str] | None:
+def folder_mirror(url: Url) -> Mirror:
+    """Return the mirror of a folder with all files of it."""
+    found = files(url)
+    if not found:
+        raise StorageError("no such file or folder, or an empty one", where=url)
+    mirror = Mirror.of(url, versions_of(found))
+    mirror.fetch_all(found)
+    return mirror
+
+
+def mirror_of(path: Path) -> tuple[Mirror, str] | None:
     """Return the mirror that a path lies in, and the name there; None of any other path."""
     try:
         key, name, *rest = path.absolute().relative_to(cache_folder()).parts
     except ValueError:
         return None
     home = cache_folder() / key
-    return (home / name, "/".join(rest)) if (home / _ORIGIN).is_file() else None
-
-
-@lru_cache(maxsize=64)
-def _versions(file: Path) -> dict[str, tuple[int | None, str]] | None:
-    if not file.is_file():
+    if not (home / _ORIGIN).is_file():
         return None
-    stated: dict[str, tuple[int | None, str]] = json.loads(file.read_text(encoding="utf-8"))
-    return stated
-
-
-def _origin(home: Path) -> Url:
     if home not in _origins:
-        text = (home / _ORIGIN).read_text(encoding="utf-8")
-        url = url_of(json.loads(text)["url"])
+        url = url_of(json.loads((home / _ORIGIN).read_text(encoding="utf-8"))["url"])
         assert url is not None, "written by Mirror.of"
         _origins[home] = url
-    return _origins[home]
-
-
-def mirror_of(path: Path) -> tuple[Mirror, str] | None:
-    """Return the mirror that a path lies in, and the name there; None of any other path."""
-    found = _split(path)
-    return found and (Mirror(_origin(found[0].parent), found[0]), found[1])
+    return Mirror(_origins[home], home / name), "/".join(rest)
 
 
 def fetched(path: Path, *, anew: bool = False) -> Path:
@@ -207,3 +169,29 @@ def in_urls(text: str) -> str:
     for home, url in _origins.items():
         text = text.replace(str(home / safe_name(url)), str(url))
     return text
+
+
+def _refuse_other(url: Url, target: Path, sha256: str | None) -> None:
+    if sha256 is not None and sha256_of(target) != sha256:
+        target.unlink()
+        raise StorageError(
+            "is not the file that benchmark.toml states",
+            where=url,
+            expected=f"SHA-256 {sha256[:12]}…",
+            fix="upload the benchmark again, all of it",
+        )
+
+
+@contextmanager
+def _disk_faults() -> Iterator[None]:
+    """Turn what this machine's disk refuses into a message."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in DISK_FAULTS[:2]
+        raise UserError(
+            "the disk is full" if full else f"cannot be written: {error.strerror or error}",
+            where=cache_folder(),
+            fix="make room, or remove mirrors in it that no run is using, "
+            f"or set {CACHE_VARIABLE} to a folder on another disk",
+        ) from error

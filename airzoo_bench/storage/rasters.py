@@ -1,32 +1,30 @@
 """Rasters at URLs: opened where they lie, by GDAL's virtual files, which read windows only.
 
 In a mirror an empty file stands for a raster, and a pointer beside the mirror says where it lies.
-Its SHA-256 is what the storage itself has computed (see `remote.sha256_stated`); where it has none,
+Its SHA-256 is what the storage itself has computed (see `remote.sha256_at`); where it has none,
 the raster is read through once, and the pointer keeps what was found.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from urllib.parse import urlsplit
+from uuid import uuid4
 
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.storage.faults import changed, settled
-from airzoo_bench.storage.mirror import Mirror, absent_is_absent, mirror_of
-from airzoo_bench.storage.remote import Entry, client_of, read_range, sha256_stated, stat
+from airzoo_bench.storage.mirror import Mirror, absent_is_absent, folder_mirror, mirror_of
+from airzoo_bench.storage.remote import Entry, client_of, sha256_at, stat
 from airzoo_bench.storage.urls import Url, url_of
 
-__all__ = ["RASTERS", "Pointer", "point", "pointed", "pointed_sha256", "pointer_at"]
+__all__ = ["RASTERS", "Pointer", "here", "pointed", "pointed_sha256", "pointer_at"]
 
 RASTERS = (".tif", ".tiff", ".vrt")
 """Endings of files that a mirror points to."""
 _POINTERS = ".pointers"
-_PIECE_BYTES = 16 << 20
 
 
 @dataclass(frozen=True)
@@ -38,15 +36,12 @@ class Pointer:
     url : str
     version : str
         Of its content, see `remote.Entry`.
-    size : int or None
-        Bytes.
     sha256 : str or None
         As far as it is known.
     """
 
     url: str
     version: str
-    size: int | None
     sha256: str | None = None
 
     @property
@@ -103,6 +98,22 @@ def _of_scheme(scheme: str) -> Iterator[tuple[str, str]]:
         yield "GDAL_HTTP_HEADERS", f"Authorization: Bearer {token}"
 
 
+def here(location: str | Path) -> Path:
+    """Return a path on this machine with what lies at a location; a raster stays where it is."""
+    url = url_of(location)
+    if url is None:
+        return Path(location)
+    says_folder = url.says_folder and not url.read_only  # a web server says so itself
+    entry = None if says_folder else stat(url)
+    if entry is None or entry.is_folder:
+        return folder_mirror(url).tree
+    # Of what has no version nobody knows whether it is still the same.
+    mirror = Mirror.of(url.parent, f"{url.name} {entry.version or uuid4()}")
+    if url.name.lower().endswith(RASTERS):
+        return point(mirror, url.name, entry)
+    return mirror.fetch(url.name, entry)
+
+
 def pointed(path: Path) -> Path:
     """Return the path of a raster; in a mirror, with a pointer to where it lies."""
     found = None if path.exists() else mirror_of(path)
@@ -116,7 +127,7 @@ def point(mirror: Mirror, name: str, entry: Entry | None = None) -> Path:
     """Return the path of a raster in a mirror, an empty file, and keep where the raster lies."""
     url, target = mirror.url.child(name), mirror.tree / name
     entry = entry or stat(url)
-    _write(_pointer_file(mirror, name), Pointer(url.address, entry.version, entry.size))
+    _write(_pointer_file(mirror, name), Pointer(url.address, entry.version))
     with atomic_write(target):
         pass
     return target
@@ -144,26 +155,11 @@ def _write(file: Path, pointer: Pointer) -> None:
 
 def pointed_sha256(path: Path, pointer: Pointer) -> str:
     """Return the SHA-256 of a raster that lies elsewhere, and keep it with the pointer."""
-    return settled(lambda: _sha256(path, pointer))
-
-
-def _sha256(path: Path, pointer: Pointer) -> str:
     now = stat(pointer.place)
     if pointer.sha256 is not None and now.version and pointer.version == now.version:
         return pointer.sha256
-    found = sha256_stated(pointer.place) or _read_through(pointer.place, now)
-    if stat(pointer.place).version != now.version:
-        raise changed(pointer.place)
+    found = sha256_at(pointer.place)
     mirrored = mirror_of(path)
     if mirrored is not None:
-        kept = Pointer(pointer.url, now.version, now.size, found)
-        _write(_pointer_file(*mirrored), kept)
+        _write(_pointer_file(*mirrored), replace(pointer, version=now.version, sha256=found))
     return found
-
-
-def _read_through(url: Url, entry: Entry) -> str:
-    digest, size = hashlib.sha256(), entry.size or 0
-    for start in range(0, size, _PIECE_BYTES):
-        length = min(_PIECE_BYTES, size - start)
-        digest.update(read_range(url.address, start, length, entry.version))
-    return digest.hexdigest()

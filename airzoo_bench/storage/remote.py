@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import importlib
 import os
-import shutil
-from collections.abc import Mapping
-from contextlib import closing
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
+from uuid import uuid4
 
 from airzoo_bench.core.errors import StorageError, UsageError
-from airzoo_bench.storage.faults import ShortAnswerError, changed, check_version, tried
-from airzoo_bench.storage.urls import Url, url_of
-from airzoo_bench.storage.web import fetch_behind, web_range
+from airzoo_bench.storage.faults import ShortAnswerError, tried
+from airzoo_bench.storage.urls import Url
 
 __all__ = [
+    "AT_ONCE",
     "Entry",
     "client_of",
-    "entry_of",
-    "fetch_onto",
+    "download",
+    "files",
     "find",
-    "read_range",
-    "sha256_stated",
+    "matching",
+    "names",
+    "sha256_at",
     "stat",
 ]
 
+AT_ONCE = 8
+"""Requests under way at one time."""
+_MOST_FOLDERS = 1_000
 _CONNECT_S, _READ_S = 5, 60
 _PIECE_BYTES = 16 << 20
 _PACKAGES = {
@@ -92,7 +100,8 @@ def _settings(scheme: str) -> dict[str, Any]:
         import aiohttp
 
         timeout = aiohttp.ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
-        return {"client_kwargs": {"timeout": timeout, "trust_env": True}}
+        headers = {"Accept-Encoding": "identity"}  # sizes are those of the files
+        return {"client_kwargs": {"timeout": timeout, "trust_env": True, "headers": headers}}
     return {"use_listings_cache": False}
 
 
@@ -109,9 +118,13 @@ def stat(url: Url) -> Entry:
         raise
 
 
+def _refreshed(url: Url) -> dict[str, bool]:
+    return {"refresh": True} if url.scheme in ("s3", "hf") else {}
+
+
 def _fresh(client: Any, url: Url) -> dict[str, bool]:
     if url.scheme != "hf":
-        return {"refresh": True} if url.scheme == "s3" else {}
+        return _refreshed(url)
     # Unless it is asked for more, this client lists the whole folder that a file lies in.
     below = getattr(client.resolve_path(url.address), "path_in_repo", "")
     return {"refresh": True, "expand_info": bool(below)}
@@ -141,94 +154,118 @@ def entry_of(info: Mapping[str, Any]) -> Entry:
     )
 
 
-def read_range(location: str | Path, offset: int, length: int, version: str = "") -> bytes:
-    """Read bytes of a file where it lies: at a URL, or on this machine."""
-    url = url_of(location)
-    if url is None:
-        with Path(location).open("rb") as stream:
-            stream.seek(offset)
-            found = stream.read(length)
-        if len(found) != length:
-            raise StorageError("the file ends before what was to be read", where=location)
-        return found
-    return _range(url, offset, length, version)
-
-
-def _range(url: Url, offset: int, length: int, version: str) -> bytes:
-    if not length:
-        return b""
+def files(url: Url) -> dict[str, Entry]:
+    """List all files below a folder by their relative names, in their order."""
+    if url.read_only:  # the page of a folder says no more than names
+        listed = sorted(_web_files(url))
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            entries = pool.map(lambda name: stat(url.child(name)), listed)
+            return dict(zip(listed, entries, strict=True))
     client = client_of(url)
+    found = tried(url, lambda: client.find(url.address, detail=True, **_refreshed(url)))
+    below = {_relative(url, path): entry_of(info) for path, info in found.items()}
+    return {name: below[name] for name in sorted(below) if name and not name.endswith("/")}
 
-    def read() -> bytes:
-        if url.read_only:
-            found = web_range(client, url, offset, length, version)
-        elif url.scheme == "s3":
-            found = _s3_range(client, url, offset, length, version)
+
+def names(url: Url, *, folders: bool = False) -> list[str]:
+    """List what lies in a folder, one level deep; nothing where there is no such folder."""
+    client = client_of(url)
+    address = f"{url.address}/" if url.read_only else url.address
+    try:
+        listed = tried(url, lambda: client.ls(address, detail=True, **_refreshed(url)))
+    except StorageError as error:
+        if error.what.startswith("no such"):
+            return []
+        raise
+    found = {_relative(url, one["name"]).rstrip("/"): one["type"] for one in listed}
+    return sorted(
+        name
+        for name, kind in found.items()
+        if name not in ("", ".") and "/" not in name and (kind == "directory" or not folders)
+    )
+
+
+def matching(url: Url) -> list[Url]:
+    """Return the places that a URL with ``*`` in its names means; of any other, itself."""
+    if "*" not in url.path:
+        return [url]
+    first, *rest = url.path.split("/")
+    found = [replace(url, path=first)]
+    for part in rest:
+        if "*" in part:
+            found = [
+                one.child(name) for one in found for name in names(one) if fnmatchcase(name, part)
+            ]
         else:
-            found = client.cat_file(url.address, start=offset, end=offset + length)
-        if len(found) != length:
-            raise ShortAnswerError(f"{len(found):,} of {length:,} bytes came")
-        return found
-
-    data: bytes = tried(url, read)
-    if version and url.scheme in ("gs", "hf") and stat(url).version != version:
-        raise changed(url)  # their clients do not show what an answer says of itself
-    return data
+            found = [replace(one, path=f"{one.path}/{part}") for one in found]
+    if not found:
+        raise StorageError("no such file or folder", where=url)
+    return found
 
 
-def _s3_range(client: Any, url: Url, offset: int, length: int, version: str) -> bytes:
-    from fsspec.asyn import sync
-
-    bucket, key, _ = client.split_path(url.path)
-    wanted = f"bytes={offset}-{offset + length - 1}"
-    answer = client.call_s3("get_object", Bucket=bucket, Key=key, Range=wanted)
-
-    async def read() -> bytes:
-        with closing(answer["Body"]) as body:
-            check_version(url, version, answer)
-            return bytes(await body.read())
-
-    data: bytes = sync(client.loop, read)
-    return data
-
-
-def fetch_onto(url: Url, entry: Entry, part: Path) -> None:
-    """Fetch a file behind the bytes that `part` has already, all of one version."""
-    if url.read_only:
-        _fetch_web(url, entry, part)
-        return
-    with part.open("ab") as stream:
-        while (done := stream.tell()) < (entry.size or 0):
-            length = min(_PIECE_BYTES, (entry.size or 0) - done)
-            stream.write(_range(url, done, length, entry.version))
-
-
-def _fetch_web(url: Url, entry: Entry, part: Path) -> None:
+def _web_files(url: Url) -> Iterator[str]:
+    """Follow the pages of folders on a web server, downwards only."""
     client = client_of(url)
-    # Of what states no size, nobody knows whether it ends.
-    most = shutil.disk_usage(part.parent).free // 2 if entry.size is None else entry.size
+    waiting = [url]
+    for count, folder in enumerate(waiting):
+        if count == _MOST_FOLDERS:
+            raise StorageError(
+                f"shows more than {_MOST_FOLDERS:,} folders",
+                where=url,
+                expected="a folder of files, listed as nginx and Apache do",
+                fix="name the folder that holds what is meant",
+            )
+        shown = tried(url, partial(client.ls, f"{folder.address}/", detail=False))
+        for name in {_relative(url, one) for one in shown if not one.endswith("/./")} - {""}:
+            if not name.endswith("/"):
+                yield name
+            elif url.child(name[:-1]) not in waiting:
+                waiting.append(url.child(name[:-1]))
+
+
+def _relative(url: Url, listed: str) -> str:
+    """Return a listed name as seen from its folder; empty for what does not lie in it."""
+    base = url.path
+    if url.read_only:
+        base, listed = unquote(base), unquote(listed.partition("://")[2].split("?")[0])
+    elif url.scheme == "hf":
+        base = client_of(url).resolve_path(url.address).unresolve()
+    return listed[len(base) + 1 :] if listed.startswith(f"{base}/") else ""
+
+
+def download(url: Url, entry: Entry, target: Path) -> None:
+    """Fetch a file whole; `target` appears when all of it is there."""
+    client = client_of(url)
+    part = target.with_name(f".{uuid4().hex[:12]}.partial")
 
     def fetch() -> None:
-        if not entry.version:  # who knows whether what came before is of the same
-            part.unlink(missing_ok=True)
-        fetch_behind(client, url, part, most, entry.version)
-        came = part.stat().st_size
-        if entry.size is not None and came < entry.size:
-            raise ShortAnswerError(f"{came:,} of {entry.size:,} bytes came")
+        client.get_file(url.address, str(part))
+        size = part.stat().st_size
+        if entry.size not in (None, size):
+            raise ShortAnswerError(f"{size:,} of {entry.size:,} bytes came")
 
-    if entry.size is None or not part.exists() or part.stat().st_size < entry.size:
+    try:
         tried(url, fetch)
-    if entry.size is None and part.stat().st_size > most:
-        part.unlink()
-        raise StorageError(
-            "states no size, and is larger than half of what is free on the disk",
-            where=url,
-            fix="have the server state the size of files (Content-Length)",
-        )
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
 
 
-def sha256_stated(url: Url) -> str | None:
-    """Return the SHA-256 that a storage itself has computed of a file, or None."""
+def sha256_at(url: Url) -> str:
+    """Return a file's SHA-256: as the storage has computed it, else by reading it through."""
+    return _sha256_stated(url) or tried(url, partial(_sha256_read, url))
+
+
+def _sha256_read(url: Url) -> str:
+    digest = hashlib.sha256()
+    with client_of(url).open(url.address, "rb", block_size=_PIECE_BYTES) as stream:
+        while piece := stream.read(_PIECE_BYTES):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def _sha256_stated(url: Url) -> str | None:
+    """Return the SHA-256 that a storage itself has computed, if any."""
     if url.scheme != "s3":
         return stat(url).sha256
     client = client_of(url)

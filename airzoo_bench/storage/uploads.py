@@ -10,11 +10,9 @@ from tempfile import TemporaryDirectory
 from uuid import uuid4
 
 from airzoo_bench.core.errors import StorageError, UsageError
-from airzoo_bench.storage.cache import cache_folder
 from airzoo_bench.storage.faults import tried
-from airzoo_bench.storage.listing import files
-from airzoo_bench.storage.mirror import Mirror
-from airzoo_bench.storage.remote import client_of, find
+from airzoo_bench.storage.mirror import Mirror, cache_folder
+from airzoo_bench.storage.remote import client_of, files, find
 from airzoo_bench.storage.urls import Url
 
 __all__ = ["check_writable", "uploaded"]

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
 import socket
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import StorageError, UserError
-from airzoo_bench.storage import mirror, remote
-from airzoo_bench.storage.here import here, location_of
-from airzoo_bench.storage.remote import read_range
+from airzoo_bench.storage import mirror
+from airzoo_bench.storage.rasters import here
 from tests.storage.conftest import Bucket
-from tests.storage.faults import CONTENT, always, partial_files, s3_refusal
+from tests.storage.faults import CONTENT, always, s3_refusal
 from tests.storage.servers import Answer, Asked
 from tests.support import run_main, write_predictions
 
@@ -88,67 +84,6 @@ def test_an_answer_that_ends_before_its_time(stored: Bucket, mirrors: Path) -> N
     assert here(stored.url("p", "mine.npz")).read_bytes() == CONTENT
 
 
-def test_a_download_goes_on_where_it_broke(
-    stored: Bucket, mirrors: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(remote, "_PIECE_BYTES", 4096)
-    broken = s3_refusal(500, "InternalError")
-    stored.front.change = lambda asked, real: (
-        broken if "bytes=8192" in asked.headers.get("Range", "") else real
-    )
-    with pytest.raises(StorageError, match="answered 500"):
-        here(stored.url("p", "mine.npz"))
-    (part,) = partial_files(mirrors)
-    assert part.read_bytes() == CONTENT[:8192]
-    stored.front.change = None
-    stored.front.asked.clear()
-    assert here(stored.url("p", "mine.npz")).read_bytes() == CONTENT
-    ranges = [one.headers["Range"] for one in stored.front.asked if "Range" in one.headers]
-    assert ranges == [f"bytes=8192-{len(CONTENT) - 1}"]
-    assert partial_files(mirrors) == []
-
-
-def test_what_changes_midway_is_fetched_anew(
-    stored: Bucket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(remote, "_PIECE_BYTES", 4096)
-    other = CONTENT[::-1]
-
-    def change(asked: Asked, real: Answer) -> Answer:
-        if "bytes=4096" in asked.headers.get("Range", ""):
-            stored.client.put_object(Bucket=stored.name, Key="p/mine.npz", Body=other)
-        return real
-
-    stored.front.change = change
-    assert here(stored.url("p", "mine.npz")).read_bytes() == other
-
-
-def test_what_changes_all_the_time_is_not_used(stored: Bucket, mirrors: Path) -> None:
-    numbers = iter(range(100))
-
-    def change(asked: Asked, real: Answer) -> Answer:
-        if asked.method == "GET" and "Range" in asked.headers:
-            body = CONTENT + str(next(numbers)).encode()
-            stored.client.put_object(Bucket=stored.name, Key="p/mine.npz", Body=body)
-        return real
-
-    stored.front.change = change
-    with pytest.raises(StorageError, match="changes while it is read"):
-        here(stored.url("p", "mine.npz"))
-    assert not list(mirrors.rglob("mine.npz"))
-
-
-def test_a_folder_that_changes_while_it_is_read(stored: Bucket) -> None:
-    def add(asked: Asked, real: Answer) -> Answer:
-        if asked.method == "GET" and "Range" in asked.headers:
-            stored.client.put_object(Bucket=stored.name, Key="p/late.npz", Body=b"late")
-        return real
-
-    stored.front.change = add
-    found = here(stored.url("p"))
-    assert sorted(path.name for path in found.iterdir()) == ["late.npz", "mine.npz"]
-
-
 @pytest.mark.usefixtures("other_client")
 def test_nobody_at_the_endpoint(stored: Bucket, monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket() as free:
@@ -200,48 +135,6 @@ def test_a_benchmark_writes_nowhere_else(stored: Bucket, data: Path, name: str) 
 
     with pytest.raises(UserError, match="would not lie in its folder"):
         Benchmark.open(data_here(stored.url("made")))
-
-
-def test_no_room_on_the_disk(
-    stored: Bucket, monkeypatch: pytest.MonkeyPatch, mirrors: Path
-) -> None:
-    usage: Any = type("Usage", (), {"free": 10})
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    with pytest.raises(UserError, match="the disk is full") as caught:
-        here(stored.url("p", "mine.npz"))
-    assert "AIRZOO_BENCH_CACHE" in (caught.value.fix or "")
-    assert not list(mirrors.rglob("mine.npz"))
-
-
-def test_several_at_once_fetch_once(stored: Bucket) -> None:
-    with ThreadPoolExecutor(4) as pool:
-        paths = list(pool.map(here, [stored.url("p", "mine.npz")] * 4))
-    assert {path.read_bytes() for path in paths} == {CONTENT}
-    assert stored.front.sent[f"/{stored.name}/p/mine.npz"] == len(CONTENT)
-
-
-def test_a_task_elsewhere_finds_the_same(
-    stored: Bucket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What a client names by `location_of`, a worker with a cache of its own finds by `here`."""
-    location = location_of(here(stored.url("p")) / "mine.npz")
-    assert location == stored.url("p/mine.npz")
-    monkeypatch.setenv("AIRZOO_BENCH_CACHE", str(tmp_path / "of-a-worker"))
-    found = here(location)
-    assert found.read_bytes() == CONTENT
-    assert found.is_relative_to(tmp_path / "of-a-worker")
-    assert here(tmp_path) == tmp_path
-    assert location_of(tmp_path) == str(tmp_path)
-
-
-def test_ranges(stored: Bucket, tmp_path: Path) -> None:
-    url = stored.url("p", "mine.npz")
-    (tmp_path / "here").write_bytes(CONTENT)
-    for place in (url, tmp_path / "here"):
-        assert read_range(place, 1000, 500) == CONTENT[1000:1500]
-        assert read_range(place, 0, 0) == b""
-        with pytest.raises(StorageError):
-            read_range(place, len(CONTENT) - 10, 20)
 
 
 def test_messages_name_the_url(stored: Bucket) -> None:

@@ -12,10 +12,8 @@ from urllib.parse import parse_qs, unquote, urlsplit
 import pytest
 
 from airzoo_bench.core.errors import StorageError
-from airzoo_bench.storage import listing
-from airzoo_bench.storage.here import here
-from airzoo_bench.storage.listing import files, names
-from airzoo_bench.storage.remote import stat
+from airzoo_bench.storage.rasters import here
+from airzoo_bench.storage.remote import files, names, stat
 from airzoo_bench.storage.urls import Url, url_of
 from tests.storage.servers import Answer, Asked, Front, serving
 
@@ -107,31 +105,6 @@ def test_a_folder_is_listed_and_fetched(front: Front) -> None:
     assert (folder / "sub" / "a b.npz").read_bytes() == b"more"
     with pytest.raises(StorageError, match="no such file or folder"):
         here("hf://datasets/o/n/q")
-
-
-@pytest.mark.parametrize("ask", [files, names])
-def test_a_list_is_not_read_to_its_end(
-    front: Front, monkeypatch: pytest.MonkeyPatch, ask: Any
-) -> None:
-    monkeypatch.setattr(listing, "_LONGEST_LIST", 1)
-    with pytest.raises(StorageError, match="holds more than 1 files"):
-        ask(as_url("hf://datasets/o/n/p"))
-    assert sum("/tree/" in one.path for one in front.asked) == 2
-
-
-def test_a_list_that_breaks_off_is_read_anew(front: Front) -> None:
-    """A part of it would be taken for all."""
-    broken: list[str] = []
-
-    def cut(asked: Asked, real: Answer) -> Answer:
-        if "cursor=2" in asked.path and not broken:
-            broken.append(asked.path)
-            return Answer(425, {})
-        return real
-
-    front.change = cut
-    assert len(files(as_url("hf://datasets/o/n/p"))) == 3
-    assert broken
 
 
 def test_a_bucket_is_listed(front: Front) -> None:

@@ -1,4 +1,4 @@
-"""Lists of several pages, and lists without end: one message, long before they are read."""
+"""What lies below a URL."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import pytest
 from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import StorageError, UserError
 from airzoo_bench.results.files import results_here
-from airzoo_bench.storage import listing
-from airzoo_bench.storage.here import here, location_of
-from airzoo_bench.storage.listing import files, names
+from airzoo_bench.storage import remote
+from airzoo_bench.storage.rasters import here
+from airzoo_bench.storage.remote import files, names
 from airzoo_bench.storage.urls import Url, url_of
 from tests.storage.conftest import Bucket
 from tests.storage.servers import Answer, Asked, Front, serving
@@ -25,9 +25,8 @@ def as_url(text: str) -> Url:
 
 
 @pytest.fixture
-def many(bucket: Bucket, monkeypatch: pytest.MonkeyPatch) -> Bucket:
-    """Return a bucket with a list of four pages."""
-    monkeypatch.setattr(listing, "_PAGE", 2)
+def many(bucket: Bucket) -> Bucket:
+    """Return a bucket with folders in folders."""
     for name in ("p/", "p/a", "p/b/", "p/b/c", "p/b/d", "p/e", "p/f g/h", "pp"):
         content = b"" if name.endswith("/") else b"x"
         bucket.client.put_object(Bucket=bucket.name, Key=name, Body=content)
@@ -35,25 +34,14 @@ def many(bucket: Bucket, monkeypatch: pytest.MonkeyPatch) -> Bucket:
     return bucket
 
 
-def test_a_list_of_several_pages(many: Bucket) -> None:
+def test_names_below_a_folder(many: Bucket) -> None:
     url = as_url(many.url("p"))
     assert list(files(url)) == ["a", "b/c", "b/d", "e", "f g/h"]
-    assert len(many.front.asked) == 4
     assert names(url) == ["a", "b", "e", "f g"]
     assert names(url, folders=True) == ["b", "f g"]
     assert names(as_url(many.url())) == ["p", "pp"]
     assert names(as_url(many.url("q"))) == []
     assert sorted(one.name for one in here(many.url("p")).iterdir()) == ["a", "b", "e", "f g"]
-
-
-@pytest.mark.parametrize("ask", [files, names])
-def test_a_list_is_not_read_to_its_end(
-    many: Bucket, monkeypatch: pytest.MonkeyPatch, ask: object
-) -> None:
-    monkeypatch.setattr(listing, "_LONGEST_LIST", 2)
-    with pytest.raises(StorageError, match="holds more than 2 files"):
-        ask(as_url(many.url("p")))  # type: ignore[operator]
-    assert len(many.front.asked) == 2
 
 
 @pytest.fixture
@@ -71,21 +59,12 @@ def application(mirrors: Path) -> Iterator[Front]:
 def test_a_server_that_shows_a_page_anywhere(
     application: Front, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(listing, "_MOST_FOLDERS", 40)
+    monkeypatch.setattr(remote, "_MOST_FOLDERS", 40)
     with pytest.raises(StorageError, match="shows more than 40 folders"):
         here(f"{application.address}/mine.npz")
     assert len(application.asked) < 45
     with pytest.raises(UserError, match="no benchmark lies here"):
         data_here(f"{application.address}/data")
-
-
-def test_folders_in_folders_without_end(mirrors: Path) -> None:
-    page = Answer(200, {"Content-Type": "text/html"}, b'<a href="docs/">docs</a>')
-    with serving(lambda _: page) as front:
-        with pytest.raises(StorageError, match="for more than 16 levels") as caught:
-            here(f"{front.address}/mine.npz")
-        assert len(front.asked) < 25
-        assert caught.value.where == f"{front.address}/mine.npz"
 
 
 def test_a_folder_that_cannot_be_listed_is_not_left_out(web: tuple[Path, Front]) -> None:
@@ -107,7 +86,6 @@ def test_a_slash_at_the_end_is_the_folder(bucket: Bucket) -> None:
     assert here(bucket.url("pre")).read_bytes() == b"pre"
     folder = here(bucket.url("pre/"))
     assert [one.name for one in folder.iterdir()] == ["mine.npz"]
-    assert location_of(folder) == bucket.url("pre/")
     with pytest.raises(StorageError, match="no such file or folder"):
         here(bucket.url("file/"))
     for location, content in (("run.json", b"run.json"), ("run.json/", b"run.json/result.json")):

@@ -23,7 +23,7 @@ from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.storage import mirror as mirrors_of
-from airzoo_bench.storage.here import here, location_of
+from airzoo_bench.storage.rasters import here
 from tests.matching.world import make_world
 from tests.storage.conftest import Bucket, Run
 from tests.storage.servers import Apart, serving_apart
@@ -85,7 +85,6 @@ def test_lifting_reads_windows_of_a_bucket(bucket: Bucket, apart: Apart, surface
         np.testing.assert_array_equal(one, wanted)
     read = apart.sent(f"/{bucket.name}/maps/dsm.tif")
     assert 0 < read < 0.05 * surface.stat().st_size, read
-    assert location_of(there) == bucket.url("maps", "dsm.tif")
 
 
 def test_lifting_reads_windows_of_a_web_server(
@@ -133,7 +132,7 @@ def test_matching_from_a_bucket(
     settings = {"ChecksumAlgorithm": "SHA256"} if stated else {}
     bucket.upload(prepared / "data", "data", **settings)
     assert run(command, prepared / "mine.npz", prepared / "data", tmp_path / "a").exit_code == 0
-    for times in (1, 2):
+    for times in range(1, 2 if stated else 3):
         done = run(command, prepared / "mine.npz", bucket.url("data"), tmp_path / "b")
         assert done.exit_code == 0, done.exception
         for name in ("records.csv", "result.json"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.storage.here import here
+from airzoo_bench.storage.rasters import here
 from airzoo_bench.storage.urls import safe_name, url_of
 from tests.support import run_main
 
