@@ -5,25 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from pyproj import CRS, Transformer
+from pyproj import Transformer
 from rasterio import Affine
-from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry import blocks
-from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.geometry.rays import RayStatus
-from airzoo_bench.matching import crops
 from airzoo_bench.matching.crops import (
     CropStatus,
     crop_windows,
 )
-from tests.geometry.support import looking_down, quick, seeds, write_tif
+from tests.geometry.support import looking_down, write_tif
 from tests.matching.crop_support import (
     X,
     Y,
@@ -129,76 +123,6 @@ def test_map_in_degrees() -> None:
     x, y, width, height = windows.windows[0]
     assert (x, y) == (np.floor(column.min()), np.floor(row.min()))
     assert (x + width, y + height) == (np.ceil(column.max()), np.ceil(row.max()))
-
-
-@pytest.mark.parametrize("crs", [4326, 4167, 3857, 3832, 4087, 6933])
-@pytest.mark.parametrize("middle_lon", [180.0, -180.0])
-def test_a_map_across_the_180th_meridian(crs: int, middle_lon: float) -> None:
-    """The crop is that of the same photo elsewhere, where longitudes do not jump."""
-    windows = []
-    for lon in (middle_lon, 100.0):
-        # Web Mercator of 100 degrees, moved by whole degrees: PROJ itself would wrap it.
-        to_map = Transformer.from_crs(4326, crs, always_xy=True)
-        scale = (
-            1.0
-            if CRS(crs).is_geographic
-            else to_map.transform(1.0, 0)[0] - to_map.transform(0, 0)[0]
-        )
-        x, y = to_map.transform(100.0, -17.0)
-        step = 5e-6 * scale
-        grid = Affine(step, 0, x + (lon - 100.0) * scale - 1000 * step, 0, -step, y + 1000 * step)
-        plane = f"+proj=tmerc +lon_0={lon} +lat_0=-17 +ellps=WGS84 +towgs84=0,0,0 +units=m"
-        level_grid = Affine(20.0, 0.0, -2000, 0.0, -20.0, 2000)
-        field = HeightField(np.zeros((200, 200)), level_grid, plane)
-        pose = Poses.from_centres(looking_down(0), [(3.0, 5.0, 100.0)])
-        dom = map_of(2000, 2000, grid, crs)
-        cut = crop_windows(
-            camera(600, 600), pose, dom, field, crop=plain_crop(300.0), plane_height_m=0.0
-        )
-        windows.append(cut.windows[0].tolist())
-    assert windows[0][2] < 400
-    assert np.abs(np.subtract(*windows)).max() <= 1
-
-
-def rough(rng: np.random.Generator, path: Path) -> Path:
-    heights = rng.normal(0, 4, (90, 110)).cumsum(axis=0).astype(np.float32)
-    heights[rng.random(heights.shape) < 0.2] = -9999
-    return write_tif(path, heights, nodata=-9999, tiled=True, blockxsize=32, blockysize=16)
-
-
-@settings(quick, max_examples=10)
-@given(seeds)
-def test_a_file_as_the_field_in_memory(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    path = rough(rng, tmp_path_factory.mktemp("crops") / "dsm.tif")
-    count = 12
-    turns = Rotation.from_euler("xz", rng.uniform((100, -180), (180, 180), (count, 2)), True)
-    centres = rng.uniform((X, Y - 45, 60), (X + 55, Y, 140), (count, 3))
-    poses = Poses.from_centres(turns.as_matrix(), centres)
-    K = np.tile(camera(500, 500).matrices, (count, 1, 1))
-    cameras = Cameras.from_matrices(K, 600, 400)
-    dom = open_info(path)
-    field = HeightField.read(path)
-    with pytest.MonkeyPatch.context() as patch:
-        expected = crop_windows(
-            cameras, poses, dom, field, crop=grown_crop(250.0), plane_height_m=0.0
-        )
-        # Blocks and slots so small that they are used up again and again.
-        patch.setattr(blocks, "_SIDE", 8)
-        patch.setattr(blocks, "_SLOTS", 5)
-        patch.setattr(blocks, "_SCAN_PIXELS", 600)
-        patch.setattr(crops, "_CAMERAS", 5)
-        windows = crop_windows(
-            cameras, poses, dom, path, crop=grown_crop(250.0), plane_height_m=0.0
-        )
-        with blocked_heights(path) as lazy:
-            xy = rng.uniform((X - 2, Y - 47), (X + 57, Y + 2), (300, 2))
-            assert lazy.sample(xy).tobytes() == field.sample(xy).tobytes()
-            assert lazy.height_range == field.height_range
-    assert box(windows) == box(expected)
-    assert windows.rays.tobytes() == expected.rays.tobytes()
-    assert (windows.windows[:, 0] + windows.windows[:, 2] <= dom.width).all()
-    assert ((windows.windows[:, 2] > 0) == (windows.status == CropStatus.CROPPED)).all()
 
 
 def test_dsm_in_degrees_is_refused(tmp_path: Path) -> None:

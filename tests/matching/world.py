@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -206,11 +206,6 @@ def read_heights(dsm: Path) -> np.ndarray[Any, Any]:
 
 def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
     return {key: value for key, value in fields.items() if key not in names}
-
-
-def changed_solver(world: World, **changes: Any) -> World:
-    solver = world.protocol.solver.model_copy(update=changes)
-    return replace(world, protocol=world.protocol.model_copy(update={"solver": solver}))
 
 
 def _exact_matches(truth: MatchingTruth, row: int, heights: np.ndarray[Any, Any]) -> Any:

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.report import draw
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.figures import figure_bytes
-from airzoo_bench.report.markers import take_turns
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, check_room
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown_layout import breakdown_table
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method
-from tests.statistics.support import CHAMFER, ERROR, HIT
+from tests.statistics.support import ERROR, HIT
 
 INF, NAN = np.inf, np.nan
 
@@ -60,12 +55,6 @@ def test_an_infinite_value_is_an_open_mark_beyond_a_break() -> None:
     [arrow] = axes.texts
     assert arrow.xyann == (3.0, 0)
     assert axes.get_xlim()[1] > 4
-
-
-def test_all_finite_needs_no_band() -> None:
-    none = np.full((1, 2), NAN)
-    assert len(draw_intervals(["a"], np.array([0.5]), none, HIT, "").axes) == 1
-    assert len(draw_by_condition(["a"], np.array([[1.0]]), ["x"], [1], ERROR, "").axes) == 1
 
 
 def test_intervals_over_decades_go_by_powers_of_ten() -> None:
@@ -112,45 +101,6 @@ def test_infinite_cells_are_hatched_and_colours_are_of_the_others() -> None:
     assert "hatched: infinite" in texts_of(figure)
 
 
-@pytest.mark.parametrize(
-    ("score", "values", "limits"),
-    [
-        (CHAMFER, [6.41, 6.37], (5.588, 7.191)),  # a quarter of 6.41, around 6.39
-        (HIT, [0.5, 0.52], (46, 56)),
-        (HIT, [0.99, 1.0], (90, 100)),
-        (HIT, [0.0, 0.0], (0, 10)),
-        (ERROR, [0.0, 0.0], (-0.5, 0.5)),
-    ],
-)
-def test_values_nearly_alike_look_alike(score: Any, values: list[float], limits: Any) -> None:
-    figure = draw_heat_map(["a"], ["x", "y"], np.array([values]), score)
-    np.testing.assert_allclose(figure.axes[0].images[0].get_clim(), limits, atol=1e-3)
-
-
-def test_errors_over_decades_are_coloured_by_powers_of_ten() -> None:
-    figure = draw_heat_map(["a"], ["x", "y"], np.array([[0.1, 50.0]]), ERROR)
-    assert isinstance(figure.axes[0].images[0].norm, LogNorm)
-
-
-def test_all_infinite_needs_no_scale() -> None:
-    figure = draw_heat_map(["a"], ["x", "y"], np.array([[INF, INF]]), ERROR)
-    assert len(figure.axes) == 1
-    figure_bytes(figure, "png")
-    none = np.full((1, 2), NAN)
-    figure_bytes(draw_intervals(["a"], np.array([INF]), none, ERROR, ""), "png")
-
-
-def test_numbers_in_cells_stand_out_from_their_ground() -> None:
-    values = np.linspace(0, 1, 21)[None]
-    axes = draw_heat_map(["a"], [f"s{n}" for n in range(21)], values, HIT).axes[0]
-    ground = axes.images[0].to_rgba(100 * values)[0, :, :3]
-    linear = np.where(ground <= 0.04045, ground / 12.92, ((ground + 0.055) / 1.055) ** 2.4)
-    light = linear @ (0.2126, 0.7152, 0.0722)
-    for text, level in zip(axes.texts, light, strict=True):
-        ratio = 1.05 / (level + 0.05) if text.get_color() == "white" else (level + 0.05) / 0.05
-        assert ratio >= 4.5  # WCAG 2.2, success criterion 1.4.3
-
-
 def test_a_condition_shows_counts_and_its_infinite_values_above() -> None:
     values = np.array([[0.5, INF, 7.0]])
     labels = ["low", "mid", "high"]
@@ -184,39 +134,6 @@ def test_an_infinite_limit_is_an_arrow_to_the_edge() -> None:
     assert arrow.xy == (0.0, 1.0)  # of the axes: the upper edge
 
 
-@pytest.mark.parametrize(
-    ("values", "scale"),
-    [([1.0, 90.0], "linear"), ([1.0, 110.0], "log"), ([0.0, 1.0, 110.0], "symlog")],
-)
-def test_errors_over_two_decades_go_by_powers_of_ten(values: list[float], scale: str) -> None:
-    labels = [f"{n}" for n in range(len(values))]
-    counts = [1] * len(values)
-    figure = draw_by_condition(["a"], np.array([values]), labels, counts, ERROR, "")
-    assert figure.axes[0].get_yscale() == scale
-
-
-def test_why_a_condition_has_no_intervals() -> None:
-    said = texts_of(draw.condition([retrieval_method("a", 0, queries=6)], HIT, "weather"))
-    assert "no intervals: each group has fewer than 5 queries" in said
-    said = texts_of(draw.condition([retrieval_method("a", 0)], HIT, "weather"))
-    assert "whiskers: 95 % intervals, Wilson over queries within each group" in said
-
-
-def test_marks_that_meet_take_turns() -> None:
-    rows = np.array([[50.0, 50.0, 50.0], [51.0, 51.0, NAN], [10.0, NAN, NAN]])
-    wanted = [[True, False, True], [False, True, False], [True, False, False]]
-    np.testing.assert_array_equal(take_turns(rows, 2.0), wanted)
-    assert take_turns(rows, 0.5)[:2, :2].all()
-
-
-def test_of_many_scenes_in_a_narrow_picture_some_are_named() -> None:
-    scenes = [f"s{n}" for n in range(40)]
-    figure = draw_heat_map(["a"], scenes, np.full((1, 40), 0.5), HIT, Sheet(3.3))
-    named = [x.get_text() for x in figure.axes[0].get_xticklabels() if x.get_visible()]
-    assert named[:2] == ["s0", "s2"]
-    assert "one scene of 2 is named, of 40" in texts_of(figure)
-
-
 @pytest.mark.slow
 def test_many_hostile_long_and_narrow() -> None:
     names = [HOSTILE, "_x", *(f"a method with a name of its own, {n}" for n in range(18))]
@@ -233,25 +150,6 @@ def test_many_hostile_long_and_narrow() -> None:
             check_room(figure)
             assert len(figure_bytes(figure, "png")) > 4000
             assert figure.get_figheight() < 16
-
-
-def test_places_are_round_numbers_whatever_the_solver_of_the_layout_finds() -> None:
-    values = np.array([[0.5, INF]])
-    for figure in (
-        draw_by_condition(["a"], values, ["x", "y"], [1, 1], ERROR, ""),
-        draw_heat_map(["a"], ["x", "y"], values, ERROR),
-    ):
-        figure_bytes(figure, "svg")
-        for axes in figure.axes:
-            bounds = np.array(axes.get_position(original=True).bounds)
-            np.testing.assert_allclose(bounds, np.round(bounds, 5), atol=1e-12)
-
-
-def test_labels_that_leave_no_room_are_refused() -> None:
-    names = ["a method with a rather long name"]
-    figure = draw_heat_map(names, ["x"], np.array([[0.5]]), ERROR, Sheet(0.9))
-    with pytest.raises(UsageError, match="too little"):
-        check_room(figure)
 
 
 HIT_OF_RECONSTRUCTION = next(

@@ -8,13 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.report.sections import read_sections
-from airzoo_bench.results.records import Scored, read_scored
-from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
-from tests.matching.world import make_world
 from tests.report.made import (
     Page,
     made_page,
@@ -25,8 +20,6 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
-from tests.statistics.support import write_method
-from tests.support import run_main, write_raster
 
 
 @pytest.fixture(scope="module")
@@ -93,38 +86,6 @@ def positives(data: Path) -> dict[str, set[str]]:
     }
 
 
-def test_records_from_before_show_the_first_tile_that_they_have(
-    photos: tuple[Path, list[Path]], tmp_path: Path
-) -> None:
-    data, results = photos
-    new, old = read_scored(results)
-    names = [f"tile@{rank}" for rank in range(1, 6)]
-    records = old.records.drop(columns=[*names[1:], "ranked"]).rename(
-        columns={"tile@1": "first_tile"}
-    )
-    path = write_method(tmp_path / "old", Scored("old", old.result, records))
-    page = made_page(tmp_path, results[0], path, "--data", data, "--pictures", 1)
-    found = page.sections[0]["maps"][0]
-    tiles, codes = page.unpack(found["tiles"]), page.unpack(found["ranked"]).reshape(5, 2, -1)
-    assert [tiles[code] for code in codes[0, 1]] == old.records["tile@1"].tolist()
-    assert (codes[1:, 1] == len(tiles)).all()
-    assert [tiles[code] for code in codes[4, 0]] == new.records["tile@5"].tolist()
-    names_shown = [condition["name"] for condition in page.sections[0]["queries"]["conditions"]]
-    assert not {"first_tile", "ranked", *names} & set(names_shown)
-
-
-def test_tiles_of_very_many_lists_are_of_fewer_ranks_and_the_page_says_so(
-    photos: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    data, results = photos
-    for most, ranks in ((2 * 30 * 5, 5), (2 * 30 * 5 - 1, 4), (2 * 30, 1), (2 * 30 - 1, 0)):
-        monkeypatch.setattr("airzoo_bench.report.sections._MOST_TILES", most)
-        part = made_page(tmp_path, *results, "--data", data, "--pictures", 1).sections[0]
-        assert part["maps"][0].get("ranks", 0) == ranks
-        assert len(part["hardest"][0]["tiles"]) == ranks
-        assert ("too many queries and methods" in part["tilesLeftOut"]) == (ranks < 5)
-
-
 def test_pictures_that_do_not_fit_are_left_out_with_a_note(
     photos: tuple[Path, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,39 +123,6 @@ def test_a_folder_that_was_named_must_be_the_right_one(
         assert not (tmp_path / "r.html").exists()
 
 
-def test_damaged_footprints_are_told_and_other_rules_have_no_outlines(tmp_path: Path) -> None:
-    world = make_world(tmp_path / "world")
-    poses = world.write(tmp_path / "m.npz", world.poses())
-    ask = ("eval", "matching", poses, "--data", world.root, "--out", tmp_path / "out")
-    assert run_main(*ask) == 0
-    file = Benchmark.open(world.folder).file
-    [home] = (world.folder / "scenes").iterdir()
-    (home / "retrieval").mkdir()
-    table = home / "retrieval" / "footprints.csv"
-    corners = dict.fromkeys(ANCHOR_COLUMNS, 7.0)
-    whole = pd.DataFrame({"id": world.ids, **corners})
-    made: list[tuple[pd.DataFrame, bool]] = [
-        (whole, True),
-        (whole[["id"]].assign(lon=7.0), True),
-        (whole.drop(columns=ANCHOR_COLUMNS[3]), False),
-        (pd.concat([whole, whole[:1]]), False),
-        (whole.astype({ANCHOR_COLUMNS[0]: object}).assign(**{ANCHOR_COLUMNS[0]: "x"}), False),
-    ]
-    for number, (written, fine) in enumerate(made):
-        written.to_csv(table, index=False)
-        write_benchmark_file(world.folder, file)
-        out = tmp_path / f"{number}.html"
-        done = run("report", tmp_path / "out" / "result.json", "--data", world.root, "-o", out)
-        if fine:
-            assert done.exit_code == 0, done.exception
-            [found] = Page(out).sections[0]["maps"]
-            outlines = Page(out).unpack(found["outlines"])
-            assert (outlines == found["nowhere"]).all() == (number == 1)
-        else:
-            assert isinstance(done.exception, BenchmarkError), number
-            assert "footprints.csv: " in str(done.exception)
-
-
 def test_a_photo_that_is_gone_is_left_out(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
     data, results = photos
     folder = data.parent / "sources" / "photos"
@@ -205,20 +133,3 @@ def test_a_photo_that_is_gone_is_left_out(photos: tuple[Path, list[Path]], tmp_p
         folder.with_name("moved").rename(folder)
     titles = {p["title"] for one in page.sections[0]["hardest"] for p in one["pictures"]}
     assert titles == {"the place on the map"}
-
-
-def test_a_map_without_colours_is_left_out(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
-    data, results = photos
-    dom = data.parent / "sources" / "dom.tif"
-    moved = dom.rename(dom.with_name("moved.tif"))
-    write_raster(dom, np.zeros((3, 256, 256), np.float32))
-    try:
-        done = run("report", *results, "--data", data, "-o", tmp_path / "r.html")
-    finally:
-        moved.rename(dom)
-    assert done.exit_code == 0, done.exception
-    assert "no map of scene" in done.stderr
-    part = Page(tmp_path / "r.html").sections[0]
-    assert part["maps"] == []
-    assert {p["title"] for one in part["hardest"] for p in one["pictures"]} == {"photo"}
-    assert not any(one["tiles"] for one in part["hardest"])

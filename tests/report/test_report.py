@@ -23,7 +23,6 @@ from airzoo_bench.results.result import score_columns
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from tests.report.made import (
-    Page,
     made_page,
     of_benchmark,
     reconstruction_method,
@@ -31,7 +30,7 @@ from tests.report.made import (
     run,
     write_methods,
 )
-from tests.statistics.support import ERROR, HIT, made_result, write_method
+from tests.statistics.support import ERROR, HIT, made_result
 
 
 def test_numbers_are_those_of_results_and_records(tmp_path: Path) -> None:
@@ -162,28 +161,10 @@ def test_one_scene_has_no_intervals_and_no_average_over_scenes(tmp_path: Path) -
     assert part["figures"][0]["title"] == "f1@1m [%], scene Scene0"
 
 
-def test_without_the_number_of_ranks_the_picture_of_recall_is_left_out(tmp_path: Path) -> None:
-    made = retrieval_method("a", 0)
-    method = Scored("a", made_result(made.records, (HIT, ERROR)), made.records)
-    done = run("report", *write_methods(tmp_path, [method]), "-o", tmp_path / "r.html")
-    assert done.exit_code == 0, done.exception
-    assert "no picture of recall over K for made: the protocol's settings do not say" in done.stderr
-    titles = [figure["title"] for figure in Page(tmp_path / "r.html").sections[0]["figures"]]
-    assert not any(title.startswith("Recall") for title in titles)
-    assert any(title.startswith("Share of queries below") for title in titles)
-
-
 def test_methods_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
     paths = write_methods(tmp_path, [retrieval_method("a", 1), retrieval_method("a", 0)])
     names = [section.name for section in read_sections(paths)[0].methods]
     assert names == ["a (retrieval0)", "a (retrieval1)"]
-
-
-def test_paths_of_which_one_is_no_end_stand_whole(tmp_path: Path) -> None:
-    first = write_method(tmp_path / "x", retrieval_method("a", 1))
-    second = write_method(tmp_path / "x" / "y", retrieval_method("a", 0))
-    names = [method.name for method in read_sections([first, second])[0].methods]
-    assert names == [f"a ({first})", f"a ({second})"]
 
 
 def test_notes_stand_once_with_the_methods_that_have_them(tmp_path: Path) -> None:

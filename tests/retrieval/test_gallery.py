@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Transformer
 from rasterio.transform import Affine
-from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.frames import unwrapped
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts, valid_shares
+from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
@@ -216,49 +214,6 @@ def test_shares_of_valid_pixels_are_counted_exactly(
     ]
     np.testing.assert_array_equal(tiles["valid_share"], expected)
     assert (tiles["valid_share"] == 0).sum() == 3
-
-
-@pytest.mark.parametrize(
-    "profile",
-    [
-        {"nodata": 7, "count": 3, "interleave": "pixel"},
-        {"nodata": 7, "count": 3, "interleave": "band"},
-        {"nodata": 0, "count": 3, "photometric": "rgb"},
-        {"count": 4, "photometric": "rgb", "alpha": "yes"},
-        {"count": 3},
-    ],
-)
-def test_blocks_that_are_not_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, profile: dict[str, Any]
-) -> None:
-    """Three blocks of a sparse map are stored; the others count as GDAL reads them."""
-    monkeypatch.setattr("airzoo_bench.retrieval.gallery._SIDE_PX", 32)
-    path, random = tmp_path / "sparse.tif", np.random.default_rng(0)
-    transform = Affine(1e-5, 0, 115, 0, -1e-5, 30)
-    tiled = {
-        "driver": "GTiff",
-        "tiled": True,
-        "blockxsize": 16,
-        "blockysize": 16,
-        "sparse_ok": True,
-    }
-    grid = {"width": 150, "height": 100, "dtype": "uint8", "crs": "EPSG:4326"}
-    with rasterio.open(path, "w", transform=transform, **tiled, **grid, **profile) as raster:
-        for column, row in ((0, 0), (48, 32), (144, 96)):
-            width, height = min(16, 150 - column), min(16, 100 - row)
-            window = Window(column, row, width, height)
-            shape = (height, width)
-            raster.write(random.integers(1, 255, shape, dtype=np.uint8), 2, window=window)
-    with rasterio.open(path) as raster:
-        mask = raster.dataset_mask() > 0
-    windows = np.array([[0, 0, 150, 100], [10, 10, 70, 60], [140, 90, 150, 100], [80, 0, 100, 20]])
-    expected = [mask[top:bottom, left:right].mean() for left, top, right, bottom in windows]
-    np.testing.assert_allclose(valid_shares(path, windows), expected, atol=0, rtol=1e-12)
-
-
-def test_black_without_a_tag_is_a_picture(tmp_path: Path) -> None:
-    path = masked_map(tmp_path / "m.tif", np.zeros((100, 150), bool), "untagged")
-    assert valid_shares(path, np.array([[0, 0, 150, 100]])).tolist() == [1.0]
 
 
 @given(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.retrieval.chance import chance_scores
@@ -156,25 +154,6 @@ def test_a_template_gives_no_reason_for_notes(data: Path, tmp_path: Path) -> Non
     assert both(tmp_path / "t.npz", data) == []
 
 
-def test_a_mistyped_tile_is_named_beside_what_it_may_mean(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
-    for wrong, meant in (
-        ("east/t0007", "did you mean 'east/t00007'?"),
-        ("t00007", "put the scene before each tile: east/t00007"),
-    ):
-        ranked = [
-            [wrong if tile == "east/t00007" else tile for tile in row]
-            for row in perfect["ranked_ids"]
-        ]
-        path = write_predictions(
-            tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=ranked
-        )
-        for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
-            assert run_main(*command, path, "--data", data) == code
-            assert meant in capsys.readouterr().err
-
-
 def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     data: Path, tmp_path: Path, scenes: list[MadeScene]
 ) -> None:
@@ -184,54 +163,6 @@ def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     notes = both(path, data)
     assert has(notes, "10 queries depend on ties")
     assert has(notes, "10 queries give all tiles the same score")
-
-
-@pytest.mark.parametrize("value", [np.nan, 1e200, 0.0])
-def test_bad_gallery_rows_have_one_name_in_eval_and_check(
-    data: Path, tmp_path: Path, scenes: list[MadeScene], value: float
-) -> None:
-    # The file is in another order than the scene's tiles.
-    arrays = random_descriptors(scenes)
-    order = np.random.default_rng(1).permutation(20)
-    arrays["gallery_ids"] = [arrays["gallery_ids"][i] for i in order]
-    arrays["gallery_descriptors"] = arrays["gallery_descriptors"][order]
-    row = arrays["gallery_ids"].index("east/t00007")
-    arrays["gallery_descriptors"][row] = value
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
-    if value == 0:  # ranked by L2, where zero is a descriptor like others
-        assert both(path, data) == []
-        return
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        with pytest.raises(PredictionError, match=r"field 'gallery_descriptors'.*east/t00007"):
-            evaluated(path, data)
-        (fault,) = check(path, data=data).errors
-    assert "east/t00007" in str(fault)
-    assert "field 'gallery_descriptors'" in str(fault)
-
-
-@pytest.mark.parametrize("scale", [1e-300, 1e-40, 1e17, 9e17, 1e38, 1e200])
-@pytest.mark.parametrize("metric", ["l2", "cosine", "inner_product"])
-def test_no_warning_of_numpy_reaches_the_user(
-    data: Path, tmp_path: Path, scenes: list[MadeScene], scale: float, metric: str
-) -> None:
-    import tomli_w
-
-    from airzoo_bench.protocol.lookup import find_protocol
-
-    chosen = find_protocol("made-retrieval", data)
-    values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
-    values["scores"]["descriptor_metric"] = metric
-    values["name"] = "other-retrieval"
-    own = tmp_path / "own.toml"
-    own.write_text(tomli_w.dumps(values))
-    arrays = random_descriptors(scenes)
-    for field in ("query_descriptors", "gallery_descriptors"):
-        arrays[field] = arrays[field] * scale
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert run_main("eval", "retrieval", path, "--protocol", own, "--data", data) in (0, 2)
 
 
 def test_scores_that_turn_between_scenes_are_refused_by_both(

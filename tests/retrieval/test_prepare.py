@@ -253,29 +253,6 @@ def test_a_scene_without_any_query_is_named(tmp_path: Path) -> None:
         read_truth(tmp_path / "s", "s")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"lon_min": -179.9, "lon_max": 179.9},
-        {"lon_min": 10.0, "lon_max": 9.0},
-        {"lat_min": 1.0, "lat_max": 0.0},
-        {"lat_min": -93.0, "lat_max": 0.0},
-        {"lon_max": np.nan},
-        {"size_m": 0.064},
-    ],
-)
-def test_stored_boxes_that_are_none_are_refused(tmp_path: Path, change: dict[str, float]) -> None:
-    found = built(inputs(tmp_path, scattered(), "+proj=tmerc +lon_0=12 +ellps=WGS84"))
-    for column, value in change.items():
-        found.truth.tiles.loc[3, column] = value
-    write_queries(tmp_path / "s", found.truth.queries)
-    write_truth(tmp_path / "s", found.truth, found.overlaps)
-    with pytest.raises(
-        BenchmarkError, match=r"row 4( is no box in degrees|: -93|: nothing|, .*column size_m)"
-    ):
-        read_truth(tmp_path / "s", "s")
-
-
 def test_the_sizes_of_tiles_belong_to_the_fingerprint(tmp_path: Path) -> None:
     # PDM divides by them.
     truth = built(inputs(tmp_path, scattered(), "+proj=tmerc +lon_0=12 +ellps=WGS84")).truth

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 from tests.storage.servers import Answer, Asked
 
@@ -17,7 +16,3 @@ def s3_refusal(status: int, code: str) -> Answer:
 
 def always(answer: Answer, method: str | None = None) -> Callable[[Asked, Answer], Answer]:
     return lambda asked, real: answer if method in (None, asked.method) else real
-
-
-def partial_files(mirrors: Path) -> list[Path]:
-    return list(mirrors.rglob("*.partial"))

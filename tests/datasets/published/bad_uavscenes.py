@@ -21,10 +21,6 @@ def _turned(entries: list[dict[str, Any]]) -> None:
         entry["T4x4"] = np.array(entry["T4x4"]).T.tolist()
 
 
-def _poses(source: Path) -> Path:
-    return source / "interval5_CAM_LIDAR/interval5_AMtown01/sampleinfos_interpolated.json"
-
-
 def _zipped(source: Path) -> None:
     shutil.rmtree(source / "interval5_CAM_LIDAR")
     (source / "interval5_CAM_LIDAR.zip.part").write_bytes(b"PK")

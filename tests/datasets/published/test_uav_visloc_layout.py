@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,6 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from airzoo_bench import load_benchmark
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.datasets.map_copies import copy_map
 from airzoo_bench.datasets.published.options import UavVisLocOptions
 from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
 from airzoo_bench.geometry.rasters import open_info
@@ -53,27 +51,6 @@ def test_four_tiles_make_one_map(root: Path) -> None:
         assert joined.read(1, window=((1805, 1806), (7, 8))).item() == 0
 
 
-def test_joined_map_elsewhere(root: Path, tmp_path: Path) -> None:
-    scene = read(root, "09", joined_maps=tmp_path / "joined")
-    assert scene.dom == tmp_path / "joined" / "satellite09.vrt"
-    assert not list(root.glob("09/*.vrt"))
-    with rasterio.open(scene.dom) as joined:
-        assert joined.read(1, window=((3990, 3991), (4990, 4991))).item() == 0
-
-
-def test_a_source_that_cannot_be_written_to(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
-    with pytest.raises(UserError, match="--joined-maps FOLDER"):
-        read(root, "09")
-    monkeypatch.undo()
-    written = read(root, "09").dom
-    assert written is not None
-    stamp = written.stat().st_mtime_ns
-    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
-    assert read(root, "09").dom == written
-    assert written.stat().st_mtime_ns == stamp
-
-
 def test_a_copy_needs_no_source(root: Path, tmp_path: Path) -> None:
     with rasterio.open(root / "09" / "satellite09_02-02.tif", "r+") as tile:
         tile.write(np.full((1, 1), 200, np.uint8), 3, window=((5, 6), (7, 8)))
@@ -85,16 +62,6 @@ def test_a_copy_needs_no_source(root: Path, tmp_path: Path) -> None:
         assert joined.read(3, window=((1805, 1806), (2607, 2608))).item() == 200
         assert joined.read(3, window=((5, 6), (7, 8))).item() == 0
     assert load_benchmark(out).scene("09").tiles()[0].image.shape == (1024, 1024, 3)
-
-
-def test_a_map_is_copied_with_its_world_file(tmp_path: Path) -> None:
-    source, target = tmp_path / "map.TIF", tmp_path / "copy" / "dom.tif"
-    target.parent.mkdir()
-    with pytest.warns(NotGeoreferencedWarning):
-        write_map(source, FLIGHTS["01"], (0, 0, 64, 32), transform=None)
-    source.with_suffix(".tfw").write_text("1e-6\n0\n0\n-1e-6\n115.5\n29.5\n")
-    copy_map(source, target)
-    assert open_info(target).transform == open_info(source).transform
 
 
 FOLDER_FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
@@ -222,24 +189,6 @@ def test_a_map_without_georeference_is_placed_by_the_range_table(root: Path, fli
         read(root, flight)
 
 
-def test_bounds_are_compared_with_the_range_table(root: Path) -> None:
-    table = root / "satellite_ coordinates_range.csv"
-    rewrite(table, f"{29.77:.9f}", f"{29.77 + 3 * PIXEL_DEG:.9f}")
-    (note,) = read(root, "01").notes
-    assert note.startswith(
-        "flight 01: the bounds of satellite01.tif are up to 3.0 pixels off those of the"
-    )
-    rewrite(table, "satellite01.tif", "satellite02.tif")
-    assert (
-        read(root, "01")
-        .notes[0]
-        .startswith("flight 01: satellite_ coordinates_range.csv has no row")
-    )
-    table.rename(root / "satellite_coordinates_range.csv")
-    rewrite(root / "satellite_coordinates_range.csv", "satellite07.tif", "07.tif")
-    assert len(read(root, "07").notes) == 1
-
-
 @pytest.mark.parametrize("made", ["empty", "several", "file"])
 def test_no_flights(root: Path, tmp_path: Path, made: str) -> None:
     source = tmp_path / made
@@ -274,18 +223,3 @@ def test_a_broken_flight_leaves_nothing(
     assert run_main("prepare", "uav-visloc", "--source", root, "--out", out) == 2
     assert capsys.readouterr().err.count("fix:") == 1
     assert not (tmp_path / "data").exists()
-
-
-def test_a_second_run_and_a_broken_flight(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The virtual map that the first run wrote next to the tiles is no change of the source."""
-    (root / "07" / "07.csv").unlink()
-    arguments = ("--source", root, "--out", tmp_path / "made")
-    run_main("prepare", "uav-visloc", *arguments, "--keep-going")
-    made = load_benchmark(tmp_path / "made")
-    assert [scene.id for scene in made.scenes] == ["01", "09"]
-    assert "lacks 07.csv" in capsys.readouterr().err
-    chosen = ("--scene", "01", "--scene", "09")
-    assert run_main("prepare", "uav-visloc", *arguments, *chosen) == 0
-    assert "nothing to do" in capsys.readouterr().err

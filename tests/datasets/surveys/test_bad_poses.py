@@ -97,27 +97,7 @@ def gon(made: Made) -> list[object]:
 
 
 WRONG: dict[str, tuple[Callable[[Made], list[object]], list[str]]] = {
-    "no table": (
-        header('"' + "x" * 200_000),
-        ["poses.csv: not a table: field larger than field limit"],
-    ),
     "gon unsaid": (gon, ["look like gon", "at most 360"]),
-    "gon said": (
-        header(GIMBAL.replace("GimbalYawDegree", "GimbalYaw (gon)")),
-        ["columns in other units: 'GimbalYaw (gon)'"],
-    ),
-    "fisheye said": (
-        lambda made: with_column(gimbal_table(made), "Camera Model", "opencv_fisheye"),
-        ["column 'Camera Model'", "opencv_fisheye"],
-    ),
-    "feet said": (
-        header(GIMBAL.replace("altitude", "Altitude [US ft]")),
-        ["columns in other units: 'Altitude [US ft]'", "lengths in metres"],
-    ),
-    "radians said": (
-        header(GIMBAL.replace("GimbalYawDegree", "GimbalYaw (rad)")),
-        ["say that they are in radians", "--angle-unit radians"],
-    ),
     "radians unsaid": (radians, ["look like radians", "--angle-unit radians"]),
     "which angles": (plain_angles, ["what yaw, pitch and roll mean", "pitch is -85 in the median"]),
     "another convention": (

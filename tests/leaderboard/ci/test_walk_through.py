@@ -10,8 +10,6 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.leaderboard.ci import merging
-from airzoo_bench.leaderboard.ci.git import BoardError
 from tests.leaderboard.ci.repositories import git
 from tests.leaderboard.ci.walk import ADA, BOARD, BOB, MAINTAINER, Board, submit, worse
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
@@ -191,25 +189,6 @@ def test_what_is_no_submission_is_named_and_skipped(
 
 
 @pytest.mark.slow
-def test_names_that_differ_in_case_never_both_stand(
-    board: Board, perfect: dict[str, list[Any]]
-) -> None:
-    """Two pull requests were both sound when they were looked at: the first to be scored stays."""
-    heads = {}
-    for number, (folder, arrays) in enumerate((("qux", perfect), ("Qux", worse(perfect))), start=1):
-        fork = board.clone(f"fork{number}")
-        submit(board, fork, arrays, f"Method {number}", "--team", f"Lab {number}", folder=folder)
-        heads[number] = board.propose(fork, number)
-        assert "is refused" not in board.ci(number, heads[number], number)
-    board.merge(1, heads[1], 1)
-    first = board.rescore()
-    board.run("leaderboard", "ci", "record", first, "--remote", board.hosted.folder)
-    board.merge(2, heads[2], 2)
-    data = board.rescore(code=1, said="differs from the folder qux of the board only in case")
-    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["qux"]
-
-
-@pytest.mark.slow
 def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -> None:
     """Every two of a table are compared: clones would weaken what is found of all others."""
     (board.main / "leaderboard.toml").write_text(f"{BOARD}\n[limits]\nentries = 1\n")
@@ -226,45 +205,6 @@ def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -
     assert "this account has 1 submission in this table already" in refused
     assert "is refused" not in board.ci(2, head, BOB)
     assert "is refused" not in board.ci(2, head, MAINTAINER)
-
-
-def test_no_board_is_built_of_a_folder_that_is_not_there(
-    board: Board, perfect: dict[str, list[Any]]
-) -> None:
-    board.build()  # without a submission there is a folder, and nothing in it
-    site = board.home / "site"
-    submit(board, board.main, perfect, "Salad")
-    board.push_main("One")
-    above = board.rescore()
-    done = board.command("leaderboard", "build", "--runs", above, "--out", site)
-    assert f"--runs {above / 'runs'}" in str(done.exception)
-    done = board.command("leaderboard", "build", "--runs", board.home / "rnus", "--out", site)
-    assert "the board would lose all that were scored" in str(done.exception)
-    assert not site.exists()
-
-
-@pytest.mark.slow
-def test_run_that_breaks_off_has_read_all_older_runs(
-    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A board is built of what is there: rows must not depend on how far scoring came."""
-    submit(board, board.main, perfect, "Salad")
-    board.push_main("One")
-    board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
-    submit(board, board.main, worse(perfect), "Aaa")
-    board.push_main("Another, which comes first")
-
-    def broken(*_: Any, **__: Any) -> None:
-        raise BoardError("no space left")
-
-    monkeypatch.setattr(merging, "rescore", broken)
-    data = board.home / "broken"
-    done = board.command(
-        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
-        "--root", board.main,
-    )  # fmt: skip
-    assert isinstance(done.exception, BoardError)
-    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
 def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
