@@ -16,19 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.engines.engine import HERE, Engine, split
 from airzoo_bench.geometry.arrays import Bools, Ints
-from airzoo_bench.retrieval.candidate_search import Search
+from airzoo_bench.retrieval.candidates import most_kept
 from airzoo_bench.retrieval.descriptor_rows import Rows, rows_of
-from airzoo_bench.retrieval.descriptor_search import Candidates, Gallery, nearest
+from airzoo_bench.retrieval.descriptor_search import Candidates, Request, nearest
 from airzoo_bench.retrieval.pairs import Positives, offsets_of
-from airzoo_bench.retrieval.shard_search import Request
-from airzoo_bench.retrieval.similarity import Metric, Names, Queries
+from airzoo_bench.retrieval.similarity import Metric, Names, Queries, point_one_way
 from airzoo_bench.retrieval.ties import Ranking, break_ties, cut_at, without_constant
 
 __all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
 
 _LEAST_QUERIES = 64  # at a time, whatever the memory
+_SENT_QUERIES = 256  # at a time to another process
 _BYTES_OF_A_CANDIDATE = 64  # query, tile and value, and what sorting them takes
 
 
@@ -78,19 +78,27 @@ def rank_by_descriptors(
         queries[blank] = 1
     prepared = Queries.of(queries, metric, names)
     sought = min(max(k, depth), max(len(gallery), 1))
-    parts = _query_parts(prepared, sought, memory_bytes)
-    request = Request(prepared.part(parts[0]), sought, memory_bytes, jobs or os.cpu_count() or 1)
-    shards = Gallery.of(rows_of(gallery), len(request.queries), engine, tile_names)
-    if shards.points_one_way(request):
+    threads = jobs or os.cpu_count() or 1
+    whole = Request(
+        prepared, positives, rows_of(gallery), sought, memory_bytes, threads, tile_names
+    )
+    if point_one_way(whole.gallery, metric, max(1, whole.block // 8)):
         none = np.zeros(0, np.int64)
         constant = Candidates(none, none, none, np.zeros(0), np.arange(len(queries)))
         return _ordered(constant, positives, len(gallery), k, depth)
-    rankings = []
-    for part in parts:
-        some = positives.take(np.arange(part.start, part.stop))
-        asked = replace(request, queries=prepared.part(part))
-        found = nearest(shards, asked, some)
-        rankings.append(_ordered(found, some, len(gallery), k, depth))
+    step = max(_LEAST_QUERIES, memory_bytes // 2 // _bytes_of_a_query(prepared, sought))
+    step = min(step, _SENT_QUERIES) if engine.distributed else step
+    parts = [
+        (prepared.part(one), positives.take(np.arange(one.start, one.stop)))
+        for one in split(len(queries), step) or [slice(0, 0)]
+    ]
+    empty = prepared.part(slice(0)), positives.take(np.arange(0))
+    common = replace(whole, queries=empty[0], positives=empty[1]), k, depth
+    rankings = list(
+        engine.map(
+            _rank_part, parts, shared=common, stage="queries ranked", name=lambda _: "some queries"
+        )
+    )
     ranking = Ranking(
         np.concatenate([one.tiles for one in rankings]),
         np.concatenate([one.tie_dependent for one in rankings]),
@@ -101,12 +109,17 @@ def rank_by_descriptors(
     return without_constant(ranking, blank, positives, len(gallery))
 
 
-def _query_parts(queries: Queries, k: int, memory_bytes: int) -> list[slice]:
-    """Cut the queries into parts whose descriptors and candidates fit the memory of a task."""
-    one = 2 * queries.rows.shape[1] * (queries.rows.itemsize + queries.single.itemsize)
-    one += _BYTES_OF_A_CANDIDATE * Search.most(k)
-    n, step = len(queries), max(_LEAST_QUERIES, memory_bytes // 2 // one)
-    return [slice(start, min(start + step, n)) for start in range(0, max(1, n), step)]
+def _rank_part(common: tuple[Request, int, int], item: tuple[Queries, Positives]) -> Ranking:
+    request, k, depth = common
+    queries, positives = item
+    found = nearest(replace(request, queries=queries, positives=positives))
+    return _ordered(found, positives, len(request.gallery), k, depth)
+
+
+def _bytes_of_a_query(queries: Queries, k: int) -> int:
+    """Return what the descriptors and the candidates of a query take."""
+    numbers: int = 2 * queries.rows.shape[1] * (queries.rows.itemsize + queries.single.itemsize)
+    return numbers + _BYTES_OF_A_CANDIDATE * most_kept(k)
 
 
 def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, depth: int) -> Ranking:

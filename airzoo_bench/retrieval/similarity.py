@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.descriptor_rows import as_float32
+from airzoo_bench.retrieval.descriptor_rows import Rows, as_float32
 
 __all__ = [
     "Metric",
@@ -27,6 +27,7 @@ __all__ = [
     "finite_rows",
     "normalised",
     "norms_of",
+    "point_one_way",
     "refuse_unusable",
     "roundoff",
     "similarity",
@@ -229,3 +230,36 @@ def check_norms(
 ) -> None:
     """Refuse descriptors that cannot be ranked."""
     refuse_unusable(unusable(norms, finite, metric), len(norms), which, names)
+
+
+def point_one_way(rows: Rows, metric: Metric, step: int) -> bool:
+    """Tell whether all rows are one, or under cosine multiples of one as far as stored.
+
+    No ranking of such a gallery means anything.
+    """
+    if len(rows) < 2 or not rows.shape[1]:
+        return False
+    first = _deciding(rows.read(0, 1), metric)
+    for _, some in rows.blocks(step):
+        found = unusable(norms_of(some, as_float32(some)), np.isfinite, metric)
+        if len(found["wild"]) or len(found["zero"]):
+            return False
+        near = _storage_error(some, first) if metric == "cosine" else 0.0
+        if not (np.abs(_deciding(some, metric) - first) <= near).all():
+            return False
+    return True
+
+
+def _deciding(rows: NDArray[Any], metric: Metric) -> Floats:
+    """Return what of rows decides their order: their direction under cosine, else the rows."""
+    if metric != "cosine":
+        return rows.astype(np.float64)
+    with np.errstate(all="ignore"):  # what is not finite is near nothing, and refused elsewhere
+        return normalised(rows)
+
+
+def _storage_error(rows: NDArray[Any], direction: Floats) -> Floats:
+    """Bound how far storage may have turned rows (n, D) away from a direction (1, D)."""
+    stored = np.finfo(rows.dtype)
+    lost = float(stored.smallest_subnormal) / np.abs(rows).max(axis=1, keepdims=True)
+    return np.asarray(4 * float(stored.eps) * np.abs(direction) + 2 * lost.astype(np.float64))

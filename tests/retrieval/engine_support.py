@@ -15,7 +15,7 @@ from airzoo_bench.engines.engine import Engine
 
 @dataclass
 class Shuffled(Engine):
-    """Does tasks out of order, on pickled copies, and cuts into at most `most` elements.
+    """Does tasks out of order, on pickled copies.
 
     Parameters
     ----------
@@ -23,14 +23,9 @@ class Shuffled(Engine):
         Bytes of each item, and last of what is shared, of all calls.
     """
 
-    most: int
     seed: int = 0
     sent: list[int] = field(default_factory=list)
-    stages: list[str] = field(default_factory=list)
-
-    def cut(self, count: int, size: int) -> list[slice]:
-        step = min(self.most, size)
-        return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+    distributed = True
 
     def map(
         self,
@@ -44,7 +39,7 @@ class Shuffled(Engine):
         tasks = [pickle.dumps((work, item)) for item in items]
         assert all(name(item) for item in items)
         common = pickle.dumps(shared)
-        self.stages.append(stage)
+        assert stage
         self.sent += [*map(len, tasks), len(common)]
         order = list(range(len(tasks)))
         random.Random(self.seed).shuffle(order)

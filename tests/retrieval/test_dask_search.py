@@ -13,7 +13,7 @@ from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.scene_store import SceneStore
-from airzoo_bench.retrieval import descriptor_search
+from airzoo_bench.retrieval import ranking
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 SCENES = [MadeScene("a", [[0], [3, 4], [49]], 50), MadeScene("b", [[7], [8]], 31)]
@@ -41,7 +41,7 @@ def described(path: Path, gallery: np.ndarray | None = None) -> Path:
 def test_records_are_the_same_bytes(
     workers: int, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(descriptor_search, "_SHARD_BYTES", 1 << 9)  # 16 rows
+    monkeypatch.setattr(ranking, "_SENT_QUERIES", 2)
     path = described(tmp_path / "p.npz")
     expected = evaluate(path, data=data).records.to_csv()
     with local_cluster(workers, 1 << 30) as engine:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.retrieval import shard_search
+from airzoo_bench.retrieval import descriptor_search
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from airzoo_bench.retrieval.similarity import Queries
 from tests.retrieval.ranking_support import (
@@ -253,9 +253,9 @@ def test_result_does_not_rest_on_the_bound(metric, monkeypatch):
 
 def test_few_pairs_are_evaluated_in_float64(monkeypatch):
     pairs = []
-    plain = shard_search.similarity
+    plain = descriptor_search.similarity
     monkeypatch.setattr(
-        shard_search,
+        descriptor_search,
         "similarity",
         lambda q, g, metric: pairs.append(len(q)) or plain(q, g, metric),
     )
