@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import random
 import warnings
 import zipfile
 from pathlib import Path
@@ -236,3 +237,13 @@ def test_damaged_bytes_are_read_or_refused(
     path = tmp_path_factory.getbasetemp() / "damaged.npz"
     path.write_bytes(content)
     read_or_refused(path)
+
+
+def test_every_byte_may_be_wrong(tmp_path: Path) -> None:
+    path, dice = tmp_path / "x.npz", random.Random(7)
+    for content in ARCHIVES:
+        for place in range(len(content)):
+            damaged = bytearray(content)
+            damaged[place] ^= 1 << dice.randrange(8)
+            path.write_bytes(damaged)
+            read_or_refused(path)

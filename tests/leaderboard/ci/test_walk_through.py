@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from airzoo_bench.leaderboard.ci import merging
+from airzoo_bench.leaderboard.ci.git import BoardError
 from tests.leaderboard.ci.repositories import git
 from tests.leaderboard.ci.walk import ADA, BOARD, BOB, MAINTAINER, Board, submit, worse
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
@@ -205,6 +207,30 @@ def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -
     assert "this account has 1 submission in this table already" in refused
     assert "is refused" not in board.ci(2, head, BOB)
     assert "is refused" not in board.ci(2, head, MAINTAINER)
+
+
+@pytest.mark.slow
+def test_run_that_breaks_off_has_read_all_older_runs(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board is built of what is there: rows must not depend on how far scoring came."""
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    board.run("leaderboard", "ci", "record", board.rescore(), "--remote", board.hosted.folder)
+    submit(board, board.main, worse(perfect), "Aaa")
+    board.push_main("Another, which comes first")
+
+    def broken(*_: Any, **__: Any) -> None:
+        raise BoardError("no space left")
+
+    monkeypatch.setattr(merging, "rescore", broken)
+    data = board.home / "broken"
+    done = board.command(
+        "leaderboard", "ci", "rescore", "--remote", board.hosted.folder, "--out", data,
+        "--root", board.main,
+    )  # fmt: skip
+    assert isinstance(done.exception, BoardError)
+    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
 
 
 def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
