@@ -11,7 +11,7 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageErro
 from airzoo_bench.evaluation.parts import EvalOption, Resources
 from airzoo_bench.evaluation.track import Track
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
+from airzoo_bench.formats.clouds.formats import KINDS, SUFFIXES
 from airzoo_bench.reconstruction.baseline_settings import STRUCTURE_FROM_MOTION
 
 if TYPE_CHECKING:
