@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.reconstruction import scenes
@@ -26,7 +26,7 @@ from tests.reconstruction.world import ORIGIN, made_truth, protocol
 
 
 def score(predicted: Any, true: Any, used: ReconstructionProtocol) -> ScoredScene:
-    resources = Resources(memory_bytes=0)
+    resources = Run(memory_bytes=0)
     return score_geometry(predicted, None, made_truth("yard"), true, used, resources)
 
 

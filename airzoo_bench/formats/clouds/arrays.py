@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
-from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
+from airzoo_bench.formats.clouds.cloud import ArrayPieces, FileCloud, refusal
 from airzoo_bench.formats.npz import map_numbers
 
 __all__ = ["open_npy", "open_npz"]
@@ -33,7 +31,7 @@ def open_npz(path: Path, limit_bytes: int) -> FileCloud:
         stated = ", ".join(f"{len(column):,} of {name}" for name, column in columns.items())
         raise refusal(path, f"holds {stated}", expected="one confidence a point, named once")
     points = columns.pop("points")
-    read = partial(_slices, points, columns)
+    read = ArrayPieces(points, *columns.values())
     return FileCloud(path, "npz", len(points), read, points.dtype)
 
 
@@ -58,12 +56,5 @@ def open_npy(path: Path) -> FileCloud:
         )
     passed = rows.shape[1] - 3
     notes = (f"x y z from columns 1, 2, 3; {counted(passed, 'column')} passed over",)
-    read = partial(_slices, rows[:, :3], {})
+    read = ArrayPieces(rows[:, :3])
     return FileCloud(path, "npy", len(rows), read, rows.dtype, notes if passed else ())
-
-
-def _slices(points: NDArray[Any], others: dict[str, NDArray[Any]], size: int) -> Iterator[Cloud]:
-    for start in range(0, len(points), size):
-        part = slice(start, start + size)
-        columns = dict(zip("xyz", points[part].T, strict=True))
-        yield cloud_of_columns(columns | {name: one[part] for name, one in others.items()})

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 from airzoo_bench.core.registry import resolve
-from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
+from airzoo_bench.formats.clouds.cloud import FIX_COPY, ArrayPieces, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.formats.clouds.suffixes import KINDS, TEXT_SUFFIXES
 
-__all__ = ["KINDS", "SUFFIXES", "TEXT_SUFFIXES", "open_cloud"]
+__all__ = ["open_cloud"]
 
-TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _READERS = {
     ".ply": ("PLY", "ply:open_ply"),
     ".pcd": ("PCD", "pcd:open_pcd"),
@@ -28,10 +26,6 @@ _READERS = {
     ".gltf": ("glTF or JSON", "mesh_files:open_gltf"),
     ".glb": ("GLB", "mesh_files:open_gltf"),
 }
-SUFFIXES = tuple(_READERS)
-"""Endings of files that can be clouds or meshes."""
-KINDS = ", ".join(_READERS)
-"""The same, for people."""
 _HEAD_BYTES = 4096
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 # What the first bytes of a file look like; the first that fits is taken.
@@ -71,7 +65,7 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
     if isinstance(opened, FileCloud):
         return opened
     if not len(opened.faces):
-        kind, read = opened.kind.replace("mesh", "points"), partial(_slices, opened.vertices)
+        kind, read = opened.kind.replace("mesh", "points"), ArrayPieces(opened.vertices)
         count = len(opened.vertices)
         return FileCloud(path, kind, count, read, opened.precision, opened.notes)
     if sampling is None:
@@ -82,11 +76,6 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
             fix="sample the mesh and give the points",
         )
     return sampled(opened, sampling)
-
-
-def _slices(vertices: Floats, points: int) -> Iterator[Cloud]:
-    for start in range(0, len(vertices), points):
-        yield Cloud(vertices[start : start + points])
 
 
 def _reader(path: Path) -> partial[FileCloud | Mesh]:
