@@ -12,7 +12,7 @@ import numpy as np
 
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.reconstruction.alignment.camera_sets import (
     LEAST_CAMERAS,
     PosedCameras,
