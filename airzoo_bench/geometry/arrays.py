@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, first_of
 
-__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "multiply", "refuse_cameras", "transposed"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

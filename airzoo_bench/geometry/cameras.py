@@ -27,16 +27,6 @@ from numpy.typing import ArrayLike
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, refuse_cameras
 
-__all__ = [
-    "Cameras",
-    "anchor_pixels",
-    "back_project",
-    "distort",
-    "in_range",
-    "project",
-    "undistort",
-]
-
 # Entries of K that should be 0 or 1 may be off by this much: far below any effect on a pixel.
 _K_TOLERANCE = 1e-9
 # Beyond these no camera is, and squares of rays overflow.

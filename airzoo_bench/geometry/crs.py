@@ -20,26 +20,6 @@ from pyproj.exceptions import CRSError
 from airzoo_bench.core.errors import CameraError, RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = [
-    "LOCAL_CRS",
-    "LONLAT_CRS",
-    "change_of_plane",
-    "check_same_crs",
-    "check_true_metres",
-    "describe_crs",
-    "ecef_to_geodetic",
-    "enu_axes",
-    "from_lonlat",
-    "geodesic_distance_m",
-    "geodetic_to_ecef",
-    "grid_convergence_deg",
-    "horizontal_crs",
-    "same_plane",
-    "scale_error",
-    "to_lonlat",
-    "unwrapped",
-]
-
 LOCAL_CRS = "local"
 """Names a frame in metres, z up, that has no place on the earth."""
 LONLAT_CRS = "EPSG:4326"

@@ -7,10 +7,10 @@ From the outermost pixel centres to the raster's border it is level.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -32,22 +32,6 @@ from airzoo_bench.geometry.rasters import (
 )
 from airzoo_bench.geometry.vertical import height_unit_m
 
-__all__ = [
-    "CORNERS",
-    "HeightField",
-    "HeightSurvey",
-    "Heights",
-    "blocked_heights",
-    "height_type",
-    "median_height",
-    "metres_of",
-    "read_heights",
-    "read_metres",
-    "small_cache",
-    "survey_heights",
-    "window_shape",
-]
-
 Heights = NDArray[np.float32] | NDArray[np.float64]
 
 # Column and row of the four neighbours, relative to the first.
@@ -63,7 +47,7 @@ _NARROW = ("float32", "int8", "int16", "uint8", "uint16")
 _NEAR_NODATA = 1e-5
 # Blocks of a raster larger than memory: pixels a side, how many are kept, pixels of a scan.
 _SIDE = 256
-_SLOTS = 1024
+_BLOCKS = 1024
 _SCAN_PIXELS = 1 << 20
 _CACHE_BYTES = 64 << 20
 _DIGIT_BITS = 16
@@ -391,63 +375,43 @@ def blocked_heights(path: str | Path) -> Iterator[HeightField]:
     """Open a raster's first band as a height field that reads blocks when they are asked for."""
     info = open_info(path)
     with small_cache(), opened(path) as dataset:
-        blocks = _Blocks(dataset)
-        nothing = np.broadcast_to(blocks.dtype.type(np.nan), (info.height, info.width))
-        yield _BlockedHeightField(nothing, info.transform, info.crs, blocks)
+        dtype = read_metres(dataset, Window(0, 0, 1, 1)).dtype
+        nothing = np.broadcast_to(dtype.type(np.nan), (info.height, info.width))
+        yield _BlockedHeightField(nothing, info.transform, info.crs, dataset)
 
 
 @dataclass(frozen=True, eq=False)
 class _BlockedHeightField(HeightField):
     """A height field whose `heights` have a shape only."""
 
-    blocks: _Blocks
+    dataset: Any
 
     @cached_property
     def height_range(self) -> tuple[float, float]:
-        return self.blocks.height_range()
-
-    def heights_at(self, column: Ints, row: Ints) -> Floats:
-        picked = np.empty(column.shape)
-        flat, columns, rows = picked.reshape(-1), column.reshape(-1), row.reshape(-1)
-        for start in range(0, flat.size, _SLOTS):
-            part = slice(start, start + _SLOTS)
-            flat[part] = self.blocks.take(columns[part], rows[part])
-        return picked
-
-
-class _Blocks:
-    """Square blocks of a raster, kept in slots until these are used up."""
-
-    def __init__(self, dataset: Any) -> None:
-        self._dataset = dataset
-        self._across = -(-dataset.width // _SIDE)
-        self._slot = np.full(self._across * -(-dataset.height // _SIDE), -1)
-        self._used = 0
-        self.dtype: np.dtype[Any] = read_metres(dataset, Window(0, 0, 1, 1)).dtype
-        self._heights = np.empty((_SLOTS, _SIDE, _SIDE), self.dtype)
-
-    def take(self, column: Ints, row: Ints) -> NDArray[Any]:
-        """Return heights (P,) of at most _SLOTS pixels."""
-        block = row // _SIDE * self._across + column // _SIDE
-        missing = np.unique(block[self._slot[block] < 0])
-        if self._used + missing.size > _SLOTS:
-            self._slot[:] = -1
-            self._used = 0
-            missing = np.unique(block)
-        for one in missing.tolist():
-            down, across = divmod(one, self._across)
-            window = _clipped(self._dataset, across * _SIDE, down * _SIDE, _SIDE, _SIDE)
-            heights = read_metres(self._dataset, window)
-            self._heights[self._used, : heights.shape[0], : heights.shape[1]] = heights
-            self._slot[one] = self._used
-            self._used += 1
-        picked: NDArray[Any] = self._heights[self._slot[block], row % _SIDE, column % _SIDE]
-        return picked
-
-    def height_range(self) -> tuple[float, float]:
         low = high = np.nan
-        for window in _windows(self._dataset):
-            heights = read_metres(self._dataset, window)
+        for window in _windows(self.dataset):
+            heights = read_metres(self.dataset, window)
             low = np.fmin(low, np.fmin.reduce(heights, axis=None))
             high = np.fmax(high, np.fmax.reduce(heights, axis=None))
         return float(low), float(high)
+
+    def heights_at(self, column: Ints, row: Ints) -> Floats:
+        picked = np.empty(column.shape)
+        across = self.heights.shape[1] // _SIDE + 1
+        blocks, which = np.unique(row // _SIDE * across + column // _SIDE, return_inverse=True)
+        order = np.argsort(which, axis=None, kind="stable")
+        ends = np.cumsum(np.bincount(which.ravel(), minlength=len(blocks)))
+        for block, points in zip(blocks.tolist(), np.split(order, ends)[:-1], strict=True):
+            heights = self._block(*divmod(block, across))
+            inside = row.flat[points] % _SIDE, column.flat[points] % _SIDE
+            picked.flat[points] = heights[inside]
+        return picked
+
+    @cached_property
+    def _block(self) -> Callable[[int, int], Heights]:
+        @lru_cache(maxsize=_BLOCKS)
+        def read(down: int, across: int) -> Heights:
+            window = _clipped(self.dataset, across * _SIDE, down * _SIDE, _SIDE, _SIDE)
+            return read_metres(self.dataset, window)
+
+        return read

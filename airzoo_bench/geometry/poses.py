@@ -26,22 +26,6 @@ from airzoo_bench.geometry.arrays import (
 )
 from airzoo_bench.geometry.cameras import Cameras, back_project
 
-__all__ = [
-    "FARTHEST",
-    "Poses",
-    "angles_to_rotations",
-    "camera_to_world",
-    "check_rotations",
-    "depth_to_points",
-    "matrix_to_quaternion",
-    "quaternion_to_matrix",
-    "rays_to_world",
-    "rotation_angle_deg",
-    "rotations_to_angles",
-    "unit_quaternion_to_matrix",
-    "world_to_camera",
-]
-
 # Steps of poses in a truth: quaternions to 1e-9, centres to 0.1 mm.
 _QUATERNION_DECIMALS = 9
 _CENTRE_DECIMALS = 4

@@ -18,15 +18,6 @@ import numpy as np
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import matrix_to_quaternion
 
-__all__ = [
-    "COARSEST_M",
-    "centre_errors_m",
-    "narrow_type",
-    "pose_errors_m",
-    "rounding_errors",
-    "was_rounded_to",
-]
-
 COARSEST_M = 0.01
 """The digits of an answer may move its camera by this much."""
 

@@ -17,8 +17,6 @@ from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.rasters import opened
 from airzoo_bench.storage.rasters import pointed, pointed_sha256, pointer_at
 
-__all__ = ["place_source", "raster_files", "raster_sha256", "source_elements", "source_of"]
-
 # What GDAL lists next to a raster, and whose content shows in what the raster says of itself.
 _SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")
 _WITHOUT_SIDE_FILES = {

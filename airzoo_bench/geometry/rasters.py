@@ -32,20 +32,9 @@ from airzoo_bench.geometry.crs import (
     geodesic_distance_m,
     horizontal_crs,
     to_lonlat,
+    unwrapped,
 )
 from airzoo_bench.storage.rasters import pointed, pointer_at
-
-__all__ = [
-    "RasterInfo",
-    "gsd_m",
-    "open_info",
-    "opened",
-    "pixel_to_world",
-    "read_rgb",
-    "to_map_pixels",
-    "world_to_pixel",
-    "world_to_pixel_steps",
-]
 
 # What an environment may have set otherwise, and no checksum shows: where the pixels of a GeoTIFF
 # lie, and whether damaged ones are zeros.
@@ -136,32 +125,19 @@ def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
 def to_map_pixels(source: Any, raster: RasterInfo) -> Callable[[Floats], Floats]:
     """Return a function that takes coordinates (..., 2) of a CRS to pixels of a raster.
 
-    Where the raster's CRS goes round the earth (degrees, upright cylinders such as Mercator's),
-    places lie on it by the turn that is nearest to its middle: PROJ gives longitudes from -180 to
-    180, and a map may go from 179.9 to 180.1.
+    Longitudes take the turn that is nearest to the middle of a raster in degrees: PROJ gives them
+    from -180 to 180, and a map may go from 179.9 to 180.1.
     """
-    change, turn = change_of_plane(source, raster.crs), _turn(raster.crs)
-    middle = pixel_to_world(raster.transform, (raster.width / 2.0, raster.height / 2.0))[0]
+    change = change_of_plane(source, raster.crs)
+    middle = pixel_to_world(raster.transform, (raster.width / 2.0, raster.height / 2.0))
 
     def pixels(xy: Floats) -> Floats:
         world = change(xy)
-        if turn:
-            away = turn * np.round((middle - world[..., 0]) / turn)
-            world = world + np.stack([away, np.zeros_like(away)], axis=-1)
+        if raster.crs.is_geographic:
+            world = unwrapped(world, middle[0])
         return world_to_pixel(raster.transform, world)
 
     return pixels
-
-
-def _turn(crs: Any) -> float:
-    """Return by how much x grows once round the earth; 0 where a CRS does not go round it."""
-    plane = horizontal_crs(crs)
-    degrees = plane.geodetic_crs or plane
-    places = np.array([[(lon, lat) for lon in (0.0, 1.0, 2.0)] for lat in (0.0, 40.0)])
-    x = change_of_plane(degrees, plane)(places)[..., 0]
-    low, high = np.abs(np.diff(x, axis=1)).min(axis=1)  # one of the steps may be across its edge
-    around = round(2.0 * np.pi / degrees.axis_info[0].unit_conversion_factor, 9)
-    return around * float(low) if abs(low - high) <= 1e-9 * low else 0.0
 
 
 def gsd_m(info: RasterInfo) -> tuple[float, float]:

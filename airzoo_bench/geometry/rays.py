@@ -28,16 +28,6 @@ from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.heightfield import CORNERS, HeightField
 from airzoo_bench.geometry.rasters import pixel_to_world, world_to_pixel, world_to_pixel_steps
 
-__all__ = [
-    "HeightAt",
-    "RayHits",
-    "RayStatus",
-    "intersect_heightfield",
-    "intersect_plane",
-    "meet_missing",
-    "nearest_heights",
-]
-
 HeightAt = Callable[[Floats], Floats]
 """Takes places (..., 2) to heights (...)."""
 

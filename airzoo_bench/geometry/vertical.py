@@ -23,8 +23,6 @@ from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs
 
-__all__ = ["changed_heights", "height_unit_m", "heights_crs", "stated_heights_crs", "vertical_m"]
-
 _WGS84 = CRS.from_epsg(4326)
 _MARGIN_DEG = 0.01
 _SAME_UNIT = 1e-6  # the two feet differ by 2e-6: they are different units
@@ -161,7 +159,7 @@ def changed_heights(
 
 
 @lru_cache(maxsize=64)
-def _operation(source: CRS, target: CRS, around: AreaOfInterest) -> tuple[Transformer | None, str]:
+def _operation(source: CRS, target: CRS, around: Any) -> tuple[Transformer | None, str]:
     """Return PROJ's best operation, or None and the first grid that it lacks."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Best transformation is not available", UserWarning)

@@ -128,17 +128,6 @@ def test_the_checksum_of_a_virtual_raster_is_the_same_wherever_it_stands(
     assert raster_sha256(halves / "one.vrt") != one
 
 
-@pytest.mark.parametrize("name", ["SourceFilename", "relativeToVRT", "SrcRect"])
-def test_names_are_read_in_either_case_as_gdal_does(halves: Path, name: str) -> None:
-    path = virtual(halves / "one.vrt", ("a.tif", 0))
-    path.write_text(path.read_text().replace(name, name.lower()))
-    before = raster_sha256(path)
-    with opened(path) as dataset:
-        assert dataset.read(1)[0, 0] == 1.0
-    (halves / "a.tif").write_bytes((halves / "b.tif").read_bytes())
-    assert raster_sha256(path) != before
-
-
 @pytest.mark.parametrize("outer", ["n.tif", "n.vrt"])
 @pytest.mark.parametrize("inner", ["in.tif", "in.vrt", "in"])
 def test_virtual_rasters_are_known_by_their_content(halves: Path, outer: str, inner: str) -> None:

@@ -15,7 +15,6 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
 from airzoo_bench.geometry.rasters import pixel_to_world
 from airzoo_bench.geometry.rays import (
     RayStatus,
-    first_in_cell,
     intersect_heightfield,
     intersect_plane,
     nearest_heights,
@@ -202,21 +201,6 @@ def test_a_wall_seen_obliquely() -> None:
     into = cast((0.5, 20.2, 10.019), (1, 0, -0.001), field)
     assert names(into.status) == ["HIT"]
     assert into.points[0, 0, 0] == pytest.approx(20.5, abs=2e-4)
-
-
-def test_no_crossing_is_lost_to_rounding_at_the_edge_of_a_cell() -> None:
-    rng = np.random.default_rng(0)
-    heights = rng.uniform(0, 10, (200_000, 4))
-    start, end = rng.uniform(0, 1, (2, 200_000, 2))
-    a, b = end.T
-    weights = np.stack(((1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b), axis=-1)
-    z = rng.uniform(10, 30, 200_000)
-    # Each ray leaves its cell on the surface, give or take the last digit.
-    drop = (weights * heights).sum(axis=-1) - z
-    share = first_in_cell(heights, start, end - start, z, drop)
-    # All but the odd ray along a tangent, where a digit of the height is half the digits of u.
-    assert np.isfinite(share).mean() > 0.999
-    assert (share[np.isfinite(share)] <= 1.0).all()
 
 
 def test_reasons_on_the_dsm() -> None:
