@@ -375,7 +375,7 @@ def blocked_heights(path: str | Path) -> Iterator[HeightField]:
     """Open a raster's first band as a height field that reads blocks when they are asked for."""
     info = open_info(path)
     with small_cache(), opened(path) as dataset:
-        dtype = read_metres(dataset, Window(0, 0, 1, 1)).dtype
+        dtype: Any = read_metres(dataset, Window(0, 0, 1, 1)).dtype
         nothing = np.broadcast_to(dtype.type(np.nan), (info.height, info.width))
         yield _BlockedHeightField(nothing, info.transform, info.crs, dataset)
 
