@@ -200,14 +200,14 @@ app.command("serve", epilog=SERVE_EXAMPLES)(serve)
 
 def _rules(root: Path, branch: str, data: str | None, max_memory: str, jobs: int) -> Rules:
     from airzoo_bench.core.sandbox import Limits, check_limits
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
     from airzoo_bench.leaderboard.scoring import Rules
 
     check_limits()
     memory = memory_bytes(max_memory)
-    resources = Resources(memory, jobs=jobs, limits=Limits(memory))
-    return Rules(read_board(root / BOARD_FILE), root, branch, resolve_data(data), resources, _say)
+    run = Run(memory, jobs=jobs, limits=Limits(memory))
+    return Rules(read_board(root / BOARD_FILE), root, branch, resolve_data(data), run, _say)
 
 
 def _check_empty(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -201,22 +200,22 @@ def _passes(
 ) -> bool:
     """Check a submission, score it where that can be done, print, and say whether it passes."""
     from airzoo_bench.core.errors import SubmissionError
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
     from airzoo_bench.leaderboard.checks import check_submission
     from airzoo_bench.leaderboard.rescoring import rescore
     from airzoo_bench.tables.layouts import scenes_table
 
-    resources = replace(Resources(memory, jobs), progress=progress)
+    run = Run(memory, jobs, progress)
     rules = read_board(root / BOARD_FILE)
     known = [*known_submissions(root)]
-    checked = check_submission(folder, rules, data, known=known, fetched=fetch, resources=resources)
+    checked = check_submission(folder, rules, data, known=known, fetched=fetch, run=run)
     errors, scored = [*checked.errors], ""
     hindrance = _hindrance(checked, rules, data) if score is not False and not errors else "no"
     for warning in checked.warnings:
         say(f"{folder}: {warning}")
     if not hindrance:
-        rescored = rescore(checked, data=data, resources=resources)
+        rescored = rescore(checked, data=data, run=run)
         show(scenes_table(rescored.evaluation.result), Format.TERMINAL)
         for line in rescored.lines:
             put(f"{printable(line)}\n")

@@ -28,7 +28,7 @@ from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
 from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.given import ReadBy
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Known, Limits, Place
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
 from airzoo_bench.leaderboard.names import alike, fault_of_file_name, skeleton
@@ -125,7 +125,7 @@ def check_submission(
     known: Sequence[Known] = (),
     fetched: bool = False,
     seconds: float | None = None,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
+    run: Run = Run(),  # noqa: B008 - frozen
 ) -> CheckedSubmission:
     """Find all errors of a submission that can be found without scoring it.
 
@@ -147,7 +147,7 @@ def check_submission(
     found.take(_check_claim(found, submission))
     if is_placed:
         found.take(_training_warnings(submission, found.place.benchmark, data))
-        found.take(_check_predictions(found, submission, data, resources))
+        found.take(_check_predictions(found, submission, data, run))
     return found
 
 
@@ -417,7 +417,7 @@ def _check_claim(found: CheckedSubmission, submission: Submission) -> Iterator[U
 
 
 def _check_predictions(
-    found: CheckedSubmission, submission: Submission, data: Path, resources: Resources
+    found: CheckedSubmission, submission: Submission, data: Path, run: Run
 ) -> Iterator[UserError | str]:
     """Check the predictions as `airzoo-bench check` does."""
     if found.predictions is None:
@@ -427,7 +427,7 @@ def _check_predictions(
             found.predictions,
             data=data,
             protocol=submission.protocol,
-            resources=resources,
+            run=run,
             read_by=found.read_by,
         )
     except (PredictionError, CameraError, UsageError) as error:

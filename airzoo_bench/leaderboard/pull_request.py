@@ -172,8 +172,11 @@ def _changed_place(paths: Sequence[bytes]) -> Place:
     deep = [b"/".join(path.split(b"/")[:4]) for path in paths if path.count(b"/") >= 3]
     folders = list(dict.fromkeys(path for path in deep if path.startswith(b"submissions/")))
     above = {b"/".join(one.split(b"/")[:n]) for one in folders for n in (1, 2, 3)}
+    inner = {b"/".join(one[:n]) for one in (p.split(b"/") for p in paths) for n in range(len(one))}
     others = [
-        path for path in paths if path not in above and not path.startswith(tuple(folders) or b"/")
+        path
+        for path in paths
+        if path not in above | inner and not path.startswith(tuple(folders) or b"/")
     ]
     outside = [path for path in others if not path.startswith(b"submissions/")]
     if outside:

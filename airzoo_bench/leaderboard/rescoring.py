@@ -12,7 +12,7 @@ import numpy as np
 from airzoo_bench.core.errors import ResultError, SubmissionError, UserError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.submission import Submission
@@ -81,7 +81,7 @@ class Rescored:
     errors: tuple[UserError, ...]
 
 
-def rescore(checked: CheckedSubmission, *, data: Path, resources: Resources) -> Rescored:
+def rescore(checked: CheckedSubmission, *, data: Path, run: Run) -> Rescored:
     """Score a submission, and compare its claim."""
     submission, predictions = checked.submission, checked.predictions
     if submission is None or predictions is None:
@@ -95,7 +95,7 @@ def rescore(checked: CheckedSubmission, *, data: Path, resources: Resources) -> 
         data=data,
         protocol=submission.protocol,
         method=submission.method,
-        resources=resources,
+        run=run,
         read_by=checked.read_by,
     )
     errors = [*pipeline_errors(submission, evaluation.result)]

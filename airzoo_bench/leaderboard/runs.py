@@ -17,7 +17,6 @@ from pydantic import Field, ValidationError
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import atomic_write, read_text
-from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import Strict, validation_message
 from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.evaluate import truth_fingerprint
@@ -151,6 +150,6 @@ def measure_now(protocol: str, data: Path, *, sealed: bool) -> Measure:
         public = find_benchmark(found.benchmark, data, sealed=True).file.sealed
         truth = "" if public is None else public.commitment
     else:
-        _, truths = read_truths(TRACKS.get(found.track), found, data)
+        _, truths = read_truths(found, data)
         truth = truth_fingerprint(truths)
     return Measure(found.name, found.version, found.fingerprint, truth)

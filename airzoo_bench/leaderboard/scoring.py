@@ -22,8 +22,8 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answer import SealedAnswer
 from airzoo_bench.leaderboard.artifact import Artifact, problem_of
 from airzoo_bench.leaderboard.board import Board, Known, Place, known_submissions
@@ -92,12 +92,12 @@ class Rules:
     root: Path
     branch: str
     data: Path
-    resources: Resources
+    run: Run
     note: Callable[[str], None]
 
     def check(self, folder: Path, **more: Any) -> CheckedSubmission:
         """Check the folder of a submission."""
-        return check_submission(folder, self.board, self.data, resources=self.resources, **more)
+        return check_submission(folder, self.board, self.data, run=self.run, **more)
 
 
 def answer_path(tree: str) -> str:
@@ -206,7 +206,7 @@ class _Scoring:
         known: Sequence[Known],
         more: dict[str, Any],
     ) -> Artifact:
-        rescored = rescore(checked, data=self.rules.data, resources=self.rules.resources)
+        rescored = rescore(checked, data=self.rules.data, run=self.rules.run)
         more["claimed"] = tuple(_without(line, self.work) for line in rescored.lines)
         more["agrees"] = rescored.agrees
         if rescored.errors:
@@ -317,9 +317,7 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     for error in checked.errors:
         raise error
     try:
-        answer = score_sealed(
-            checked, rules.root / archive, key, data=rules.data, resources=rules.resources
-        )
+        answer = score_sealed(checked, rules.root / archive, key, data=rules.data, run=rules.run)
     except OpenedTruthError as error:
         problem = problem_of(error).model_copy(update={"where": place.path})
         update = {"kind": "refused", "problems": (problem,), "truth": "opened"}
@@ -407,7 +405,7 @@ class _Merged:
             run.mkdir(parents=True)
             (run / ANSWER_FILE).write_bytes(answer)
         else:
-            found = rescore(checked, data=self.rules.data, resources=self.rules.resources)
+            found = rescore(checked, data=self.rules.data, run=self.rules.run)
             if found.errors and found.agrees is None:
                 raise found.errors[0]
             save(found.evaluation, run)

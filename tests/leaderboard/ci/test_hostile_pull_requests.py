@@ -331,3 +331,30 @@ def test_merges_across_that_would_set_another_s_folder_back(
     assert git(hosted.folder, "show", f"{merged}:{name}") == "theirs"
     [fault] = world.look(1, head)
     assert "went apart from the branch at 2 commits" in fault.what
+
+
+def test_head_is_scored_at_the_commit_of_the_event(world: World) -> None:
+    old = world.hosted.pull_of(1, SOUND)
+    world.hosted.pull(1, world.hosted.commit(old, {f"{HOME}/theirs/p.npz": b"mine now"}))
+    assert world.look(1, old) == []
+
+
+def test_head_behind_main_changes_only_its_own_folder(world: World) -> None:
+    head = world.hosted.pull_of(1, SOUND)
+    for number in range(3):
+        newer = world.hosted.commit(world.hosted.tip(), {f"{HOME}/x/{number}": b"newer"})
+        world.hosted.move("refs/heads/main", newer)
+    assert world.look(1, head) == []
+
+
+def test_folder_that_changed_on_main_meanwhile(world: World) -> None:
+    head = world.hosted.pull_of(1, {f"{HOME}/old/p.npz": b"newer"})
+    newer = world.hosted.commit(world.hosted.tip(), {f"{HOME}/old/p.npz": b"newest"})
+    world.hosted.move("refs/heads/main", newer)
+    [fault] = world.look(1, head)
+    assert "has changed on the board since" in str(fault)
+
+
+def test_maintainers_may_change_every_folder(world: World) -> None:
+    head = world.hosted.pull_of(1, {f"{HOME}/theirs/p.npz": b"mended"})
+    assert world.look(1, head, MAINTAINER) == []

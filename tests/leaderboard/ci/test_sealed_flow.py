@@ -209,5 +209,7 @@ def test_truth_is_not_opened_where_there_is_a_network(
     board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth0")])
+    found = {"schema": 1, "kind": "sealed", "pull_request": 1, "account": 1, "head": "a" * 40}
+    (board.home / "found-score.json").write_text(json.dumps(found))
     done = opened(board, board.home, code=1)
     assert "not opened while there is a network (eth0)" in str(done.exception)

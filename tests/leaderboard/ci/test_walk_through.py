@@ -235,7 +235,7 @@ def test_run_that_breaks_off_has_read_all_older_runs(
 def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
     board: Board, perfect: dict[str, list[Any]]
 ) -> None:
-    submit(board, board.main, perfect, "Baseline")
+    submit(board, board.main, perfect, "Baseline", account=MAINTAINER)
     board.push_main("The baseline")
     fork = board.clone("ada")
     (fork / "submissions/made/retrieval/baseline/extra.txt").write_text("x")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
 from airzoo_bench.leaderboard.checks import check_submission, size_of_tree
 from airzoo_bench.leaderboard.rescoring import rescore
@@ -22,7 +22,7 @@ def test_they_are_sound(tmp_path: Path) -> None:
         checked = check_submission(CHECKOUT / one.place.path, board, tmp_path, known=known)
         assert not checked.errors
         if one.place.benchmark == "airzoo-demo":
-            rescored = rescore(checked, data=tmp_path, resources=Resources())
+            rescored = rescore(checked, data=tmp_path, run=Run())
             assert not rescored.errors, rescored.lines
             assert rescored.evaluation.result.counts["city"]["near_prior"] == 0
 
