@@ -35,7 +35,7 @@ from airzoo_bench.cli import (
     readers,
     report,
     seal,
-    submission,
+    submit,
     table,
     template,
 )
@@ -54,7 +54,7 @@ SCORE, RESULTS, DATA = "Score", "Results", "Data"
 CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
 LEADERBOARD = "Leaderboard"
 _PANELS = (SCORE, RESULTS, DATA, CHECKS, LEADERBOARD, MINI)
-_FIRST = ("eval", "table", "prepare", "submission", "leaderboard")
+_FIRST = ("eval", "table", "prepare", "submit", "leaderboard")
 
 
 class _Main(LightGroup):
@@ -116,7 +116,10 @@ app.command(
 app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
     check_geometry.check_split
 )
-app.add_typer(submission.app, name="submission", rich_help_panel=LEADERBOARD)
+app.command(
+    "submit", cls=in_panels(submit.PANELS), epilog=submit.EXAMPLES, rich_help_panel=LEADERBOARD
+)(submit.submit)
+app.add_typer(submit.app, name="submission", rich_help_panel=LEADERBOARD)
 app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
 for _name, _command, _examples in (
     ("seal", seal.seal, seal.SEAL_EXAMPLES),

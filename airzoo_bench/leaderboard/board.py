@@ -1,25 +1,43 @@
-"""What a board states of itself, in ``leaderboard.toml`` at the root of its repository."""
+"""Boards: what ``leaderboard.toml`` states, and which submissions stand in the repository."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.validation import Count, Name, Strict, read_toml, validated
+from airzoo_bench.leaderboard.names import fault_of_file_name
+from airzoo_bench.leaderboard.submission import (
+    SUBMISSION_FILE,
+    Account,
+    Submission,
+    read_submission,
+)
 
-__all__ = ["BOARD_FILE", "Board", "BoardBenchmark", "Limits", "read_board"]
+__all__ = [
+    "BOARD_FILE",
+    "Board",
+    "BoardBenchmark",
+    "Known",
+    "Limits",
+    "Place",
+    "board_root",
+    "known_submissions",
+    "read_board",
+]
 
 BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
-Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 
 
 class Limits(Strict):
-    """What a submission may cost the board.
+    """The most that a submission may cost the board.
 
     Attributes
     ----------
@@ -40,7 +58,7 @@ class Limits(Strict):
 
 
 class BoardBenchmark(Strict):
-    """A benchmark that the board is of.
+    """A benchmark of the board.
 
     Attributes
     ----------
@@ -49,7 +67,7 @@ class BoardBenchmark(Strict):
     protocols : tuple of str
         One a track.
     sealed : str or None
-        The archive of the truth, relative to the repository; none where the truth is public.
+        The archive of the truth, relative to the repository; None where the truth is public.
     """
 
     name: Name
@@ -79,26 +97,92 @@ class Board(Strict):
 
     @property
     def repository_url(self) -> str | None:
-        """Where the repository is seen."""
+        """The address of the repository's page."""
         return self.repository and f"https://github.com/{self.repository}"
 
     @property
     def data_url(self) -> str | None:
-        """Where the branch of the data is seen; the path of a file in it may follow."""
+        """The address of the data branch; the path of a file in it may follow."""
         return self.repository_url and f"{self.repository_url}/tree/leaderboard-data"
 
     @property
     def addresses(self) -> tuple[str | None, str | None, str | None, str | None]:
-        """The site, the repository's name, and where it and the branch of the data are seen."""
+        """The site, the repository's name, and the addresses of it and of the data branch."""
         return self.url, self.repository, self.repository_url, self.data_url
 
     @property
     def protocols(self) -> list[str]:
-        """All that the board scores by, in its order."""
+        """All protocols of the board, in its order."""
         return [name for benchmark in self.benchmarks for name in benchmark.protocols]
+
+    def archive(self, benchmark: str) -> str | None:
+        """Return the archive of a benchmark's truth, None where the truth is public."""
+        return next((one.sealed for one in self.benchmarks if one.name == benchmark), None)
 
 
 def read_board(path: Path) -> Board:
     """Read a leaderboard.toml."""
     data = read_toml(path, SubmissionError, "leaderboard file")
     return validated(data, Board, SubmissionError, path, "leaderboard file")
+
+
+def board_root(start: Path) -> Path:
+    """Return the folder of the board that a path is in."""
+    for folder in (start.resolve(), *start.resolve().parents):
+        if (folder / BOARD_FILE).is_file():
+            return folder
+    raise UsageError(
+        f"not in the repository of a board: no {BOARD_FILE} here or above",
+        where=start,
+        fix="clone the board's repository and go there, or name its folder by --board; "
+        "`airzoo-bench leaderboard init` makes a board",
+    )
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """The place of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
+
+    benchmark: str
+    track: str
+    folder: str
+
+    @classmethod
+    def of(cls, folder: Path) -> Place:
+        """Take it from the last three parts of a folder's path."""
+        return cls(*("", "", "", *folder.resolve().parts)[-3:])
+
+    @property
+    def path(self) -> str:
+        """Relative to the root of the board's repository."""
+        return f"submissions/{self.benchmark}/{self.track}/{self.folder}"
+
+    @property
+    def table(self) -> tuple[str, str]:
+        """The benchmark and track that it is shown in."""
+        return self.benchmark, self.track
+
+    @property
+    def fault(self) -> str:
+        """Say which of its names could not be that of a submission."""
+        parts = (self.benchmark, self.track, self.folder)
+        return next(filter(None, map(fault_of_file_name, parts)), "")
+
+
+@dataclass(frozen=True)
+class Known:
+    """A submission that stands on the board."""
+
+    place: Place
+    stated: Submission
+
+
+def known_submissions(root: Path) -> Iterator[Known]:
+    """Yield the submissions below a board's root that can be read, in the order of their paths."""
+    for path in sorted(root.glob(f"submissions/*/*/*/{SUBMISSION_FILE}")):
+        place = Place.of(path.parent)
+        if not place.fault:
+            try:
+                yield Known(place, read_submission(path))
+            except SubmissionError:  # its own check says so
+                continue

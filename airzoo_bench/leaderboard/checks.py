@@ -1,78 +1,94 @@
-"""All that CI checks of the folder of a submission, for the command line and CI alike."""
+"""All checks of the folder of a submission, for the command line and CI alike."""
 
 from __future__ import annotations
 
 import datetime
-import re
+import os
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from airzoo_bench.benchmark.folder import benchmark_folders
 from airzoo_bench.core.errors import (
+    BenchmarkError,
     CameraError,
     PredictionError,
     ResultError,
     SubmissionError,
     UsageError,
     UserError,
+    first_of,
 )
-from airzoo_bench.core.validation import SAFE_NAME, nearest
+from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
+from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.given import ReadBy
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard.baselines import check_baseline
-from airzoo_bench.leaderboard.board import Board, BoardBenchmark
-from airzoo_bench.leaderboard.known import Known, Place, check_names
-from airzoo_bench.leaderboard.names import fault_of_file_name
-from airzoo_bench.leaderboard.predictions_given import check_entries, check_folder, find_predictions
+from airzoo_bench.leaderboard.board import Board, Known, Limits, Place
+from airzoo_bench.leaderboard.fetching import fetch, parse_address
+from airzoo_bench.leaderboard.names import alike, fault_of_file_name, skeleton
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
     SUBMISSION_FILE,
+    PredictionsGiven,
     Submission,
     read_submission,
 )
-from airzoo_bench.leaderboard.training_data import training_warnings
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.lookup import find_protocol, load_protocol, shipped_protocols
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Result, read_result
 
-__all__ = ["CheckedSubmission", "check_submission"]
+__all__ = [
+    "DEPTH",
+    "FETCHED",
+    "MOST_FILES",
+    "RENAME",
+    "CheckedSubmission",
+    "check_submission",
+    "size_of_tree",
+    "too_many_files",
+]
 
+MOST_FILES = 2000
+"""The most files and folders that the folder of a submission may hold."""
+DEPTH = 12
+"""The most parts that a path in the repository has."""
+FETCHED = "fetched-predictions"
+"""The folder in the data root that keeps predictions at an address, by their hash."""
+RENAME = "give it a name of A-Z, a-z, 0-9, _, . and -"
 
-_MOST_CLAIMED_BYTES = 4 << 20
-"""To read a file of unknown keys takes some 150 times its size in memory."""
+_MOST_CLAIMED_BYTES = 4 << 20  # to read unknown keys takes 150 times their size in memory
+_MAX_RANGE_M = 2000.0  # as `check-split` has it
 
 
 @dataclass(eq=False)
 class CheckedSubmission:
-    """What was found in the folder of a submission.
+    """The content of a submission's folder, its errors and warnings.
 
     Attributes
     ----------
-    folder : Path
-    place : Place
-        Where it stands, by the folder's path.
     submission : Submission or None
         None where submission.toml cannot be read; an error says why.
-    benchmark : BoardBenchmark or None
-        The board's, where it has one of the folder's name.
     protocol : Protocol or None
-        As it is found by its name, where the board is of it.
+        As it is found by its name, where the board scores by it.
     predictions : Path or None
-        Where the predictions lie on this disk; None where they are not there, are not what was
-        announced, or were not to be fetched.
+        None where they are not there, not as announced, or were not to be fetched.
     claimed : Result or None
         The result.json of the submitter.
     errors : list of UserError
         A submission with any is refused.
     warnings : list of str
-        What submitter and maintainers must know, and is no error.
+        For submitter and maintainers.
     """
 
     folder: Path
     place: Place
     submission: Submission | None = None
-    benchmark: BoardBenchmark | None = None
     protocol: Protocol | None = None
     predictions: Path | None = None
     claimed: Result | None = None
@@ -81,20 +97,23 @@ class CheckedSubmission:
 
     @property
     def read_by(self) -> ReadBy:
-        """How the predictions are to be read, for `evaluation`."""
+        """How the predictions are read, for `evaluation`."""
         given = None if self.submission is None else self.submission.predictions
         if given is None:
             return ReadBy()
         return ReadBy(given.reader, None if given.names is None else self.folder / given.names)
 
     def take(self, found: Iterable[UserError | str]) -> bool:
-        """Keep errors and warnings; returns whether there was no error."""
+        """Keep errors and warnings, and return whether there was no error."""
         before = len(self.errors)
-        for one in found:
-            if isinstance(one, UserError):
-                self.errors.append(one)
-            else:
-                self.warnings.append(one)
+        try:
+            for one in found:
+                if isinstance(one, UserError):
+                    self.errors.append(one)
+                else:
+                    self.warnings.append(one)
+        except SubmissionError as error:
+            self.errors.append(error)
         return len(self.errors) == before
 
 
@@ -103,83 +122,195 @@ def check_submission(
     board: Board,
     data: Path,
     *,
-    known: Sequence[Known] | None = None,
-    fetch: bool = False,
-    until: float | None = None,
+    known: Sequence[Known] = (),
+    fetched: bool = False,
+    seconds: float | None = None,
     run: Run = Run(),  # noqa: B008 - frozen
 ) -> CheckedSubmission:
-    """Find all errors of a submission that can be found without scoring it."""
-    checked = CheckedSubmission(folder, Place.of(folder))
-    # Before anything is read: what is in a folder may be links, or a million files.
-    if not checked.take(check_folder(folder, board.limits)):
-        return checked
+    """Find all errors of a submission that can be found without scoring it.
+
+    Predictions at an address are fetched where `fetched` is true, within `seconds`.
+    """
+    found = CheckedSubmission(folder, Place.of(folder))
+    # Before anything is read: a folder may hold links, or a million files.
+    if not found.take(_check_files(folder, board.limits)):
+        return found
     try:
-        submission = read_submission(folder / SUBMISSION_FILE)
+        found.submission = submission = read_submission(folder / SUBMISSION_FILE)
     except SubmissionError as error:
-        checked.errors.append(error)
-        return checked
-    checked.submission = submission
-    if submission.supersedes is not None:
-        checked.warnings.append("key 'supersedes' is ignored: withdraw the earlier submission")
-    if known is not None:
-        checked.take(check_names(submission, checked.place, known))
-    checked.take(_dated(submission))
-    checked.take(check_entries(folder, submission))
-    placed = checked.take(_placed(checked, submission, board, data))
-    try:
-        checked.predictions = find_predictions(
-            folder, submission, board.limits, data, fetch=fetch, until=until
+        found.errors.append(error)
+        return found
+    found.take(_check_names(submission, found.place, known))
+    found.take(_check_stated(folder, submission))
+    is_placed = found.take(_check_place(found, board, data))
+    found.take(_find_predictions(found, submission, board.limits, data, seconds if fetched else 0))
+    found.take(_check_claim(found, submission))
+    if is_placed:
+        found.take(_training_warnings(submission, found.place.benchmark, data))
+        found.take(_check_predictions(found, submission, data, run))
+    return found
+
+
+# --- files ---
+
+
+def _check_files(folder: Path, limits: Limits) -> Iterator[UserError]:
+    """Yield what is wrong with the files, whatever they hold; none is opened."""
+    count = size = 0
+    names: set[str] = set()
+    pending = [folder]
+    while pending:
+        for entry in sorted(os.scandir(pending.pop()), key=lambda one: one.name):
+            path, found = Path(entry.path), entry.stat(follow_symlinks=False)
+            inner = path.relative_to(folder).as_posix()
+            if fault := _fault_of_file(inner, found.st_mode, names):
+                fix = RENAME if "name" in fault else "copy there the file itself, not executable"
+                yield SubmissionError(fault, where=path, expected="plain files", fix=fix)
+                return
+            names.add(inner.casefold())
+            count, size = count + 1, size + found.st_size * stat.S_ISREG(found.st_mode)
+            if count > MOST_FILES:
+                yield too_many_files(folder)
+                return
+            if stat.S_ISDIR(found.st_mode):
+                pending.append(path)
+    if size > limits.committed_bytes:
+        yield SubmissionError(
+            f"its files take {size:,} bytes",
+            where=folder,
+            expected=f"at most {limits.committed_bytes:,} bytes in the repository of this board",
+            fix="publish the predictions, such as on Zenodo, and name them by `submit --url`",
         )
-    except SubmissionError as error:
-        checked.errors.append(error)
-    checked.take(_claimed(checked, submission))
-    if placed:
-        checked.take(training_warnings(submission, checked.place.benchmark, data))
-        checked.take(_content(checked, submission, data, run))
-    return checked
 
 
-def _dated(submission: Submission) -> Iterator[UserError]:
+def _fault_of_file(inner: str, mode: int, names: set[str]) -> str:
+    parts = inner.split("/")
+    if inner.casefold() in names:
+        return "differs from another name only in case"
+    if fault := fault_of_file_name(parts[-1]):
+        return fault
+    if len(parts) + 4 > DEPTH:  # submissions, the benchmark, the track and the folder come before
+        return f"lies in more than {DEPTH} folders"
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        return "a link, a pipe or a device, and no file"
+    return "is an executable file" if stat.S_ISREG(mode) and mode & stat.S_IXUSR else ""
+
+
+def too_many_files(where: object) -> SubmissionError:
+    """Return the error of a folder with more files than a submission may have."""
+    return SubmissionError(
+        f"more than {MOST_FILES:,} files and folders",
+        where=where,
+        fix="put the predictions into one archive, such as predictions.zip, or give their URL",
+    )
+
+
+# --- statements ---
+
+
+def _check_names(
+    submission: Submission, place: Place, known: Sequence[Known]
+) -> Iterator[UserError | str]:
+    """Yield names that readers would take for another's, and predictions that are another's."""
+    others = [one for one in known if one.place != place]
+    strangers = [one for one in others if one.stated.team != submission.team]
+    yield from _alike("team", submission.team, [one.stated.team for one in others])
+    yield from _alike("method", submission.method, [one.stated.method for one in strangers])
+    if "official" in submission.method.casefold() and strangers:
+        yield f"method {submission.method!r} says that it is official: see whether it is"
+    for one in others:
+        if one.place.table == place.table:
+            yield from _same_in_table(submission, one)
+
+
+def _alike(key: str, name: str, others: Iterable[str]) -> Iterator[UserError]:
+    for other in others:
+        if alike(name, other):
+            yield SubmissionError(
+                f"key '{key}' is {name!r}, which looks like {other!r} on this board",
+                where=SUBMISSION_FILE,
+                expected="a name that nobody takes for another's",
+                fix=f"{key} = {other!r} if it is the same, else another name",
+            )
+            return
+
+
+def _same_in_table(submission: Submission, one: Known) -> Iterator[UserError | str]:
+    other, folder = one.stated, one.place.folder
+    by = f"of team {other.team!r}, in {folder}"
+    if other.team != submission.team and other.predictions.sha256 == submission.predictions.sha256:
+        yield f"the predictions are to the last byte those of {other.method!r} {by}"
+    if skeleton(other.method) != skeleton(submission.method):
+        return
+    if other.team == submission.team:
+        yield SubmissionError(
+            f"your team has a method {other.method!r} here already, in {folder}",
+            where=SUBMISSION_FILE,
+            expected="a name a row",
+            fix=f'put the new version into {folder}, or name it such as "{other.method} v2"',
+        )
+    elif other.method == submission.method:
+        yield f"{other.method!r} is on this board already, {by}"
+
+
+def _check_stated(folder: Path, submission: Submission) -> Iterator[UserError | str]:
+    """Yield what submission.toml says against the day and against the files next to it."""
+    given = submission.predictions
+    if submission.supersedes is not None:
+        yield "key 'supersedes' is ignored: withdraw the earlier submission"
     today = datetime.datetime.now(datetime.UTC).date()
     if submission.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
         yield SubmissionError(
             f"key 'date' is {submission.date}, which is to come",
             where=SUBMISSION_FILE,
             expected=f"the day on which the predictions were made, such as {today}",
-            fix="correct the key",
         )
+    stated = {SUBMISSION_FILE, CLAIMED_FILE, given.file, given.names}
+    strange = sorted(entry.name for entry in folder.iterdir() if entry.name not in stated)
+    if strange:
+        yield SubmissionError(
+            f"holds files that submission.toml does not name: {first_of(strange, noun='entry')}",
+            where=folder,
+            expected=f"{SUBMISSION_FILE}, the predictions, {CLAIMED_FILE} (optional), and the list "
+            "of names where predictions.names gives one",
+            fix="remove them",
+        )
+    for key, name in (("file", given.file), ("names", given.names)):
+        if name is not None and not (folder / name).exists():
+            yield SubmissionError(
+                f"key 'predictions.{key}' is {name!r}, which is not there",
+                where=folder,
+                expected="a file, or a folder of predictions, next to submission.toml",
+                fix="copy it there, or correct the key",
+            )
 
 
-def _placed(
-    checked: CheckedSubmission, submission: Submission, board: Board, data: Path
-) -> Iterator[UserError | str]:
+def _check_place(found: CheckedSubmission, board: Board, data: Path) -> Iterator[UserError]:
     """Yield what is wrong with the place of a folder: its benchmark, its track, its name."""
-    place = checked.place
+    place, submission = found.place, found.submission
+    assert submission is not None
     benchmarks = {one.name: one for one in board.benchmarks}
-    benchmark = benchmarks.get(place.benchmark)
-    is_plain = re.match(SAFE_NAME, place.folder) and not fault_of_file_name(place.folder)
-    if benchmark is None or not is_plain:
+    if place.benchmark not in benchmarks or place.fault:
         yield SubmissionError(
             f"no place for a submission{nearest(place.benchmark, [*benchmarks])}",
-            where="/".join(("submissions", place.benchmark, place.track, place.folder)),
+            where=place.path,
             expected="submissions/BENCHMARK/TRACK/FOLDER, with BENCHMARK one of "
-            f"{', '.join(benchmarks)}, and FOLDER of letters, digits, dots and hyphens, and no "
-            "device of Windows such as con",
-            fix="move the folder; `airzoo-bench submission new` finds its place",
+            f"{', '.join(benchmarks)}, and FOLDER a plain name",
+            fix="move the folder; `airzoo-bench submit` finds its place",
         )
         return
-    checked.benchmark = benchmark
-    if submission.protocol not in benchmark.protocols:
+    protocols = benchmarks[place.benchmark].protocols
+    if submission.protocol not in protocols:
         yield SubmissionError(
             f"key 'protocol' is {submission.protocol!r}, by which this board does not score "
-            f"{place.benchmark}{nearest(submission.protocol, list(benchmark.protocols))}",
+            f"{place.benchmark}{nearest(submission.protocol, list(protocols))}",
             where=SUBMISSION_FILE,
-            expected=f"one of {', '.join(benchmark.protocols)}",
+            expected=f"one of {', '.join(protocols)}",
             fix="correct the key, or the folder",
         )
         return
     protocol = find_protocol(submission.protocol, data)
-    if (protocol.benchmark, protocol.track) != (place.benchmark, place.track):
+    if (protocol.benchmark, protocol.track) != place.table:
         yield SubmissionError(
             f"key 'protocol' is {protocol.name!r}, of the {protocol.track} track of "
             f"{protocol.benchmark}; the folder is of {place.track} of {place.benchmark}",
@@ -188,13 +319,69 @@ def _placed(
             fix="move the folder, or correct the key",
         )
         return
-    checked.protocol = protocol
-    yield from check_baseline(submission, protocol.track)
+    found.protocol = protocol
 
 
-def _claimed(checked: CheckedSubmission, submission: Submission) -> Iterator[UserError]:
+# --- predictions ---
+
+
+def _find_predictions(
+    found: CheckedSubmission,
+    submission: Submission,
+    limits: Limits,
+    data: Path,
+    seconds: float | None,
+) -> Iterator[UserError]:
+    """Find the predictions, once they are known to be the announced ones; 0 s fetch nothing."""
+    given = submission.predictions
+    path = None if given.file is None else found.folder / given.file
+    if given.url is not None:
+        path = _at_address(given, limits, data, seconds)
+    if path is None or not path.exists():
+        return
+    pairs = {"bytes": (given.size, size_of_tree(path))}
+    if given.size == pairs["bytes"][1]:
+        pairs = {"sha256": (given.sha256, sha256_of_tree(path))}  # type: ignore[dict-item]
+    for key, (announced, is_) in pairs.items():
+        if announced != is_:
+            yield SubmissionError(
+                f"key 'predictions.{key}' is {announced}, but that of {path.name} is {is_}",
+                where=SUBMISSION_FILE,
+                expected="the file that was announced, to the last byte",
+                fix=f"write {key} = {is_}, or put the right predictions there",
+            )
+            return
+    found.predictions = path
+
+
+def _at_address(
+    given: PredictionsGiven, limits: Limits, data: Path, seconds: float | None
+) -> Path | None:
+    """Return the predictions at an address, once they are on this disk."""
+    url, home = str(given.url), data / FETCHED / given.sha256
+    parse_address(url)  # which is refused without a network too
+    if given.size > limits.url_bytes:
+        raise SubmissionError(
+            f"key 'predictions.bytes' is {given.size:,}",
+            where=SUBMISSION_FILE,
+            expected=f"at most {limits.url_bytes:,}, the limit of this board",
+            fix="write smaller predictions: fewer ranks, half precision, or compressed",
+        )
+    if seconds != 0:
+        return fetch(url, home, size=given.size, sha256=given.sha256, seconds=seconds)
+    # A name that begins with a dot is of a file that is being fetched.
+    return next(iter(sorted(home.glob("[!.]*"))), None)
+
+
+def size_of_tree(path: Path) -> int:
+    """Return the bytes of a file, or of all files of a folder."""
+    files = [path] if path.is_file() else [one for one in path.rglob("*") if one.is_file()]
+    return sum(one.stat().st_size for one in files)
+
+
+def _check_claim(found: CheckedSubmission, submission: Submission) -> Iterator[UserError]:
     """Read the submitter's own result, and hold it to what the submission says."""
-    path = checked.folder / CLAIMED_FILE
+    path = found.folder / CLAIMED_FILE
     if not path.exists():
         return
     if (size := path.stat().st_size) > _MOST_CLAIMED_BYTES:
@@ -206,19 +393,18 @@ def _claimed(checked: CheckedSubmission, submission: Submission) -> Iterator[Use
         )
         return
     try:
-        claimed = read_result(path)
+        found.claimed = claimed = read_result(path)
     except ResultError as error:
         yield error
         return
-    checked.claimed = claimed
-    protocol = checked.protocol
+    used = claimed.protocol
     pairs = {
-        "protocol": (claimed.protocol.name, submission.protocol),
+        "protocol": (used.name, submission.protocol),
         "method": (claimed.predictions.method, submission.method),
         "SHA-256 of the predictions": (claimed.predictions.sha256, submission.predictions.sha256),
     }
-    if protocol is not None:
-        pairs["fingerprint of the protocol"] = (claimed.protocol.fingerprint, protocol.fingerprint)
+    if found.protocol is not None:
+        pairs["fingerprint of the protocol"] = (used.fingerprint, found.protocol.fingerprint)
     for what, (says, is_) in pairs.items():
         if says != is_:
             yield SubmissionError(
@@ -230,34 +416,62 @@ def _claimed(checked: CheckedSubmission, submission: Submission) -> Iterator[Use
             )
 
 
-def _content(
-    checked: CheckedSubmission, submission: Submission, data: Path, run: Run
+def _check_predictions(
+    found: CheckedSubmission, submission: Submission, data: Path, run: Run
 ) -> Iterator[UserError | str]:
     """Check the predictions as `airzoo-bench check` does."""
-    if checked.predictions is None:
+    if found.predictions is None:
         return
     try:
-        found = check(
-            checked.predictions,
+        checked = check(
+            found.predictions,
             data=data,
             protocol=submission.protocol,
             run=run,
-            read_by=checked.read_by,
+            read_by=found.read_by,
         )
     except (PredictionError, CameraError, UsageError) as error:
-        yield _of_submission(error)
+        yield error
         return
-    yield from map(_of_submission, found.errors)
-    yield from found.notes
+    yield from checked.errors
+    yield from checked.notes
 
 
-def _of_submission(error: UserError) -> UserError:
-    """Return a fault as it is mended here, where the protocol is a key and no option."""
-    if "--protocol" not in (error.fix or ""):
-        return error
-    return SubmissionError(
-        error.what,
-        where=error.where,
-        expected=error.expected,
-        fix=f"correct key 'protocol' in {SUBMISSION_FILE}, or put the right predictions there",
-    )
+def _training_warnings(submission: Submission, benchmark: str, data: Path) -> Iterator[str]:
+    """Warn of training data that are, or may hold, the benchmark's ground."""
+    if not submission.training_data:
+        return
+    here = [*benchmark_folders(data)]
+    shipped = [load_protocol(path).benchmark for path in shipped_protocols().values()]
+    known = [*dict.fromkeys([*DATASETS.names(), *shipped, *here])]
+    for name in submission.training_data:
+        if _same_dataset(name, benchmark):
+            yield (
+                f"the training data {name!r} are, or are of one dataset with, the benchmark "
+                f"{benchmark}: say in `summary` which part of it was trained on"
+            )
+        elif name not in known and (meant := nearest(name, known)):
+            yield f"training data {name!r} are no dataset that is known here{meant}"
+        if name != benchmark and name in here and benchmark in here:
+            yield from _overlap_warnings(name, benchmark, data)
+
+
+def _same_dataset(one: str, other: str) -> bool:
+    """Tell whether two ids are alike, or one names a part of the other, such as gta-uav-cross."""
+    first, second = sorted((one.casefold().replace("_", "-"), other.casefold().replace("_", "-")))
+    return second == first or second.startswith(f"{first}-")
+
+
+def _overlap_warnings(name: str, benchmark: str, data: Path) -> Iterator[str]:
+    """Compare the ground that both see, as ``airzoo-bench check-split`` does."""
+    try:
+        train, test = (read_footprints(data / one, _MAX_RANGE_M) for one in (name, benchmark))
+    except BenchmarkError as error:
+        yield f"training data {name!r} were not compared with the benchmark: {error.what}"
+        return
+    found = compare_splits(train, test)
+    if found.pairs:
+        yield (
+            f"training data {name!r} see the ground of {counted(found.tainted, 'test photo')} of "
+            f"{len(test.ids):,}: `airzoo-bench check-split {name} {benchmark}` lists them"
+        )

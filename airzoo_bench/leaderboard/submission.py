@@ -1,23 +1,28 @@
-"""What a submission states of itself, in ``submission.toml``."""
+"""Submissions: the keys of ``submission.toml``, their rules and their JSON Schema."""
 
 from __future__ import annotations
 
 import datetime
+import json
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
+from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.validation import Name, Positive, Strict, read_toml, validated
-from airzoo_bench.leaderboard.fields import Bibtex, Contact, Licence, Sha256, Url
+from airzoo_bench.core.validation import Name, Positive, Strict, nearest, read_toml, validated
 from airzoo_bench.leaderboard.names import BoardName, Line, plain_line
 
 __all__ = [
     "CLAIMED_FILE",
     "SCHEMA_LINE",
     "SUBMISSION_FILE",
+    "Account",
     "Cost",
     "Pipeline",
     "PredictionsGiven",
@@ -25,26 +30,73 @@ __all__ = [
     "Submission",
     "read_public_submission",
     "read_submission",
+    "schema_text",
     "submission_text",
 ]
 
 SUBMISSION_FILE = "submission.toml"
 SCHEMA_LINE = "#:schema ../../../../docs/submission.schema.json"
-"""What tells editors the schema, from the folder of a submission; see `schema`."""
+"""The line that leads editors to the schema, from the folder of a submission."""
 CLAIMED_FILE = "result.json"
-"""What the submitter's own `eval` gave, next to submission.toml; it need not be there."""
+"""The result of the submitter's own `eval`, which may lie next to submission.toml."""
 
-_LIMIT_BYTES = (
-    16 << 10
-)  # a key of so many dots takes tomllib a second, and four times that of twice
+# A key of this many dots takes tomllib a second, and four times that of twice.
+_LIMIT_BYTES = 16 << 10
+# A host without a user before it, which could pass for one, then what RFC 3986 has but quotes.
+_URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?$"
 
 
-Setting = bool | int | float
+def _https(address: str) -> str:
+    if not re.search(_URL, address) or address.endswith("\n"):
+        raise ValueError(
+            "an address begins with https:// and a host, without a user; other characters than "
+            "those of addresses are percent-encoded, in hosts as xn--"
+        )
+    return address
+
+
+def _licence(expression: str) -> str:
+    """Return an expression of SPDX as SPDX writes it."""
+    try:
+        return str(canonicalize_license_expression(expression))
+    except InvalidLicenseExpression:
+        common = ["Apache-2.0", "MIT", "BSD-3-Clause", "GPL-3.0-only", "CC-BY-4.0", "CC-BY-NC-4.0"]
+        raise ValueError(
+            f"SPDX has no licence of this name{nearest(expression, common)}; one without an id "
+            "there is LicenseRef-NAME"
+        ) from None
+
+
+def _reachable(contact: str) -> str:
+    plain_line(contact)
+    if not re.search(r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$", contact):
+        raise ValueError("an e-mail address, an account such as @name, or an https address")
+    return contact
+
+
+def _entry(text: str) -> str:
+    if not all(line.replace("\t", " ").isprintable() for line in text.splitlines()):
+        raise ValueError("has characters that are not shown")
+    return text
+
+
+Url = Annotated[
+    str, Field(max_length=500, json_schema_extra={"pattern": _URL}), AfterValidator(_https)
+]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Account = Annotated[int, Field(ge=1, lt=1 << 63)]
+Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_licence)]
+Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
+Bibtex = Annotated[
+    str,
+    Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000),
+    AfterValidator(_entry),
+]
 P = TypeVar("P", bound="PublicSubmission")
 
 
 class PredictionsGiven(Strict):
-    """Where the predictions lie: next to submission.toml, or at an address."""
+    """The place of the predictions: next to submission.toml, or at an address."""
 
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["url"]}]}
@@ -62,7 +114,7 @@ class PredictionsGiven(Strict):
     )
     sha256: Sha256 = Field(
         description="SHA-256 of the file; of a folder, over its files' names and hashes, as "
-        "`airzoo-bench submission new` writes it.",
+        "`airzoo-bench submit` writes it.",
         examples=["0" * 64],
     )
     size: Annotated[int, Field(ge=1, le=1 << 50)] = Field(
@@ -70,8 +122,8 @@ class PredictionsGiven(Strict):
     )
     reader: Name | None = Field(
         None,
-        description="What reads the files where they are as the method wrote them; "
-        "`airzoo-bench readers` lists what there is.",
+        description="The reader of files as a method writes them; `airzoo-bench readers` lists "
+        "all.",
         examples=["hloc-poses"],
     )
     names: Name | None = Field(
@@ -85,15 +137,14 @@ class PredictionsGiven(Strict):
     def _one_place(self) -> PredictionsGiven:
         if (self.file is None) == (self.url is None):
             raise ValueError('either file or url, such as file = "predictions.npz"')
-        if {self.file, self.names} & {SUBMISSION_FILE, CLAIMED_FILE} or (
-            self.names is not None and self.file == self.names
-        ):
+        given = [name for name in (self.file, self.names) if name is not None]
+        if len({*given, SUBMISSION_FILE, CLAIMED_FILE}) < len(given) + 2:
             raise ValueError("file and names are other files than submission.toml and result.json")
         return self
 
 
 class Pipeline(Strict):
-    """What the method is: entries of different classes are not compared like with like."""
+    """The class of a method: entries of different classes are not compared like with like."""
 
     stages: Literal["single-stage", "re-ranked"] = Field(
         description="Whether a first answer is re-ordered or refined by a second method.",
@@ -101,14 +152,14 @@ class Pipeline(Strict):
     )
     uses: tuple[Literal["prior", "sequence", "heights"], ...] = Field(
         (),
-        description="What is used beside the photo and the map: the photo's own position and "
+        description="Inputs besides the photo and the map: the photo's own position and "
         "attitude (prior), other photos of the flight (sequence), the surface model (heights).",
         examples=[["prior"]],
     )
 
 
 class Cost(Strict):
-    """What an answer costs, as the authors say."""
+    """The cost of an answer, as the authors say."""
 
     hardware: Line = Field(
         description="The machine that was timed.", examples=["1 x RTX 4090, 24 GB"]
@@ -124,36 +175,30 @@ class Cost(Strict):
 
 
 class PublicSubmission(Strict):
-    """What a board keeps and shows of a submission: all but whom to write to.
-
-    Attributes
-    ----------
-    method : str
-        Its name in tables; the folder has a plain name of its own.
-    training_data : tuple of str
-        Ids of datasets; empty for a method that was not trained.
-    baseline : dict or None
-        Settings of the track's built-in baseline, where that made the predictions.
-    supersedes : str or None
-        Ignored: earlier boards made the named folder the history of this one.
-    """
+    """All that a board keeps and shows of a submission: everything except the contact."""
 
     schema_version: Literal[1] = Field(
         alias="schema", description="Version of this format.", examples=[1]
     )
     protocol: Name = Field(
-        description="What the predictions are scored by, one of the board's protocols.",
+        description="The protocol that scores the predictions, one of the board's.",
         examples=["airzoo-mini-retrieval"],
     )
     method: BoardName = Field(description="The method's name in tables.", examples=["SALAD"])
     summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] | None = Field(
         None,
-        description="What the method does, in a sentence.",
+        description="The method in a sentence.",
         examples=["DINOv2 features, aggregated by optimal transport"],
     )
     team: BoardName = Field(
         description="Who submits; the same words for all submissions of a team.",
         examples=["Example Lab"],
+    )
+    account: Account | None = Field(
+        None,
+        description="Id of the GitHub account that may change this submission, the one that opens "
+        "the pull request.",
+        examples=[1001],
     )
     authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = Field(
         description="Of the method, in their order.",
@@ -195,13 +240,13 @@ class PublicSubmission(Strict):
     )
     cost: Cost | None = Field(
         None,
-        description="What an answer costs, as you measured it.",
+        description="The cost of an answer, as you measured it.",
         examples=[{"hardware": "1 x RTX 4090, 24 GB", "seconds_per_query": 0.042}],
     )
-    baseline: Annotated[dict[Name, Setting], Field(max_length=32)] | None = Field(
+    baseline: Annotated[dict[Name, bool | int | float], Field(max_length=32)] | None = Field(
         None,
         description="Only where `airzoo-bench baseline` made the predictions: its settings that "
-        "are not the default. They can be made again, compared and timed.",
+        "are not the default.",
         examples=[{"double": False}],
     )
     predictions: PredictionsGiven = Field(
@@ -216,13 +261,7 @@ class PublicSubmission(Strict):
 
 
 class Submission(PublicSubmission):
-    """A method's predictions for one protocol, and what a reader of the board wants to know.
-
-    Attributes
-    ----------
-    contact : str
-        For the maintainers; it is shown nowhere.
-    """
+    """A method's predictions for one protocol, and all that a reader of the board may ask."""
 
     contact: Contact = Field(
         description="Where the maintainers reach you; it is shown on no page, but this file is "
@@ -252,11 +291,46 @@ def _read(path: Path, model: type[P]) -> P:
 
 
 def submission_text(submission: PublicSubmission) -> str:
-    """Return the file that states a submission, for `read_submission` or, of a run, the other."""
+    """Return the file that states a submission."""
     values: dict[str, Any] = submission.model_dump(by_alias=True, exclude_none=True)
-    return f"{SCHEMA_LINE}\n\n{tomli_w.dumps(_plain_first(values))}"
+    # Keys after the head of a table would belong to that table.
+    plain_first = dict(sorted(values.items(), key=lambda item: isinstance(item[1], dict)))
+    return f"{SCHEMA_LINE}\n\n{tomli_w.dumps(plain_first)}"
 
 
-def _plain_first(values: dict[str, Any]) -> dict[str, Any]:
-    # What stands below the head of a table belongs to it.
-    return dict(sorted(values.items(), key=lambda item: isinstance(item[1], dict)))
+class _TomlSchema(GenerateJsonSchema):
+    """TOML has no null: a key that may be missing is only left out."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        """Return the schema of the value itself."""
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        """Leave out a default of none."""
+        found = super().default_schema(schema)
+        return {k: v for k, v in found.items() if (k, v) != ("default", None)}
+
+
+def schema_text() -> str:
+    """Return the file docs/submission.schema.json."""
+    made = Submission.model_json_schema(by_alias=True, schema_generator=_TomlSchema)
+    whole = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **_untitled(made),
+        "title": "submission.toml",
+        "description": "A submission to a leaderboard of airzoo-bench: docs/submission.md.",
+    }
+    return json.dumps(whole, indent=2, ensure_ascii=False) + "\n"
+
+
+def _untitled(value: Any, *, names: bool = False) -> Any:
+    """Drop titles made of keys, which editors would show instead of the descriptions."""
+    if isinstance(value, list):
+        return [_untitled(one) for one in value]
+    if not isinstance(value, dict):
+        return value
+    return {
+        key: _untitled(one, names=key in ("properties", "$defs"))
+        for key, one in value.items()
+        if names or key != "title"
+    }

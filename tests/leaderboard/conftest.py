@@ -18,6 +18,6 @@ def _running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebServer]:
 @pytest.fixture
 def web(_running: WebServer) -> WebServer:
     """Return a server that has answered nothing yet."""
-    for seen in (_running.answers, _running.requests, _running.dialled):
+    for seen in (_running.answers, _running.requests):
         seen.clear()
     return _running

@@ -16,13 +16,12 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.leaderboard.fetching import Network, Patience, fetch
+from airzoo_bench.leaderboard.fetching import Network, fetch
 
 HOST, OTHER = "data.example.org", "cdn.example.net"
 URL = f"https://{HOST}/files/preds.npz"
 CONTENT = b"predictions" * 30_000
 PUBLIC = "93.184.215.14"
-HASTY = Patience(silence=60.0, answer=60.0, slowest=1e9, longest=60.0)
 
 Answer = Callable[[str, socket.socket], None]
 
@@ -40,6 +39,11 @@ def plain(content: bytes, *lines: str) -> Answer:
     return lambda _, peer: peer.sendall(head(f"Content-Length: {len(content)}", *lines) + content)
 
 
+def redirect(location: str, status: str = "302 Found") -> Answer:
+    lines = (f"Location: {location}", "Content-Length: 0")
+    return lambda _, peer: peer.sendall(head(*lines, status=status))
+
+
 def make_authority(folder: Path, *names: str) -> tuple[Path, Path]:
     """Make a self-signed certificate for host names, which is its own authority; and its key."""
     certificate, key = folder / "cert.pem", folder / "key.pem"
@@ -53,26 +57,20 @@ def make_authority(folder: Path, *names: str) -> tuple[Path, Path]:
 
 @dataclass
 class WebServer:
-    """What it was asked, and the network on which `PUBLIC` leads to it."""
+    """The requests so far, and the network on which every host leads to this server."""
 
     port: int
     certificate: Path
     answers: dict[str, Answer] = field(default_factory=dict)
     requests: list[bytes] = field(default_factory=list)
-    dialled: list[str] = field(default_factory=list)
-
-    def connect(self, address: str, timeout: float) -> socket.socket:
-        self.dialled.append(address)
-        return socket.create_connection(("127.0.0.1", self.port), timeout)
 
     def network(
         self,
         resolve: Callable[[str], list[str]] = lambda host: [PUBLIC],
-        patience: Patience = HASTY,
-        trust: ssl.SSLContext | None = None,
+        trusted: bool = True,
     ) -> Network:
-        trusted = trust or ssl.create_default_context(cafile=str(self.certificate))
-        return Network(resolve, self.connect, trusted, patience)
+        here = ("--connect-to", f"::127.0.0.1:{self.port}")
+        return Network(resolve, (*here, *(("--cacert", str(self.certificate)) * trusted)))
 
     def serve(self, plain_peer: socket.socket, context: ssl.SSLContext) -> None:
         with suppress(OSError), context.wrap_socket(plain_peer, server_side=True) as peer:
@@ -108,11 +106,6 @@ def running_server(folder: Path, *names: str) -> Iterator[WebServer]:
         yield server
         listener.shutdown(socket.SHUT_RDWR)
     thread.join()
-
-
-def redirect(location: str, status: str = "302 Found") -> Answer:
-    lines = (f"Location: {location}", "Content-Length: 0")
-    return lambda _, peer: peer.sendall(head(*lines, status=status))
 
 
 def refusal(server: WebServer, into: Path, url: str = URL, **changes: Any) -> str:

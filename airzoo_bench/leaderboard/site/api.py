@@ -145,7 +145,6 @@ class Row:
     uses: tuple[str, ...] = ()
     hardware: str | None = None
     seconds_per_query: float | None = None
-    measured_seconds_per_query: float | None = None
     version: int = 1
     rescored: str | None = None
     notes: tuple[str, ...] = ()

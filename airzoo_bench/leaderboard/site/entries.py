@@ -98,14 +98,6 @@ class Entry:
         """The date of scoring, where it is known."""
         return None if self.run is None else self.run.scored.date().isoformat()
 
-    @property
-    def measured_seconds_per_query(self) -> float | None:
-        """What a query took where CI made the predictions itself, or some that score as they do."""
-        made = None if self.run is None else self.run.made_again
-        if made is None or not (made.same_bytes or made.alike):
-            return None
-        return made.seconds_per_query
-
 
 def read_entries(
     runs: Path, faults: Faults, note: Callable[[str], None] = lambda _: None

@@ -114,7 +114,6 @@ def _facts(row: Json) -> list[tuple[str, list[str]]]:
     cost = f"{seconds:.3g} s a query" if seconds is not None else ""
     if cost and row["hardware"]:
         cost += f" on {shown(row['hardware'])}"
-    measured = row["measured_seconds_per_query"]
     facts: list[tuple[str, str | list[str]]] = [
         ("Source", shown(row["source"], 1000) if row["source"] else ""),
         ("Team", shown(row["team"]) if row["team"] else ""),
@@ -124,7 +123,6 @@ def _facts(row: Json) -> list[tuple[str, list[str]]]:
         ("Pipeline", pipeline_of(row)),
         ("Training data", "" if training is None else ", ".join(map(shown, training)) or "none"),
         ("Cost, as claimed", cost),
-        ("Cost, as measured here", f"{measured:.3g} s a query" if measured is not None else ""),
         ("Licence", shown(row["licence"]) if row["licence"] else ""),
     ]
     return [(title, [text] if isinstance(text, str) else text) for title, text in facts if text]

@@ -157,7 +157,6 @@ def scored_row(scored: Scored, scores: Mapping[str, Score]) -> Row:
         uses=given.pipeline.uses,
         hardware=None if given.cost is None else given.cost.hardware,
         seconds_per_query=None if given.cost is None else given.cost.seconds_per_query,
-        measured_seconds_per_query=entry.measured_seconds_per_query,
         version=entry.number,
         rescored=entry.scored,
         notes=notes,

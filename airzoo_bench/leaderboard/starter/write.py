@@ -9,7 +9,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import UsageError, first_of
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.version import __version__
-from airzoo_bench.leaderboard.schema import schema_text
+from airzoo_bench.leaderboard.submission import schema_text
 
 __all__ = ["next_steps", "starter_files", "write_starter"]
 

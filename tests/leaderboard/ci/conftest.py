@@ -6,21 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.leaderboard.ci.pull_requests import HOME, World
-from tests.leaderboard.ci.repositories import File, Hosted
 from tests.leaderboard.ci.walk import BOARD, Board, Run
-
-
-@pytest.fixture
-def world(tmp_path: Path) -> World:
-    files: dict[str, File] = {
-        "README.md": b"a board\n",
-        f"{HOME}/theirs/submission.toml": b'method = "Theirs"\n',
-        f"{HOME}/theirs/p.npz": b"theirs",
-        f"{HOME}/old/submission.toml": b'method = "Old"\n',
-        f"{HOME}/old/p.npz": b"old",
-    }
-    return World(Hosted.create(tmp_path / "hosted.git", files), tmp_path / "ci")
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.leaderboard.ci.artifact import (
+from airzoo_bench.leaderboard.artifact import (
     Artifact,
     Problem,
     SceneScores,
     Shown,
     Standing,
 )
-from airzoo_bench.leaderboard.ci.comment import MARK, MOST_BYTES, code, comment_on
+from airzoo_bench.leaderboard.comment import MARK, MOST_BYTES, code, comment_on
 from airzoo_bench.results.result import ScoreColumn
 from tests.leaderboard.ci.rendered import outside_code
 

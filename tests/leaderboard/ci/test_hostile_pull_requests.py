@@ -3,18 +3,72 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import tomli_w
 from typer.testing import Result
 
-from airzoo_bench.leaderboard.ci.data_branch import DataBranch
-from airzoo_bench.leaderboard.ci.git import RefusedError
-from airzoo_bench.leaderboard.ci.ledger import write_ledger
-from tests.leaderboard.ci.pull_requests import BOARD, HOME, LEDGER, MINE, SOUND, TOML, World
+from airzoo_bench.core.errors import UserError
+from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.git import RefusedError, Repository
+from airzoo_bench.leaderboard.pull_request import (
+    PullRequest,
+    fetch_pull_request,
+    read_files,
+    touched,
+)
 from tests.leaderboard.ci.rendered import outside_code
-from tests.leaderboard.ci.repositories import File, event, git, write_event
+from tests.leaderboard.ci.repositories import File, Hosted, event, git, write_event
+
+MINE, OTHER, MAINTAINER = 7, 8, 9
+HOME = "submissions/made/retrieval"
+BOARD = Board.model_validate(
+    {
+        "schema": 1,
+        "title": "A board",
+        "benchmarks": [{"name": "made", "title": "Made", "protocols": ["made-retrieval"]}],
+        "maintainers": [MAINTAINER],
+        "limits": {"committed_bytes": 1_000_000},
+    }
+)
+TOML = b'schema = 1\nmethod = "Salad"\naccount = 7\n'
+SOUND: dict[str, File | None] = {f"{HOME}/mine/submission.toml": TOML, f"{HOME}/mine/p.npz": b"1"}
+
+
+@dataclass
+class World:
+    hosted: Hosted
+    folder: Path
+
+    def look(self, number: int, head: str, account: int = MINE) -> list[UserError]:
+        """Return what is wrong with a pull request."""
+        pull = PullRequest(number, head, "main", account)
+        repository = Repository.create(self.folder / "bare.git", str(self.hosted.folder))
+        try:
+            fetch_pull_request(repository, pull)
+            found = touched(
+                repository, pull, BOARD, lambda place: OTHER if place.folder == "gone" else None
+            )
+            assert found is not None
+            into = self.folder / "out"
+            return read_files(repository, head, found.place, BOARD, into) if found.tree else []
+        except RefusedError as error:
+            return [error]
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    files: dict[str, File] = {
+        "README.md": b"a board\n",
+        f"{HOME}/theirs/submission.toml": b'method = "Theirs"\naccount = 8\n',
+        f"{HOME}/theirs/p.npz": b"theirs",
+        f"{HOME}/old/submission.toml": b'method = "Old"\naccount = 7\n',
+        f"{HOME}/old/p.npz": b"old",
+    }
+    return World(Hosted.create(tmp_path / "hosted.git", files), tmp_path / "ci")
+
 
 HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
     "two submissions": (
@@ -33,7 +87,7 @@ HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
     ),
     "someone else's folder": (
         {f"{HOME}/theirs/p.npz": b"mine now"},
-        "this folder is on the board already, and belongs to another account",
+        "this folder is or was on the board, and belongs to another account",
     ),
     "someone else's folder, withdrawn": (
         {f"{HOME}/theirs/p.npz": None, f"{HOME}/theirs/submission.toml": None},
@@ -41,7 +95,7 @@ HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
     ),
     "a folder that someone else had": (
         {f"{HOME}/gone/submission.toml": TOML},
-        "this folder was on the board already, and belongs to another account",
+        "this folder is or was on the board, and belongs to another account",
     ),
     "one's own folder and another's": (
         SOUND | {f"{HOME}/theirs/p.npz": b"mine now"},
@@ -153,34 +207,54 @@ HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_pull_request_is_refused_with_its_message(
-    world: World, name: str, command: Callable[..., Result], tmp_path: Path
-) -> None:
+def test_hostile_pull_request_is_refused_with_its_message(world: World, name: str) -> None:
     files, message = HOSTILE[name]
-    head = world.hosted.pull_of(1, files)
+    faults = world.look(1, world.hosted.pull_of(1, files))
+    assert message in "\n".join(map(str, faults))
+    written = [path for path in (world.folder / "out").rglob("*") if path.is_file()]
+    assert not written or "LFS" in name
+
+
+def test_log_and_comment_show_what_strangers_wrote_as_code(
+    world: World, command: Callable[..., Result], tmp_path: Path
+) -> None:
+    head = world.hosted.pull_of(1, SOUND | {f"{HOME}/mine/a\n::set-output\x1b[2J": b"x"})
     (tmp_path / "leaderboard.toml").write_text(
         tomli_w.dumps(BOARD.model_dump(by_alias=True, exclude_none=True)), encoding="utf-8"
     )
-    remote = str(world.hosted.folder)
-    branch = DataBranch.open(tmp_path / "data.git", remote)
-    branch.write(lambda _: {"ledger.csv": write_ledger(LEDGER)}, "ledger")
     scored = command(
-        "leaderboard", "ci", "score", "--event",
-        write_event(tmp_path / "event.json", event(1, head, MINE)), "--remote", remote,
-        "--root", tmp_path, "--data", tmp_path, "--work", tmp_path / "work",
+        "leaderboard", "score", "--event",
+        write_event(tmp_path / "event.json", event(1, head, MINE)), "--remote",
+        world.hosted.folder, "--root", tmp_path, "--data", tmp_path, "--work", tmp_path / "work",
         "--out", tmp_path / "found.json",
     )  # fmt: skip
-    assert scored.exit_code == 1, scored.exception
-    assert scored.stdout == "refused\n"
-    assert message in scored.stderr.replace("\n| ", "\n")
+    assert (scored.exit_code, scored.stdout) == (1, "refused\n"), scored.exception
     assert all(line.startswith("| ") for line in scored.stderr.splitlines())
     assert "\x1b" not in scored.stderr
-    comment = tmp_path / "comment.md"
-    command("leaderboard", "ci", "comment", tmp_path / "found.json", "--out", comment)
-    assert message in comment.read_text(encoding="utf-8")
-    assert message not in outside_code(comment.read_text(encoding="utf-8"))
-    written = [path for path in (tmp_path / "work" / "submissions").rglob("*") if path.is_file()]
-    assert not written or "LFS" in name
+    command("leaderboard", "comment", tmp_path / "found.json", "--out", tmp_path / "comment.md")
+    comment = (tmp_path / "comment.md").read_text(encoding="utf-8")
+    assert "set-output" in comment
+    assert "set-output" not in outside_code(comment)
+
+
+def test_empty_folder_in_another_s_submission_is_seen(world: World) -> None:
+    """Nothing of it is a file, and a merge would change the other's folder all the same."""
+    hosted = world.hosted
+    head = hosted.commit(hosted.tip(), SOUND)
+    theirs = git(hosted.folder, "ls-tree", "-z", f"{head}:{HOME}/theirs").encode()
+    empty = b"040000 tree 4b825dc642cb6eb9a060e54bf8d69288fbee4904\tempty\0"
+    _store(hosted.folder, b"")
+    tree = git(hosted.folder, "mktree", "-z", stdin=theirs + empty)
+    for name, above in (("theirs", HOME), ("retrieval", "submissions/made"),
+                        ("made", "submissions"), ("submissions", "")):  # fmt: skip
+        listed = git(hosted.folder, "ls-tree", "-z", f"{head}:{above}").split("\0")
+        lines = [f"040000 tree {tree}\t{name}" if one.endswith(f"\t{name}") else one
+                 for one in listed if one]  # fmt: skip
+        tree = git(hosted.folder, "mktree", "-z", stdin="\0".join([*lines, ""]).encode())
+    change = hosted.commit_tree(hosted.tip(), tree)
+    hosted.pull(1, change)
+    [fault] = world.look(1, change)
+    assert "changes more than one folder" in str(fault)
 
 
 def test_tree_with_dots_that_only_plumbing_makes(world: World) -> None:
@@ -208,8 +282,8 @@ def test_tree_with_dots_that_only_plumbing_makes(world: World) -> None:
     )  # fmt: skip
     head = world.hosted.commit_tree(world.hosted.tip(), root)
     world.hosted.pull(1, head)
-    [fault] = world.look(1, head)[:1]
-    assert fault.what == "'..' is no name of a file"
+    [fault] = world.look(1, head)
+    assert "git refuses its objects" in str(fault)
     assert not (world.folder / "out").exists()
 
 
@@ -257,3 +331,30 @@ def test_merges_across_that_would_set_another_s_folder_back(
     assert git(hosted.folder, "show", f"{merged}:{name}") == "theirs"
     [fault] = world.look(1, head)
     assert "went apart from the branch at 2 commits" in fault.what
+
+
+def test_head_is_scored_at_the_commit_of_the_event(world: World) -> None:
+    old = world.hosted.pull_of(1, SOUND)
+    world.hosted.pull(1, world.hosted.commit(old, {f"{HOME}/theirs/p.npz": b"mine now"}))
+    assert world.look(1, old) == []
+
+
+def test_head_behind_main_changes_only_its_own_folder(world: World) -> None:
+    head = world.hosted.pull_of(1, SOUND)
+    for number in range(3):
+        newer = world.hosted.commit(world.hosted.tip(), {f"{HOME}/x/{number}": b"newer"})
+        world.hosted.move("refs/heads/main", newer)
+    assert world.look(1, head) == []
+
+
+def test_folder_that_changed_on_main_meanwhile(world: World) -> None:
+    head = world.hosted.pull_of(1, {f"{HOME}/old/p.npz": b"newer"})
+    newer = world.hosted.commit(world.hosted.tip(), {f"{HOME}/old/p.npz": b"newest"})
+    world.hosted.move("refs/heads/main", newer)
+    [fault] = world.look(1, head)
+    assert "has changed on the board since" in str(fault)
+
+
+def test_maintainers_may_change_every_folder(world: World) -> None:
+    head = world.hosted.pull_of(1, {f"{HOME}/theirs/p.npz": b"mended"})
+    assert world.look(1, head, MAINTAINER) == []

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.leaderboard.board import read_board
-from airzoo_bench.leaderboard.schema import schema_text
 from airzoo_bench.leaderboard.starter.write import starter_files
-from airzoo_bench.leaderboard.submission import SCHEMA_LINE
+from airzoo_bench.leaderboard.submission import SCHEMA_LINE, schema_text
 from tests.leaderboard.ci.repositories import Hosted, event, write_event
 from tests.support import run_main
 
@@ -34,11 +33,9 @@ def test_data_that_are_there_are_not_made_again(tmp_path: Path) -> None:
 def test_an_artifact_that_is_not_there_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    call = ("leaderboard", "ci", "ledger", "scored", "--remote", "x.git", "--root", tmp_path)
-    assert run_main(*call, "--artifact", tmp_path / "found.json") == 2
-    assert "found.json: no such artifact" in capsys.readouterr().err
+    call = ("leaderboard", "comment", tmp_path / "found.json", "--out", tmp_path / "c.md")
     assert run_main(*call) == 2
-    assert "this outcome needs --artifact" in capsys.readouterr().err
+    assert "found.json: no such artifact" in capsys.readouterr().err
 
 
 def test_board_without_a_name_can_be_read_too(tmp_path: Path) -> None:
@@ -72,7 +69,7 @@ def test_repository_must_be_a_name(tmp_path: Path, name: str) -> None:
     assert not (tmp_path / "b").exists()
 
 
-@pytest.mark.parametrize("fault", ["event", "board", "remote", "ledger", "work"])
+@pytest.mark.parametrize("fault", ["event", "board", "remote", "work"])
 def test_faults_of_the_board_are_none_of_a_submission(
     tmp_path: Path, fault: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,12 +84,10 @@ def test_faults_of_the_board_are_none_of_a_submission(
         (tmp_path / "b" / "leaderboard.toml").write_text("schema = 9\n")
     if fault == "remote":
         remote = tmp_path / "nowhere.git"
-    if fault == "ledger":
-        hosted.move("refs/heads/leaderboard-data", hosted.commit(None, {"ledger.csv": b"a,b\n"}))
     if fault == "work":
         (tmp_path / "work" / "submissions").mkdir(parents=True)
     code = run_main(
-        "leaderboard", "ci", "score", "--event", file, "--remote", remote, "--root",
+        "leaderboard", "score", "--event", file, "--remote", remote, "--root",
         tmp_path / "b", "--data", tmp_path, "--work", tmp_path / "work", "--out", tmp_path / "f",
     )  # fmt: skip
     assert code == 2

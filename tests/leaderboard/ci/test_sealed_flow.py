@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +17,7 @@ from typer.testing import Result
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.leaderboard.sealed import scoring
-from airzoo_bench.leaderboard.sealed.keys import load_pyrage
+from airzoo_bench.leaderboard.sealed.keys import KEY_VARIABLE, load_pyrage
 from tests.leaderboard.ci.repositories import event, git, write_event
 from tests.leaderboard.ci.walk import ADA, BOARD, Board, submit
 from tests.support import write_raster
@@ -38,9 +35,8 @@ def board(tmp_path: Path, data: Path, command: Run, monkeypatch: pytest.MonkeyPa
     command("seal-folder", data / "made", "--force")
     made = Board(tmp_path / "world", command)
     made.run("leaderboard", "init", made.main, "--repository", "lab/board")
-    key = made.home / "key.txt"
     identity = load_pyrage().x25519.Identity.generate()
-    key.write_text(f"{identity}\n")
+    monkeypatch.setenv(KEY_VARIABLE, str(identity))
     to = str(identity.to_public())
     public = tmp_path / "public"
     archive = public / "made.age"
@@ -69,7 +65,7 @@ def scored(board: Board, number: int, head: str, account: int = ADA) -> Path:
     work = board.home / f"run{board.runs}"
     work.mkdir()
     done = board.run(
-        "leaderboard", "ci", "score", "--event",
+        "leaderboard", "score", "--event",
         write_event(work / "event.json", event(number, head, account)),
         "--remote", board.hosted.folder, "--out", work / "found-score.json",
         "--work", work / "work", "--root", board.main,
@@ -80,9 +76,8 @@ def scored(board: Board, number: int, head: str, account: int = ADA) -> Path:
 
 def opened(board: Board, work: Path, *more: object, code: int = 0) -> Result:
     return board.run(
-        "leaderboard", "ci", "sealed", "--artifact", work / "found-score.json", "--work",
-        work / "work", "--root", board.main, "--out", work / "found-sealed.json",
-        "--key", board.home / "key.txt", *more, code=code,
+        "leaderboard", "score", "--sealed", work / "found-score.json", "--work",
+        work / "work", "--root", board.main, "--out", work / "found-sealed.json", *more, code=code,
     )  # fmt: skip
 
 
@@ -93,11 +88,11 @@ def test_sealed_submission_from_pull_request_to_board(
     submit(board, fork, perfect, "Salad")
     head = board.propose(fork, 1)
     work = scored(board, 1, head)
-    board.ledger("started", "--artifact", work / "found-score.json", "--out", work / "try.json")
+    board.keep(work / "found-score.json", "--started", "--out", work / "try.json")
     opened(board, work)
     artifacts = [work / name for name in ("found-score.json", "try.json", "found-sealed.json")]
-    board.ledger("scored", "--artifact", artifacts[0], "--artifact", artifacts[2])
-    board.run("leaderboard", "ci", "comment", *artifacts, "--out", work / "comment.md")
+    board.keep(artifacts[2])
+    board.run("leaderboard", "comment", *artifacts, "--out", work / "comment.md")
     comment = (work / "comment.md").read_text()
     assert "Rounded to half a standard error" in comment
     assert "| `average` | 10 |" in comment
@@ -105,28 +100,24 @@ def test_sealed_submission_from_pull_request_to_board(
     assert "records_sha256" not in json.dumps(found)
 
     # One try within 30 days: the next commit has none, and its truth is not opened.
-    submit(board, fork, perfect, "Salad", "--force", "--summary", "Other words.")
+    submit(board, fork, perfect, "Salad", "--force", "--set", "summary=Other words.")
     work = scored(board, 1, board.propose(fork, 1))
     refused = board.home / "refused.json"
-    done = board.command(
-        "leaderboard", "ci", "ledger", "started", "--artifact", work / "found-score.json",
-        "--remote", board.hosted.folder, "--root", board.main, "--out", refused,
-    )  # fmt: skip
-    assert done.exit_code == 1
+    done = board.keep(work / "found-score.json", "--started", "--out", refused, code=1)
     assert "this account has had 1 try on made within 30 days" in done.stderr
-    board.run("leaderboard", "ci", "comment", refused, "--out", work / "comment.md")
+    board.run("leaderboard", "comment", refused, "--out", work / "comment.md")
     assert "this account has had 1 try" in (work / "comment.md").read_text()
 
     # What was pushed after the scoring is not what is merged: the board says so.
     newest = git(fork, "rev-parse", "HEAD")
-    board.merge(1, newest, ADA)
+    board.merge(1, newest)
     board.rescore(code=1, said="were not scored against the sealed truth before they were merged")
     git(board.main, "revert", "--no-edit", "HEAD")
     git(board.main, "push", "--quiet", "origin", "HEAD:main")
 
     # The commit that was scored gets its answer on the board, without the key.
     git(fork, "push", "--quiet", "--force", "origin", f"{head}:refs/pull/1/head")
-    board.merge(1, head, ADA)
+    board.merge(1, head)
     run = board.rescore() / "runs/made/retrieval/salad/1"
     answer = json.loads((run / "answer.json").read_text())
     assert sorted(path.name for path in run.iterdir()) == [
@@ -142,7 +133,7 @@ def test_sealed_submission_from_pull_request_to_board(
     board.rescore(code=1, said="scored against an earlier truth")
 
     # One that is on the board stays where it is, and the log says how it comes to the new truth.
-    board.run("leaderboard", "ci", "record", run.parents[4], "--remote", board.hosted.folder)
+    board.keep(run.parents[4])
     data = board.rescore(said="not scored again: another truth; a new commit of the submission")
     assert [path.name for path in data.glob("runs/made/retrieval/salad/*")] == ["1"]
 
@@ -152,25 +143,10 @@ def test_failed_job_gives_the_try_back(board: Board, perfect: dict[str, list[Any
     submit(board, fork, perfect, "Salad")
     work = scored(board, 1, board.propose(fork, 1))
     found = work / "found-score.json"
-    for outcome in ("started", "failed", "started", "failed"):
-        board.ledger(outcome, "--artifact", found)
-    board.run("leaderboard", "ci", "comment", found, "--out", work / "comment.md")
+    for started in (["--started"], [], ["--started"], []):
+        board.keep(found, *started)
+    board.run("leaderboard", "comment", found, "--out", work / "comment.md")
     assert "This does not count as a try" in (work / "comment.md").read_text()
-
-
-def test_stopped_run_that_has_given_the_answer_keeps_the_try(
-    board: Board, perfect: dict[str, list[Any]]
-) -> None:
-    fork = board.clone("ada")
-    submit(board, fork, perfect, "Salad")
-    work = scored(board, 1, board.propose(fork, 1))
-    board.ledger("started", "--artifact", work / "found-score.json")
-    opened(board, work)
-    # The next push cancels the run between the upload of the answer and the end of its job.
-    board.ledger("failed", "--artifact", work / "found-sealed.json")
-    last = board.data_file("ledger.csv").splitlines()[-1]
-    assert ",scored," in last
-    assert board.data_file("answers/" + last.split(",")[-2] + ".json")
 
 
 def test_what_only_the_truth_shows_is_a_try(
@@ -184,19 +160,13 @@ def test_what_only_the_truth_shows_is_a_try(
     fork = board.clone("ada")
     submit(board, fork, perfect, "Salad")
     work = scored(board, 1, board.propose(fork, 1))
-    board.ledger("started", "--artifact", work / "found-score.json")
+    board.keep(work / "found-score.json", "--started")
     with monkeypatch.context() as broken:
         broken.setattr(scoring, "evaluate", fail)
-        opened(board, work)
-    done = board.command(
-        "leaderboard", "ci", "ledger", "failed", "--artifact", work / "found-sealed.json",
-        "--remote", board.hosted.folder, "--root", board.main,
-    )  # fmt: skip
-    assert done.exit_code == 1
-    assert ",scored," in board.data_file("ledger.csv").splitlines()[-1]
-    board.run(
-        "leaderboard", "ci", "comment", work / "found-sealed.json", "--out", work / "comment.md"
-    )
+        opened(board, work, code=1)
+    board.keep(work / "found-sealed.json", code=1)
+    assert ",scored," in board.data_file("tries.csv").splitlines()[-1]
+    board.run("leaderboard", "comment", work / "found-sealed.json", "--out", work / "comment.md")
     comment = (work / "comment.md").read_text()
     assert "The truth was opened: this counts as a try" in comment
     assert "45.1" not in comment
@@ -216,7 +186,7 @@ def test_class_of_a_sealed_method_is_held_to_its_predictions(
     submit(board, fork, perfect, "Salad")
     work = scored(board, 1, board.propose(fork, 1))
     monkeypatch.setattr(scoring, "evaluate", near)
-    opened(board, work)
+    opened(board, work, code=1)
     found = json.loads((work / "found-sealed.json").read_text())
     assert (found["kind"], found["answer"]) == ("refused", None)
     assert "the photo's own prior" in found["problems"][0]["what"]
@@ -239,22 +209,7 @@ def test_truth_is_not_opened_where_there_is_a_network(
     board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth0")])
+    found = {"schema": 1, "kind": "sealed", "pull_request": 1, "account": 1, "head": "a" * 40}
+    (board.home / "found-score.json").write_text(json.dumps(found))
     done = opened(board, board.home, code=1)
     assert "not opened while there is a network (eth0)" in str(done.exception)
-
-
-def test_unshared_process_has_the_loopback_alone() -> None:
-    unshare = shutil.which("unshare")
-    allowed = unshare and not subprocess.run([unshare, "--net", "true"], stderr=-3).returncode
-    if not allowed:
-        pytest.skip("unshare --net needs root here")
-    check = "from airzoo_bench.leaderboard.ci.sealed import check_no_network as c; c()"
-    for line, code in (([unshare, "--net"], 0), ([], 1 if _has_network() else 0)):
-        done = subprocess.run(
-            [*line, sys.executable, "-c", check], env=os.environ, stderr=subprocess.DEVNULL
-        )
-        assert done.returncode == code
-
-
-def _has_network() -> bool:
-    return any(name != "lo" for _, name in socket.if_nameindex())

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.leaderboard.ci.artifact import Standing
-from airzoo_bench.leaderboard.ci.standing import standing_of
-from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.artifact import Standing
+from airzoo_bench.leaderboard.board import Place
+from airzoo_bench.leaderboard.site.standing import standing_of
 from airzoo_bench.statistics.significance import LEVEL
 from tests.leaderboard.site.support import built, method, some_runs, write_version
 

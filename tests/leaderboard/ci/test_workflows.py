@@ -133,9 +133,7 @@ def commands(path: Path) -> list[str]:
     else:
         lines = [step.get("run", "") for step in steps(path)]
     joined = "\n".join(lines).replace("\\\n", " ")
-    found = re.findall(
-        r"airzoo-bench(?:\)\")? ((?:leaderboard|submission|seal|baseline).*)", joined
-    )
+    found = re.findall(r"airzoo-bench(?:\)\")? ((?:leaderboard|submi|seal|baseline).*)", joined)
     return [re.split(r" \|\| ", call)[0] for call in found]
 
 

@@ -62,36 +62,32 @@ class Board:
         file = write_event(work / "event.json", event(number, head, account))
         found, remote = work / "found-score.json", self.hosted.folder
         self.run(
-            "leaderboard", "ci", "score", "--event", file, "--remote", remote, "--out", found,
-            "--work", work / "work", "--root", self.main, "--outputs", work / "outputs", code=code,
+            "leaderboard", "score", "--event", file, "--remote", remote, "--out", found,
+            "--work", work / "work", "--root", self.main, code=code,
         )  # fmt: skip
-        if (work / "outputs").read_text() == "kind=scored\n":
-            self.ledger("scored", "--artifact", found)
-        self.run("leaderboard", "ci", "comment", found, "--out", work / "comment.md")
+        self.run("leaderboard", "comment", found, "--out", work / "comment.md")
         return (work / "comment.md").read_text()
 
-    def ledger(self, outcome: str, *arguments: object) -> Result:
+    def keep(self, found: Path, *arguments: object, code: int = 0) -> Result:
+        remote = self.hosted.folder
         return self.run(
-            "leaderboard", "ci", "ledger", outcome, *arguments,
-            "--remote", self.hosted.folder, "--root", self.main,
+            "leaderboard", "keep", found, "--remote", remote, "--root", self.main, *arguments,
+            code=code,
         )  # fmt: skip
 
-    def merge(self, number: int, head: str, account: int) -> None:
+    def merge(self, number: int, head: str) -> None:
         git(self.main, "pull", "--quiet", "--ff-only", "origin", "main")
         git(self.main, "fetch", "--quiet", "origin", f"refs/pull/{number}/head")
         git(self.main, "merge", "--quiet", "--squash", head)
         git(self.main, "commit", "--quiet", "-m", f"merge of {number}")
         git(self.main, "push", "--quiet", "origin", "HEAD:main")
-        file = self.home / "closed.json"
-        write_event(file, event(number, head, account, merged=True))
-        self.ledger("merged", "--event", file)
 
     def rescore(self, *, said: str | None = None, code: int = 0) -> Path:
         """Score what was merged, and return the folder of all runs; `said` stands in the log."""
         self.runs += 1
         data = self.home / f"data{self.runs}"
         done = self.run(
-            "leaderboard", "ci", "rescore", "--remote", self.hosted.folder, "--out", data,
+            "leaderboard", "score", "--remote", self.hosted.folder, "--out", data,
             "--root", self.main, code=code,
         )  # fmt: skip
         assert said is None or (said in done.stderr and bool(said) == bool(done.stderr))
@@ -105,7 +101,7 @@ class Board:
             "leaderboard", "build", "--runs", data / "runs", "--out", site, "--submissions",
             self.main / "submissions", "--board", self.main / "leaderboard.toml", "--jobs", 1,
         )  # fmt: skip
-        self.run("leaderboard", "ci", "record", data, "--remote", self.hosted.folder)
+        self.keep(data)
         return site
 
     def data_file(self, path: str) -> str:
@@ -113,20 +109,24 @@ class Board:
 
 
 def submit(
-    board: Board, fork: Path, arrays: dict[str, Any], method: str, *more: object, folder: str = ""
+    board: Board,
+    fork: Path,
+    arrays: dict[str, Any],
+    method: str,
+    *more: object,
+    folder: str = "",
+    account: int = ADA,
 ) -> Path:
-    """Make a submission by the documented commands, and return its folder."""
+    """Make a submission by the documented command, and return its folder."""
     name = folder or method.lower()
     predictions = write_predictions(fork.parent / f"{method}.npz", "made-retrieval", **arrays)
     board.run(
-        "submission", "new", predictions, "--board", fork, "--protocol", "made-retrieval",
-        "--method", method, "--summary", "Ranks tiles.", "--team", "Example Lab",
+        "submit", predictions, "--board", fork, "--method", method, "--team", "Example Lab",
         "--contact", "ada@example.org", "--author", "Ada Example", "--licence", "CC-BY-4.0",
-        "--stages", "single-stage", "--training-data", "none", "--folder", name, *more,
+        "--stages", "single-stage", "--training-data", "none", "--folder", name,
+        "--account", account, "--no-commit", *more,
     )  # fmt: skip
-    made = fork / "submissions/made/retrieval" / name
-    board.run("submission", "check", made)
-    return made
+    return fork / "submissions/made/retrieval" / name
 
 
 def worse(perfect: dict[str, list[Any]]) -> dict[str, list[Any]]:

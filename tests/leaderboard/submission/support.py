@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.leaderboard.board import BOARD_FILE, Board, read_board
+from airzoo_bench.leaderboard.board import BOARD_FILE, Board, known_submissions, read_board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
-from airzoo_bench.leaderboard.known import known_submissions
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, submission_text
 from tests.support import write_predictions
 
@@ -64,7 +63,7 @@ def checked(folder: Path, data: Path, **options: Any) -> CheckedSubmission:
     """Check a folder as the command line does."""
     root = folder.parents[3]
     board = read_board(root / BOARD_FILE)
-    return check_submission(folder, board, data, known=known_submissions(root), **options)
+    return check_submission(folder, board, data, known=[*known_submissions(root)], **options)
 
 
 def only_error(found: CheckedSubmission) -> str:

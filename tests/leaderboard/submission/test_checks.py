@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.datasets.geometry_checks import footprint_sets
 from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.leaderboard.predictions_given import FETCHED
+from airzoo_bench.leaderboard.checks import FETCHED
 from airzoo_bench.results.result import write_result
 from tests.leaderboard.submission.support import checked, only_error, write, write_board
 from tests.support import MadeScene, made_protocol, write_benchmark
@@ -35,16 +34,6 @@ def test_predictions_are_held_to_the_benchmark(board: Path, data: Path, perfect:
     assert "each tile once a query" in only_error(found)
 
 
-def test_what_eval_mends_by_an_option_is_mended_by_a_key(
-    board: Path, data: Path, perfect: Any
-) -> None:
-    perfect["query_ids"] = [f"x{name}" for name in perfect["query_ids"]]
-    message = only_error(checked(write(board, perfect), data))
-    assert "none of its query ids belongs to made" in message
-    assert "correct key 'protocol' in submission.toml" in message
-    assert "--protocol" not in message
-
-
 class TestAddress:
     def given(self, home: Path) -> dict[str, Any]:
         file = home / "preds.npz"
@@ -59,16 +48,16 @@ class TestAddress:
         (home / "preds.npz").unlink()
         asked = []
 
-        def fetch(url: str, into: Path, *, size: int, sha256: str, until: None) -> Path:
+        def fetch(url: str, into: Path, *, size: int, sha256: str, seconds: None) -> Path:
             asked.append((url, size, sha256))
             into.mkdir(parents=True)
             (into / ".preds.npz.part").touch()
             return Path(shutil.copy(source / "preds.npz", into))
 
-        monkeypatch.setattr("airzoo_bench.leaderboard.fetching.fetch", fetch)
+        monkeypatch.setattr("airzoo_bench.leaderboard.checks.fetch", fetch)
         assert checked(home, data).predictions is None
         for fetched in (True, False):
-            found = checked(home, data, fetch=fetched)
+            found = checked(home, data, fetched=fetched)
             assert not found.errors
             assert found.predictions is not None
             assert found.predictions.is_relative_to(data / FETCHED)
@@ -154,7 +143,7 @@ class TestTrainingData:
         assert "training data 'drives' were not compared with the benchmark" in warning
         corners = np.array([[[0, 0], [0, 1], [1, 1], [1, 0]]]) * 1e-3
         sets = [NamedFootprints(name, ("a",), corners, np.zeros(1, bool)) for name in "xy"]
-        with mock.patch(f"{footprint_sets.__name__}.read_footprints", side_effect=sets):
+        with mock.patch("airzoo_bench.leaderboard.checks.read_footprints", side_effect=sets):
             [warning] = checked(home, data).warnings
         assert "see the ground of 1 test photo of 1: `airzoo-bench check-split drives made`" in (
             warning
@@ -173,20 +162,3 @@ class TestClaimed:
         result = evaluate(home / "preds.npz", data=data, method="SALAD").result
         write_result(home / "result.json", result.model_copy(update={"notes": ("x",)}))
         assert "the checksum does not fit" in only_error(checked(home, data))
-
-
-class TestBaseline:
-    @pytest.mark.parametrize(
-        ("settings", "said"),
-        [
-            ({"long": 2}, "'baseline.long' is no setting of the retrieval baseline (did you mean"),
-            ({"long-side": 1}, "'baseline.long-side' is 1: "),
-            ({"long-side": 2.5}, "'baseline.long-side' is 2.5: not a whole number"),
-            ({"double": 1}, "'baseline.double' is 1: not true or false"),
-            ({"long-side": True}, "'baseline.long-side' is true: not a whole number"),
-        ],
-    )
-    def test_settings_that_it_has_not(
-        self, board: Path, data: Path, perfect: Any, settings: dict[str, Any], said: str
-    ) -> None:
-        assert said in only_error(checked(write(board, perfect, baseline=settings), data))

@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.validation import toml_value
-from airzoo_bench.leaderboard.schema import schema_text, submission_schema
-from airzoo_bench.leaderboard.submission import SCHEMA_LINE, Submission
+from airzoo_bench.leaderboard.submission import SCHEMA_LINE, Submission, schema_text
 from tests.leaderboard.submission.support import values
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
@@ -27,7 +26,7 @@ EXAMPLE = re.compile(r"```toml\n(.*?)```", re.DOTALL)
 
 def keys_table() -> str:
     """Return the table of all keys, as Markdown."""
-    schema = submission_schema()
+    schema = json.loads(schema_text())
     rows = [
         "| key | needed | what | such as |",
         "| --- | --- | --- | --- |",
@@ -70,8 +69,8 @@ def test_the_example_of_the_page_is_a_submission() -> None:
 
 def test_the_schema_takes_and_refuses_what_the_model_does() -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    validator = jsonschema.Draft202012Validator(submission_schema())
-    validator.check_schema(submission_schema())
+    validator = jsonschema.Draft202012Validator(json.loads(schema_text()))
+    validator.check_schema(json.loads(schema_text()))
 
     def taken(**changes: Any) -> bool:
         return bool(validator.is_valid(json.loads(json.dumps(values(**changes), default=str))))
@@ -87,7 +86,7 @@ def test_the_schema_takes_and_refuses_what_the_model_does() -> None:
 
 
 def test_every_key_has_words_and_an_example_that_the_model_takes() -> None:
-    schema = submission_schema()
+    schema = json.loads(schema_text())
     for part in (schema, *schema["$defs"].values()):
         for key, field in part["properties"].items():
             assert field["description"].endswith("."), key

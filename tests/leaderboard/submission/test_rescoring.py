@@ -55,8 +55,7 @@ def lowered(result: Result, by: float, versions: dict[str, str] | None = None) -
 
 def test_nothing_claimed(home: Path, data: Path) -> None:
     found = scored(home, data)
-    assert found.agrees
-    assert found.claimed is None
+    assert found.agrees is None
     assert found.lines == ("no result was claimed",)
     assert found.evaluation.result.predictions.method == "SALAD"
 
@@ -65,42 +64,25 @@ def test_what_was_claimed_is_found_again(home: Path, data: Path) -> None:
     write_result(home / "result.json", result_of(home, data))
     found = scored(home, data)
     assert found.agrees
-    assert not found.differences
     assert found.lines == ("every score is as claimed",)
 
 
-@pytest.mark.parametrize("versions", [{}, {"scipy": "0.1"}])
-def test_retrieval_has_one_number_whatever_the_versions(
-    home: Path, data: Path, versions: dict[str, str]
-) -> None:
+def test_retrieval_has_one_number_whatever_the_versions(home: Path, data: Path) -> None:
     result = result_of(home, data)
-    write_result(home / "result.json", lowered(result, 1e-6, result.versions | versions))
+    versions = result.versions | {"scipy": "0.1"}
+    write_result(home / "result.json", lowered(result, 1e-6, versions))
     found = scored(home, data)
     assert not found.agrees
     title = found.evaluation.result.columns[0].title
-    assert [(one.part, one.title) for one in found.differences] == [
-        ("east", title),
-        ("west", title),
-        ("over scenes", title),
-        ("over all queries", title),
-    ]
-    assert f"{title} in scene east: claimed 0.999999, re-scored 1" in str(found.errors[0])
-    assert any("scipy" in line for line in found.lines) == bool(versions)
+    parts = ("in scene east", "in scene west", "over scenes", "over all queries")
+    claims = [f"{title} {part}: claimed 0.999999, re-scored 1" for part in parts]
+    assert found.lines == (*claims, "the re-scored numbers stand")
+    assert claims[0] in str(found.errors[0])
 
 
 def test_rounding_is_no_difference(home: Path, data: Path) -> None:
     write_result(home / "result.json", lowered(result_of(home, data), 5e-10))
     assert scored(home, data).agrees
-
-
-def test_a_claim_of_a_million_packages_is_no_million_lines(home: Path, data: Path) -> None:
-    versions = result_of(home, data).versions | {"scipy": "\x1b[2J" * 99}
-    versions |= {f"package{number}": "1" for number in range(1000)}
-    write_result(home / "result.json", lowered(result_of(home, data), 0.0, versions))
-    found = scored(home, data)
-    assert found.agrees
-    assert len(found.lines) == 2
-    assert max(map(len, found.lines)) < 200
 
 
 def test_another_truth_is_no_claim(home: Path, data: Path) -> None:

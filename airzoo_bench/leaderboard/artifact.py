@@ -1,4 +1,4 @@
-"""What one job of CI tells the next: a JSON file with all that the comment shows."""
+"""The findings of CI on a pull request: a JSON file from which the comment is made."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Name, Strict
 from airzoo_bench.leaderboard.answer import SealedAnswer
-from airzoo_bench.leaderboard.ci.event import Commit, Id
-from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.board import Place
+from airzoo_bench.leaderboard.submission import Account
 from airzoo_bench.results.result import ScoreColumn
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
 
 Kind = Literal["nothing", "refused", "scored", "sealed", "withdrawn"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Commit = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
 
 
 class Problem(Strict):
@@ -44,7 +45,7 @@ class Problem(Strict):
 
 
 class Shown(Strict):
-    """A score, its interval, and what the last version on the board had; None is infinite."""
+    """A score, its interval, and the score of the last version; None is infinite."""
 
     value: Finite | None
     low: Finite | None = None
@@ -61,7 +62,7 @@ class SceneScores(Strict):
 
 
 class Standing(Strict):
-    """Where a method stands among those of the board, by one score.
+    """The rank of a method on the board, by one score.
 
     Attributes
     ----------
@@ -70,7 +71,7 @@ class Standing(Strict):
     methods : int
         How many there are, with this one.
     alike : tuple of str
-        Those that it cannot be told from.
+        Methods that it cannot be told from.
     """
 
     score: str
@@ -81,7 +82,7 @@ class Standing(Strict):
 
 
 class Artifact(Strict):
-    """What became of a pull request.
+    """The outcome of a pull request.
 
     Attributes
     ----------
@@ -99,13 +100,13 @@ class Artifact(Strict):
     update : bool
         Whether the folder is on the board already.
     truth : str
-        What it was scored against, or "opened": empty until then.
+        The fingerprint of the truth once it was opened, or "opened".
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
     kind: Kind
-    pull_request: Id
-    account: Id
+    pull_request: Account
+    account: Account
     head: Commit
     benchmark: Name | None = None
     track: Name | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
-from airzoo_bench.leaderboard.ci.artifact import Artifact, SceneScores, Shown, Standing
+from airzoo_bench.leaderboard.artifact import Artifact, SceneScores, Shown, Standing
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import plain, show_number
 

@@ -1,4 +1,4 @@
-"""Where a method stands on the board: what the board says of it, before the board is built."""
+"""The rank of a method among those of the board, before the board is built."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.leaderboard.ci.artifact import SceneScores, Shown, Standing
-from airzoo_bench.leaderboard.ci.git import BoardError
-from airzoo_bench.leaderboard.known import Place
+from airzoo_bench.leaderboard.artifact import SceneScores, Shown, Standing
+from airzoo_bench.leaderboard.board import Place
+from airzoo_bench.leaderboard.git import BoardError
 from airzoo_bench.leaderboard.site.entries import Entry, Faults, read_entries
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
 from airzoo_bench.leaderboard.site.measuring import measure_all

@@ -1,0 +1,274 @@
+"""Git as a store of strangers' objects: bare repositories, no work tree, no filters, no hooks."""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Timer
+from typing import NamedTuple
+
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.leaderboard.checks import MOST_FILES, too_many_files
+
+__all__ = ["TOKEN_VARIABLE", "BoardError", "Entry", "RefusedError", "Repository"]
+
+TOKEN_VARIABLE = "GIT_TOKEN"
+"""The variable of the environment with a token for the remote; it never stands in arguments."""
+
+_KEPT = ("PATH", "HOME", "SSL_CERT_FILE", "GIT_SSL_CAINFO", "HTTPS_PROXY", "https_proxy", "TMPDIR")
+_SETTINGS = {
+    "GIT_CONFIG_NOSYSTEM": "1",
+    "GIT_CONFIG_GLOBAL": os.devnull,
+    "GIT_ATTR_NOSYSTEM": "1",
+    "GIT_NO_REPLACE_OBJECTS": "1",
+    "GIT_TERMINAL_PROMPT": "0",
+    "GIT_ALLOW_PROTOCOL": "https:ssh:file",
+    "LC_ALL": "C",
+}
+_SAFE = ("-c", "core.hooksPath=/dev/null", "-c", "transfer.fsckObjects=true")
+_FETCH = ("fetch", "--quiet", "--no-tags", "--no-recurse-submodules", "--no-write-fetch-head")
+_OBJECT_ID = re.compile(r"[0-9a-f]{40}(?:[0-9a-f]{24})?")
+_ENTRY_BYTES = 512  # of an entry's line, on average; paths are at most some thousand bytes long
+_BATCH = 64
+_TIMEOUT_S, _LISTING_S = 1800, 120
+# Git's words where somebody else has pushed since, before or while this push was received.
+_OVERTAKEN = (b"[rejected]", b"cannot lock ref", b"failed to update ref", b"incorrect old value")
+
+
+class BoardError(SubmissionError):
+    """The board, its data or its remote is not as it must be: no fault of a submission."""
+
+
+class RefusedError(SubmissionError):
+    """A pull request is not as it must be."""
+
+
+class Entry(NamedTuple):
+    """A file or folder of a commit."""
+
+    path: bytes
+    mode: str
+    object_id: str
+
+
+@dataclass(frozen=True)
+class Repository:
+    """A bare repository that only fetches, reads and pushes objects.
+
+    Attributes
+    ----------
+    folder : Path
+    remote : str
+        The only address that is sent the token.
+    """
+
+    folder: Path
+    remote: str
+
+    @classmethod
+    def create(cls, folder: Path, remote: str) -> Repository:
+        """Make an empty one."""
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        made = cls(folder, remote)
+        made.run("init", "--quiet", "--bare", "--template=")
+        made.run("config", "remote.origin.url", remote)
+        return made
+
+    def run(
+        self, *arguments: str, stdin: bytes = b"", more: Mapping[str, str] | None = None
+    ) -> bytes:
+        """Run git and return its output."""
+        done = self._call(*arguments, stdin=stdin, more=more)
+        _check(done, arguments[0])
+        return done.stdout
+
+    def fetch(self, refs: Mapping[str, str], *, blobs: bool, depth: int | None = None) -> None:
+        """Fetch refs of the remote under names of our own."""
+        options = [] if blobs else ["--filter=blob:none"]
+        options += [] if depth is None else [f"--depth={depth}"]
+        pairs = [f"+{theirs}:{ours}" for theirs, ours in refs.items()]
+        done = self._call(*_FETCH, *options, "origin", *pairs)
+        said = done.stderr.decode("utf-8", "replace").strip()
+        if "fsck" in said or "error in object" in said:
+            raise RefusedError(
+                f"git refuses its objects: {said.splitlines()[0][:200]}",
+                expected="commits that git itself has made",
+                fix="make the commit anew",
+            )
+        if "find remote ref" in said:
+            raise BoardError(
+                said.removeprefix("fatal: "),
+                where=self.remote,
+                expected=f"{' and '.join(refs)} there",
+                fix="correct --remote, the name of the board's branch, or the event: a pull "
+                "request that was deleted has no ref",
+            )
+        _check(done, "fetch")
+
+    def remote_has(self, ref: str) -> bool:
+        """Tell whether the remote has a ref."""
+        return bool(self.run("ls-remote", "origin", ref).strip())
+
+    def resolve(self, name: str) -> str | None:
+        """Return the id of a commit or, for ``commit:path``, of a tree or file; None without one.
+
+        The name is made of our own words; a path in it has been checked.
+        """
+        done = self._call("rev-parse", "--verify", "--quiet", "--end-of-options", name)
+        found = done.stdout.decode("ascii", "replace").strip()
+        return found if done.returncode == 0 and _OBJECT_ID.fullmatch(found) else None
+
+    def contains(self, ref: str, commit: str) -> bool:
+        """Tell whether a commit is that of a ref of ours, or one before it."""
+        return self._call("merge-base", "--is-ancestor", commit, ref).returncode == 0
+
+    def merge_bases(self, one: str, other: str) -> list[str]:
+        """Return the commits from which two commits went apart: more than one after merges."""
+        done = self._call("merge-base", "--all", one, other)
+        return done.stdout.decode("ascii").split() if done.returncode == 0 else []
+
+    def changes(self, old: str, new: str) -> list[bytes]:
+        """Return all paths that differ between two commits, of files and of folders."""
+        listed = self._listed("diff-tree", "-r", "-t", "-z", "--no-renames", old, new)
+        return listed.split(b"\0")[1::2]
+
+    def entries(self, commit: str, folder: str) -> list[Entry]:
+        """Return all files below a folder of a commit, and the folders without any."""
+        text = self._listed("ls-tree", "-r", "-t", "-z", "--full-tree", commit, "--", f"{folder}/")
+        found = []
+        for line in text.split(b"\0")[:-1]:
+            head, path = line.split(b"\t", 1)
+            mode, _, object_id = head.decode("ascii").split(" ")
+            if path.startswith(f"{folder}/".encode()):
+                found.append(Entry(path, mode, object_id))
+        parents = {one.path.rpartition(b"/")[0] for one in found}
+        return [one for one in found if one.path not in parents]
+
+    def names(self, commit: str, folder: str) -> list[bytes]:
+        """Return the paths directly in a folder of a commit."""
+        return self.run(
+            *("ls-tree", "-z", "--full-tree", "--name-only", commit, "--", f"{folder}/")
+        ).split(b"\0")[:-1]
+
+    def sizes(self, object_ids: Sequence[str]) -> Iterator[int]:
+        """Yield the size of each object; those of a batch are fetched together, not more."""
+        for start in range(0, len(object_ids), _BATCH):
+            lines = "".join(f"{one}\n" for one in object_ids[start : start + _BATCH]).encode()
+            # Git itself fetches one by one, when asked, what this cannot bring.
+            noop = ("-c", "fetch.negotiationAlgorithm=noop")
+            self._call(*noop, *_FETCH, "--filter=blob:none", "--stdin", "origin", stdin=lines)
+            found = self.run("cat-file", "--batch-check=%(objectsize)", stdin=lines)
+            yield from map(int, found.split())
+
+    def blob(self, object_id: str) -> bytes:
+        """Return the content of a file whose size has been checked."""
+        return self.run("cat-file", "blob", object_id)
+
+    def write_blob(self, object_id: str, path: Path) -> None:
+        """Write the content of a file whose size has been checked to a path that is free."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("xb") as stream:
+            done = self._call("cat-file", "blob", object_id, stdout=stream.fileno())
+        _check(done, "cat-file")
+
+    def commit(self, parent: str | None, files: Mapping[str, bytes], message: str) -> str:
+        """Make a commit that adds or replaces files; there is no work tree."""
+        index = {"GIT_INDEX_FILE": str(self.folder / "index.new")}
+        (self.folder / "index.new").unlink(missing_ok=True)
+        if parent is not None:
+            self.run("read-tree", parent, more=index)
+        lines = b"".join(
+            b"100644 " + self.run("hash-object", "-w", "--stdin", stdin=text).strip()
+            + f"\t{path}\0".encode()
+            for path, text in files.items()
+        )  # fmt: skip
+        self.run("update-index", "-z", "--index-info", stdin=lines, more=index)
+        tree = self.run("write-tree", "--missing-ok", more=index).decode("ascii").strip()
+        parents = [] if parent is None else ["-p", parent]
+        who = {
+            f"GIT_{role}_{key}": value
+            for role in ("AUTHOR", "COMMITTER")
+            for key, value in (
+                ("NAME", "leaderboard"),
+                ("EMAIL", "leaderboard@users.noreply.github.com"),
+            )
+        }
+        made = self.run("commit-tree", *parents, tree, stdin=message.encode(), more=who)
+        return made.decode("ascii").strip()
+
+    def push(self, commit: str, ref: str) -> bool:
+        """Push a commit; False where the remote has moved on meanwhile."""
+        done = self._call("push", "--quiet", "--porcelain", "origin", f"{commit}:{ref}")
+        if done.returncode and any(said in done.stdout for said in _OVERTAKEN):
+            return False
+        done.stderr += done.stdout
+        _check(done, "push")
+        return True
+
+    def _call(
+        self,
+        *arguments: str,
+        stdin: bytes = b"",
+        more: Mapping[str, str] | None = None,
+        stdout: int = subprocess.PIPE,
+    ) -> subprocess.CompletedProcess[bytes]:
+        """Run a command that may fail."""
+        environment = self._environment() | dict(more or {})
+        try:
+            return subprocess.run(
+                self._line(arguments), input=stdin, env=environment, stdout=stdout,
+                stderr=subprocess.PIPE, timeout=_TIMEOUT_S, check=False,
+            )  # fmt: skip
+        except FileNotFoundError as error:
+            raise BoardError("git is not installed", fix="install git 2.36 or later") from error
+        except subprocess.TimeoutExpired as error:
+            where = f"git {arguments[0]} took longer than {_TIMEOUT_S} s"
+            raise BoardError(where, where=self.remote) from error
+
+    def _listed(self, *arguments: str) -> bytes:
+        """Return a listing of a stranger's trees, bounded in bytes and time."""
+        limit = (MOST_FILES + 1) * _ENTRY_BYTES
+        with subprocess.Popen(
+            self._line(arguments), env=self._environment(), stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        ) as process:  # fmt: skip
+            # Trees of empty trees list nothing, for as long as one waits.
+            watchdog = Timer(_LISTING_S, process.kill)
+            watchdog.start()
+            text = process.stdout.read(limit) if process.stdout else b""
+            if len(text) == limit:
+                process.kill()
+            process.wait()
+            watchdog.cancel()
+        if len(text) == limit or text.count(b"\0") > 2 * MOST_FILES:
+            raise RefusedError(too_many_files(None).what, expected="one submission")
+        if process.returncode:
+            raise RefusedError("git cannot read the trees of this commit", fix="make it anew")
+        return text
+
+    def _line(self, arguments: Sequence[str]) -> list[str]:
+        return ["git", *_SAFE, f"--git-dir={self.folder}", *arguments]
+
+    def _environment(self) -> dict[str, str]:
+        kept = {name: os.environ[name] for name in _KEPT if name in os.environ} | _SETTINGS
+        token = os.environ.get(TOKEN_VARIABLE)
+        if not token or not self.remote.startswith("https://"):
+            return kept
+        basic = base64.b64encode(f"x-access-token:{token}".encode()).decode("ascii")
+        return kept | {
+            "GIT_CONFIG_COUNT": "1",
+            "GIT_CONFIG_KEY_0": f"http.{self.remote}.extraHeader",
+            "GIT_CONFIG_VALUE_0": f"Authorization: Basic {basic}",
+        }
+
+
+def _check(done: subprocess.CompletedProcess[bytes], name: str) -> None:
+    """Raise git's words on a command that failed."""
+    if done.returncode:
+        said = done.stderr.decode("utf-8", "replace").strip()[-500:]
+        raise BoardError(f"git {name} failed: {said or f'exit code {done.returncode}'}")

@@ -1,0 +1,309 @@
+"""Making a submission: its folder, whole or not at all, its branch and its pull request."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import typer
+from pydantic import TypeAdapter, ValidationError
+
+from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
+from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
+from airzoo_bench.core.validation import SAFE_NAME, nearest, toml_value, validation_message
+from airzoo_bench.evaluation.given import ReadBy, open_predictions
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard.board import Board, Place
+from airzoo_bench.leaderboard.checks import size_of_tree
+from airzoo_bench.leaderboard.submission import (
+    CLAIMED_FILE,
+    SUBMISSION_FILE,
+    Pipeline,
+    Submission,
+    submission_text,
+)
+from airzoo_bench.protocol.lookup import find_protocol
+
+__all__ = [
+    "QUESTIONS",
+    "Files",
+    "answered",
+    "find_place",
+    "gh_account",
+    "open_pull_request",
+    "protocol_of",
+    "write_submission",
+]
+
+QUESTIONS = (
+    *("protocol", "method", "team", "contact", "authors", "licence", "training_data", "stages"),
+)
+"""The keys that are asked for where no option gives them."""
+
+_LISTS = ("authors", "training_data")
+_OPTIONS = {"authors": "--author", "training_data": "--training-data"}
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files of a submission.
+
+    Attributes
+    ----------
+    url : str or None
+        The address of the predictions, which are then not copied.
+    claimed : Path or None
+        A result.json, or the folder that holds it.
+    names : Path or None
+        A list of image names.
+    """
+
+    predictions: Path
+    url: str | None = None
+    claimed: Path | None = None
+    names: Path | None = None
+    reader: str | None = None
+
+
+def protocol_of(files: Files, data: Path) -> str | None:
+    """Return the protocol that predictions name, None where they name none."""
+    for path in (files.predictions, files.names, files.claimed and _result_of(files.claimed)):
+        if path is not None and not path.exists():
+            raise UsageError("no such file or folder", where=path)
+    try:
+        read_by = ReadBy(files.reader, files.names)
+        given = open_predictions(files.predictions, None, None, data, Run(), read_by)
+    except UserError:
+        return None
+    return given.protocol.name
+
+
+# --- questions ---
+
+
+def answered(
+    given: dict[str, Any], more: Sequence[str], protocols: Sequence[str]
+) -> dict[str, Any]:
+    """Return the keys of submission.toml, once the missing ones of `QUESTIONS` were asked for.
+
+    Parameters
+    ----------
+    given : dict
+        By key, None where an option is missing.
+    more : sequence of str
+        Further keys, such as ``paper=https://...`` or ``cost.hardware=1 x RTX 4090``.
+    protocols : sequence of str
+        Those of the board.
+
+    Raises
+    ------
+    UsageError
+        Something is missing, and there is no terminal to ask on.
+    """
+    missing = [key for key in QUESTIONS if given.get(key) is None]
+    if missing and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        names = {key: _OPTIONS.get(key, f"--{key}") for key in missing}
+        raise UsageError(
+            f"missing: {', '.join(names.values())}",
+            expected="; ".join(f"{names[key]}: {_field(key).description}" for key in missing),
+            fix="add these options, or call it on a terminal, where it asks",
+        )
+    values = given | {key: _ask(key, _choices(key, protocols)) for key in missing}
+    for key in _LISTS:
+        values[key] = [] if list(values[key]) == ["none"] else list(values[key])
+    uses = values.pop("uses", None) or []
+    values["pipeline"] = {"stages": values.pop("stages"), "uses": uses}
+    values["date"] = datetime.datetime.now(datetime.UTC).date()
+    for text in more:
+        _set(values, text)
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _set(values: dict[str, Any], text: str) -> None:
+    """Set a key by ``key=value``; the value is TOML, or else a text."""
+    name, equals, value = text.partition("=")
+    if not equals or not re.fullmatch(r"[a-z_]+(\.[a-z_]+)?", name):
+        raise UsageError(f"--set {text!r} is no key with a value", expected="such as code=https://")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value
+    table, _, key = name.rpartition(".")
+    (values.setdefault(table, {}) if table else values)[key] = parsed
+
+
+def _field(key: str) -> Any:
+    return (Pipeline if key == "stages" else Submission).model_fields[key]
+
+
+def _choices(key: str, protocols: Sequence[str]) -> Sequence[str]:
+    return protocols if key == "protocol" else get_args(_field(key).annotation)
+
+
+def _ask(key: str, choices: Sequence[Any]) -> Any:
+    """Ask until the answer is right."""
+    field, known = _field(key), [one for one in choices if isinstance(one, str)]
+    hint = f"one of {', '.join(known)}" if known else f"such as {_example(key)}"
+    typer.echo(f"\n{field.description} ({hint})", err=True)
+    adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
+    while True:
+        try:
+            answer = typer.prompt(key, default="", show_default=False, err=True).strip()
+        except typer.Abort:  # Ctrl-C, or the end of the input
+            raise KeyboardInterrupt from None
+        value: Any = answer
+        if key in _LISTS:
+            value = tuple(part.strip() for part in answer.split(",") if part.strip())
+        if not value or (known and value not in known):
+            typer.echo(f"  {toml_value(answer)}{nearest(answer, known)}: {hint}", err=True)
+            continue
+        try:
+            return adapter.validate_python(value)
+        except ValidationError as error:
+            said = error.errors()[0]["msg"].removeprefix("Value error, ")
+            typer.echo(f"  {toml_value(answer)}: {said}", err=True)
+
+
+def _example(key: str) -> str:
+    example = _field(key).examples[0]
+    if key == "training_data":
+        return f"{', '.join(example)}; none for a method without training"
+    return ", ".join(example) if isinstance(example, list) else str(example)
+
+
+# --- the folder ---
+
+
+def find_place(protocol: str, folder: str | None, method: str, board: Board, data: Path) -> Place:
+    """Return the place of a submission on a board."""
+    known = board.protocols
+    if protocol not in known:
+        raise UsageError(
+            f"this board does not score by {protocol!r}{nearest(protocol, known)}",
+            where="--protocol",
+            expected=f"one of {', '.join(known)}",
+        )
+    name = folder or re.sub(r"[^a-z0-9]+", "-", method.casefold()).strip("-")[:64]
+    if not re.match(SAFE_NAME, name):
+        raise UsageError(
+            f"no name for a folder: {name!r}",
+            where="--folder",
+            expected="letters a to z, digits, dots, hyphens and underscores, such as salad-2026",
+            fix="name one by --folder; a method's name without such letters gives none",
+        )
+    chosen = find_protocol(protocol, data)
+    return Place(chosen.benchmark, chosen.track, name)
+
+
+def write_submission(
+    root: Path,
+    place: Place,
+    values: dict[str, Any],
+    files: Files,
+    board: Board,
+    *,
+    replace: bool = False,
+) -> Path:
+    """Write the folder of a submission."""
+    path, size = files.predictions, _checked_size(files, board)
+    given: dict[str, Any] = {"sha256": sha256_of_tree(path), "bytes": size}
+    given |= {"url": files.url} if files.url else {"file": _plain_name(path)}
+    given |= {"names": _plain_name(files.names)} if files.names else {}
+    given |= {"reader": files.reader} if files.reader else {}
+    try:
+        stated = Submission.model_validate(values | {"schema": 1, "predictions": given})
+    except ValidationError as error:
+        raise SubmissionError(
+            validation_message(error, Submission),
+            where="keys of submission.toml",
+            fix="correct the option of that name; docs/submission.md says what each is for",
+        ) from error
+    folder = root / place.path
+    there = [entry.name for entry in folder.iterdir()] if folder.is_dir() and replace else []
+    with atomic_entries(folder, there) if there else atomic_folder(folder) as staged:
+        if files.url is None and path.is_dir():
+            # Modes stay behind: on some disks every file is executable, which no board takes.
+            shutil.copytree(path, staged / given["file"], copy_function=shutil.copyfile)
+        elif files.url is None:
+            shutil.copyfile(path, staged / given["file"])
+        if files.names is not None:
+            shutil.copyfile(files.names, staged / given["names"])
+        if files.claimed is not None:
+            shutil.copyfile(_result_of(files.claimed), staged / CLAIMED_FILE)
+        (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
+    return folder
+
+
+def _checked_size(files: Files, board: Board) -> int:
+    """Return the size of the predictions, which must fit the board."""
+    size, most = size_of_tree(files.predictions), board.limits.committed_bytes
+    if files.url is not None and files.predictions.is_dir():
+        raise UsageError(
+            "a folder, which has no address",
+            where=files.predictions,
+            fix="pack it into an archive such as predictions.zip, and publish that",
+        )
+    if files.url is None and size > most:
+        raise UsageError(
+            f"takes {size:,} bytes",
+            where=files.predictions,
+            expected=f"at most {most:,} bytes in the repository",
+            fix="publish it, such as on Zenodo or Hugging Face, and add --url https://...",
+        )
+    return size
+
+
+def _plain_name(path: Path) -> str:
+    """Return a file's name, or another with its ending where a board takes no such name."""
+    name = path.resolve().name
+    if re.match(SAFE_NAME, name) and name not in (SUBMISSION_FILE, CLAIMED_FILE):
+        return name
+    return f"predictions{path.suffix if re.fullmatch(r'[.][A-Za-z0-9]+', path.suffix) else ''}"
+
+
+def _result_of(claimed: Path) -> Path:
+    return claimed / CLAIMED_FILE if claimed.is_dir() else claimed
+
+
+# --- git ---
+
+
+def gh_account() -> int | None:
+    """Return the id of the account that GitHub's command line is logged in with, if any is."""
+    said = _run(Path(), "gh", "api", "user", "--jq", ".id")
+    return int(said) if said and said.strip().isdecimal() else None
+
+
+def open_pull_request(root: Path, place: Place, title: str) -> list[str]:
+    """Commit the folder on a branch of its own and open a pull request; return the steps left."""
+    branch = f"submit-{place.folder}"
+    steps = [f"git push -u origin {branch}", "gh pr create --fill"]
+    for command in (
+        ("git", "switch", "--quiet", "-C", branch),
+        ("git", "add", "--", place.path),
+        ("git", "commit", "--quiet", "-m", title, "--", place.path),
+    ):
+        if _run(root, *command) is None:
+            switch = f"git switch -C {branch} && git add {place.path}"
+            return [f"{switch} && git commit -m {title!r}", *steps]
+    if shutil.which("gh") is None or not sys.stdin.isatty():
+        return steps
+    done = subprocess.run(["gh", "pr", "create", "--fill", "--title", title], cwd=root, check=False)
+    return steps if done.returncode else []
+
+
+def _run(folder: Path, *command: str) -> str | None:
+    """Return the output of a command, None where it failed or is not installed."""
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return None
+    return done.stdout if done.returncode == 0 else None
