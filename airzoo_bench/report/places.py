@@ -19,9 +19,13 @@ from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section
-from airzoo_bench.retrieval.pairs import Positives
-from airzoo_bench.retrieval.questions import scene_truth
-from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, BOX_COLUMNS, RetrievalTruth
+from airzoo_bench.retrieval.truth import (
+    ANCHOR_COLUMNS,
+    BOX_COLUMNS,
+    Positives,
+    RetrievalTruth,
+    scene_truth,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -26,9 +26,8 @@ from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
 from airzoo_bench.geometry.sift import extract
 from airzoo_bench.retrieval.baseline_settings import VladSettings
-from airzoo_bench.retrieval.questions import scene_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
 if TYPE_CHECKING:
     import pandas as pd

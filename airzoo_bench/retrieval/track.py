@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from airzoo_bench.results.result import Reference
     from airzoo_bench.results.scores import Score
     from airzoo_bench.retrieval.predictions import RetrievalPredictions
-    from airzoo_bench.retrieval.scene_predictions import ScenePredictions
+    from airzoo_bench.retrieval.ranking import SceneRanking
     from airzoo_bench.retrieval.settings import RetrievalProtocol
     from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -42,7 +42,7 @@ class RetrievalTrack(
         "RetrievalProtocol",
         "RetrievalPredictions",
         "RetrievalTruth",
-        "ScenePredictions",
+        "SceneRanking",
         _ScoredScene,
     ]
 ):
@@ -68,13 +68,13 @@ class RetrievalTrack(
     @property
     def recorded(self) -> frozenset[str]:
         """See `Track.recorded`."""
-        from airzoo_bench.retrieval.scores import RECORDED
+        from airzoo_bench.retrieval.scoring import RECORDED
 
         return RECORDED
 
     def read(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
         """See `read_retrieval`."""
-        from airzoo_bench.retrieval.reading import read_retrieval
+        from airzoo_bench.retrieval.predictions import read_retrieval
 
         return read_retrieval(path, memory_bytes)
 
@@ -82,7 +82,7 @@ class RetrievalTrack(
         self, predictions: RetrievalPredictions, protocol: RetrievalProtocol, *, thorough: bool
     ) -> Iterator[PredictionError]:
         """See `predictions.validation_errors` and `predictions.deep_validation_errors`."""
-        from airzoo_bench.retrieval.predictions import deep_validation_errors, validation_errors
+        from airzoo_bench.retrieval.checks import deep_validation_errors, validation_errors
 
         yield from validation_errors(predictions)
         if thorough:
@@ -91,8 +91,8 @@ class RetrievalTrack(
             yield from deep_validation_errors(predictions, metric, scenes)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
-        """See `questions.scene_truth`."""
-        from airzoo_bench.retrieval.questions import scene_truth
+        """See `truth.scene_truth`."""
+        from airzoo_bench.retrieval.truth import scene_truth
 
         return scene_truth(benchmark, scene)
 
@@ -103,16 +103,19 @@ class RetrievalTrack(
         rows: NDArray[np.intp],
         protocol: RetrievalProtocol,
         resources: Resources,
-    ) -> ScenePredictions:
-        """See `match_scene`."""
-        from airzoo_bench.retrieval.scene_predictions import match_scene
+    ) -> SceneRanking:
+        """See `rank_scene`."""
+        from airzoo_bench.retrieval.ranking import rank_scene
 
-        rank = partial(match_scene, predictions, truth, rows, protocol.scores, resources)
-        return resources.finish(f"ranking of {truth.scene}", truth, rank)
+        rank = partial(rank_scene, predictions, truth, rows, protocol.scores, resources)
+        try:
+            return resources.finish(f"ranking of {truth.scene}", truth, rank)
+        except PredictionError as error:
+            raise error.inside(predictions.path) from error
 
     def score(
         self,
-        predicted: ScenePredictions,
+        predicted: SceneRanking,
         truth: RetrievalTruth,
         protocol: RetrievalProtocol,
         resources: Resources,
@@ -131,7 +134,7 @@ class RetrievalTrack(
 
     def scores(self, protocol: RetrievalProtocol, scored: Sequence[_ScoredScene]) -> list[Score]:
         """See `retrieval_scores`."""
-        from airzoo_bench.retrieval.scores import retrieval_scores
+        from airzoo_bench.retrieval.scoring import retrieval_scores
 
         return retrieval_scores(protocol.scores)
 
@@ -144,11 +147,11 @@ class RetrievalTrack(
         predictions: RetrievalPredictions,
         protocol: RetrievalProtocol,
         truths: Sequence[RetrievalTruth],
-        scene_predictions: Sequence[ScenePredictions],
+        scene_predictions: Sequence[SceneRanking],
         scored: Sequence[_ScoredScene],
     ) -> list[str]:
         """See `retrieval_notes`."""
-        from airzoo_bench.retrieval.notes import retrieval_notes
+        from airzoo_bench.retrieval.checks import retrieval_notes
 
         return retrieval_notes(predictions, scene_predictions, protocol)
 
@@ -187,7 +190,7 @@ class RetrievalTrack(
     ) -> str | None:
         """Say what random tiles score, unless the truth is sealed."""
         from airzoo_bench.retrieval.chance import chance_level
-        from airzoo_bench.retrieval.scores import retrieval_scores
+        from airzoo_bench.retrieval.scoring import retrieval_scores
 
         if not any(truth.positives.tiles.size for truth in truths):
             return None

@@ -203,7 +203,7 @@ def masked_map(path: Path, valid: np.ndarray, how: str) -> Path:
 def test_shares_of_valid_pixels_are_counted_exactly(
     tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("airzoo_bench.retrieval.gallery._SIDE_PX", 37)
+    monkeypatch.setattr("airzoo_bench.retrieval.gallery._STRIP", 37)
     valid = np.random.default_rng(0).random((100, 150)) < 0.3
     valid[:40, :70] = False
     path = masked_map(tmp_path / "m.tif", valid, how)

@@ -18,9 +18,9 @@ from airzoo_bench.geometry.frames import from_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
+from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import Gallery, GroundTruth
-from airzoo_bench.retrieval.ties import Ranking
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth, write_truth
 from tests.support import protocol, write_raster
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.retrieval import ranking
-from airzoo_bench.retrieval.descriptor_rows import RowParts, RowSource
+from airzoo_bench.retrieval.descriptors import Rows
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.engine_support import Processes, Shuffled
 from tests.retrieval.ranking_support import METRICS, random_positives
@@ -69,7 +69,7 @@ def test_any_cut_gives_the_same_bytes(
     expected = rank_by_descriptors(queries, gallery, **options)
     engine = Shuffled(seed)
     cut = rng.integers(0, n_tiles + 1)
-    parts = RowParts.of(part for part in (gallery[:cut], gallery[cut:]) if len(part))
+    parts = Rows.of(*(part for part in (gallery[:cut], gallery[cut:]) if len(part)))
     for given_gallery in (gallery, parts):
         with mock.patch.object(ranking, "_SENT_QUERIES", most):
             found = rank_by_descriptors(
@@ -146,11 +146,3 @@ def test_refusals_are_those_of_one_piece(metric, value):
         rank_by_descriptors(np.ones((2, 4)), gallery, **options, engine=Shuffled())
     assert "4 of 12 (first 3: city/1, city/4, city/5)" in str(expected.value)
     assert str(found.value) == str(expected.value)
-
-
-def test_a_part_of_a_file_is_small_to_send(tmp_path):
-    np.save(tmp_path / "rows.npy", np.arange(40_000.0).reshape(10_000, 4))
-    source = RowSource.of(np.load(tmp_path / "rows.npy", mmap_mode="r"))
-    part = source.part(100, 9_000).part(5, 7)
-    assert part.by_reference
-    assert part.read(0, 2).tolist() == [[420, 421, 422, 423], [424, 425, 426, 427]]

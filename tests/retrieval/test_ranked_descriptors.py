@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.retrieval import descriptor_search
+from airzoo_bench.retrieval import search
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
-from airzoo_bench.retrieval.similarity import Queries
+from airzoo_bench.retrieval.search import Queries
 from tests.retrieval.ranking_support import (
     METRICS,
     assert_is,
@@ -18,7 +18,7 @@ from tests.retrieval.ranking_support import (
 )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n_tiles=st.sampled_from([1, 2, 7, 60, 300]),
@@ -246,16 +246,16 @@ def test_result_does_not_rest_on_the_bound(metric, monkeypatch):
     gallery += np.random.default_rng(1).normal(0, 1e-7, gallery.shape).astype(np.float32)
     expected = rank_by_descriptors(queries, gallery, **options)
     bounds = Queries.bounds
-    monkeypatch.setattr(Queries, "bounds", lambda self, *norms: bounds(self, *norms) / 1e5)
+    monkeypatch.setattr(Queries, "bounds", lambda self, *how: bounds(self, *how) / 1e5)
     found = rank_by_descriptors(queries, gallery, **options)
     assert np.array_equal(found.tiles, expected.tiles)
 
 
 def test_few_pairs_are_evaluated_in_float64(monkeypatch):
     pairs = []
-    plain = descriptor_search.similarity
+    plain = search.similarity
     monkeypatch.setattr(
-        descriptor_search,
+        search,
         "similarity",
         lambda q, g, metric: pairs.append(len(q)) or plain(q, g, metric),
     )

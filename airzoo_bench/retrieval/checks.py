@@ -1,0 +1,252 @@
+"""Faults of predictions that need no truth, and notes on what readers of scores must know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import check_ids, scene_of
+from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.evaluation.prediction_files import errors_of
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.retrieval.descriptors import Metric, Rows, check_descriptors
+from airzoo_bench.retrieval.metrics import hit_matrix
+from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.ranking import SceneRanking
+from airzoo_bench.retrieval.scoring import retrieval_scores
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
+from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
+
+__all__ = ["deep_validation_errors", "list_errors", "retrieval_notes", "validation_errors"]
+
+_CELLS = 1 << 20  # ranks at a time
+_SHOWN_LETTERS = 80
+_ORDER = "similarities that never rise along a row, or distances that never fall, in all rows alike"
+
+
+def validation_errors(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
+    """Yield the errors of predictions that can be found without truth, and quickly."""
+    content, where = predictions.content, f"{predictions.path}, field "
+    yield from errors_of([partial(check_ids, predictions.query_ids, f"{where}'query_ids'")])
+    if isinstance(content, RankedIds):
+        for error in list_errors(content.ids, content.scores, predictions.query_ids):
+            yield error.inside(predictions.path)
+        return
+    yield from errors_of([partial(check_ids, content.gallery_ids, f"{where}'gallery_ids'")])
+    if content.queries.shape[1] != content.gallery.shape[1]:
+        yield PredictionError(
+            f"query descriptors have {content.queries.shape[1]} dimensions, gallery descriptors "
+            f"{content.gallery.shape[1]}",
+            where=f"{predictions.path}, fields 'query_descriptors' and 'gallery_descriptors'",
+            expected="the same number",
+            fix="describe photos and tiles with the same model",
+        )
+
+
+def list_errors(
+    ids: NDArray[Any], scores: Floats | None, names: Sequence[object] | NDArray[Any]
+) -> Iterator[PredictionError]:
+    """Yield what is wrong with ranked lists (Q, K) of ids, or of indices as the Python face has.
+
+    An empty id, or -1, ends a list.
+    """
+    none = "" if ids.dtype.kind == "U" else -1
+
+    def interrupted(part: slice) -> Bools:
+        ended = ids[part] == none
+        return np.asarray((ended[:, :-1] & ~ended[:, 1:]).any(axis=1))
+
+    def repeated(part: slice) -> Bools:
+        order = np.sort(ids[part], axis=1)
+        return np.asarray(((order[:, 1:] == order[:, :-1]) & (order[:, 1:] != none)).any(axis=1))
+
+    rows = _rows_where(ids, interrupted)
+    if rows.size:
+        yield PredictionError(
+            f"an empty id before a tile in the lists of {_named(names, rows)}",
+            where="field 'ranked_ids'",
+            expected="empty ids only at the end of a list that is shorter than the others",
+            fix="move the empty ids to the end",
+        )
+    rows = _rows_where(ids, repeated)
+    if rows.size:
+        yield PredictionError(
+            f"a tile is ranked more than once in the lists of {_named(names, rows)}",
+            where="field 'ranked_ids'",
+            expected="each tile once a query",
+            fix="keep each tile's best rank",
+        )
+    if scores is not None:
+        yield from _score_errors(ids, scores, names, none)
+
+
+def _score_errors(
+    ids: NDArray[Any], scores: Floats, names: Sequence[object] | NDArray[Any], none: object
+) -> Iterator[PredictionError]:
+    """Yield what is wrong with the scores (Q, K) of ranked lists."""
+
+    def unusable(part: slice) -> Bools:
+        bad = np.isnan(scores[part]) if none == -1 else ~np.isfinite(scores[part])
+        return np.asarray((bad & (ids[part] != none)).any(axis=1))
+
+    def turning(part: slice, sign: int) -> Bools:
+        listed = ids[part, 1:] != none
+        with np.errstate(invalid="ignore"):
+            steps = sign * scores[part, 1:] > sign * scores[part, :-1]
+        return np.asarray((steps & listed).any(axis=1))
+
+    rows = _rows_where(ids, unusable)
+    if rows.size:
+        yield PredictionError(
+            f"NaN or infinite scores in the rows of {_named(names, rows)}",
+            where="field 'scores'",
+            expected="a finite number for each ranked tile",
+            fix="look for a division by zero or half precision, or leave the scores out",
+        )
+    rises, falls = (_rows_where(ids, partial(turning, sign=sign)) for sign in (1, -1))
+    if rises.size and falls.size:  # the direction of most rows is meant
+        yield PredictionError(
+            f"scores are not in order for {_named(names, min(rises, falls, key=len))}",
+            where="field 'scores'",
+            expected=_ORDER,
+            fix="sort each query's tiles by its scores, best first",
+        )
+
+
+def _rows_where(ids: NDArray[Any], test: Callable[[slice], Bools]) -> NDArray[np.intp]:
+    """Find the rows for which a test holds; it sees a part of them at a time."""
+    step = max(1, _CELLS // max(1, ids.shape[1]))
+    parts = [test(slice(start, start + step)) for start in range(0, len(ids), step)]
+    return np.flatnonzero(np.concatenate([np.zeros(0, np.bool_), *parts]))
+
+
+def _named(names: Sequence[object] | NDArray[Any], rows: NDArray[np.intp]) -> str:
+    return first_of((names[row] for row in rows.tolist()), len(names), noun="query")
+
+
+def deep_validation_errors(
+    predictions: RetrievalPredictions, metric: Metric, scenes: Sequence[str]
+) -> Iterator[PredictionError]:
+    """Yield further errors, which scoring would find by itself."""
+    content, ids = predictions.content, predictions.query_ids
+    if isinstance(content, RankedIds):
+        checks = [partial(_check_scenes, content.ids, ids, scenes)]
+    else:  # a query of zeros ties with every tile, whatever the metric
+        queries, gallery = Rows.of(content.queries), content.gallery
+        checks = [
+            partial(check_descriptors, queries, "query_descriptors", "l2", ids),
+            partial(check_descriptors, gallery, "gallery_descriptors", metric, content.gallery_ids),
+        ]
+    for error in errors_of(checks):
+        yield error.inside(predictions.path)
+
+
+def _check_scenes(
+    ranked: NDArray[np.str_], query_ids: NDArray[np.str_], scenes: Sequence[str]
+) -> None:
+    """Refuse lists that rank tiles of another scene."""
+    own = scene_of(query_ids)[:, None]
+    known = np.isin(own, scenes)
+
+    def strange(part: slice) -> Bools:
+        other = (scene_of(ranked[part]) != own[part]) & (ranked[part] != "")
+        return np.asarray(other & known[part])
+
+    rows = _rows_where(ranked, lambda part: np.asarray(strange(part).any(axis=1)))
+    if rows.size:
+        one = slice(rows[0], rows[0] + 1)
+        tile, scene = str(ranked[one][strange(one)][0]), own[rows[0], 0]
+        raise PredictionError(
+            f"tiles of another scene are ranked for {_named(query_ids, rows)}; the first is "
+            f"{tile!r}",
+            where="field 'ranked_ids'",
+            expected=f"tiles of the query's own scene, such as {scene}/...",
+            fix="rank each query against the gallery of its own scene only"
+            if "/" in tile
+            else f"put the scene before each tile: {scene}/{tile}",
+        )
+
+
+def retrieval_notes(
+    predictions: RetrievalPredictions,
+    scenes: Sequence[SceneRanking],
+    protocol: RetrievalProtocol,
+) -> list[str]:
+    """Return what `eval` and `check` note besides the scores."""
+    truths, counts = [scene.truth for scene in scenes], [scene.counts for scene in scenes]
+    totals = {
+        name: sum(count[name] for count in counts)
+        for name in ("empty_lists", "tie_dependent", "dropped_tiles")
+    }
+    flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
+    left_out, against = protocol.gallery.dropped, "on ties, which were broken against the method"
+    kinds = (
+        (totals["empty_lists"], "query has", "queries have", "an empty list, scored as missing"),
+        (totals["tie_dependent"], "query depends", "queries depend", against),
+        (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+        (totals["dropped_tiles"], f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
+    )
+    notes = [f"{counted(n, one, many)} {what}" for n, one, many, what in kinds if n]
+    tables = [truth.excluded for truth in truths]
+    unanswered = [one for some in tables for one in some["id"][some["reason"] == UNANSWERED]]
+    if unanswered:
+        notes.append(f"queries that no tile answers, left out: {first_of(unanswered)}")
+    return [*notes, *_strange_tiles(predictions, truths), *_short_lists(scenes, protocol)]
+
+
+def _strange_tiles(
+    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
+) -> list[str]:
+    """Name described tiles that are in no gallery."""
+    if isinstance(predictions.content, RankedIds):
+        return []
+    given = predictions.content.gallery_ids
+    known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
+    strange = given[~np.isin(given, known)]
+    # Cut, since ids of a file may be long, and notes stand under tables.
+    named = first_of(name[:_SHOWN_LETTERS] for name in strange.tolist())
+    return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
+
+
+def _short_lists(scenes: Sequence[SceneRanking], protocol: RetrievalProtocol) -> list[str]:
+    """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
+    scores = protocol.scores
+    n = sum(_count_shorter(scene, scores.ranks_kept) for scene in scenes)
+    if not n:
+        return []
+    ending = counted(n, "list ends", "lists end")
+    if isinstance(scores, ImageScores):
+        return [
+            f"{ending} without all positives: to AP and MRR the others are not found, which they "
+            "are where the whole gallery is ranked"
+        ]
+    titles = [score.title for score in retrieval_scores(scores) if score.headline]
+    reach = {f"nDCG@{k}": k for k in scores.ndcg_at}
+    reach |= dict(zip(titles, (*scores.recall_at, scores.ap_at), strict=True))
+    cut = [title for title, k in reach.items() if any(_count_shorter(scene, k) for scene in scenes)]
+    whole = [title for title in titles if title not in cut]
+    others = f"; {_and(whole)} {agreeing(len(whole), 'does', 'do')} not look that far"
+    return [
+        f"{ending} before rank {scores.ranks_kept} without all positives: to "
+        f"{_and(['mAP', 'MRR', *cut])} the others are not found{others * bool(whole)}"
+    ]
+
+
+def _count_shorter(scene: SceneRanking, depth: int) -> int:
+    """Count the lists that end before a rank, and not all of whose positives they hold."""
+    positives, ranking, n_tiles = scene.truth.positives, scene.ranking, len(scene.truth.tiles)
+    if ranking.hit_ranks is not None:
+        lacking = np.bincount(positives.queries, ranking.hit_ranks == 0, positives.n_queries) > 0
+        return int((lacking & (scene.lengths > 0)).sum())
+    hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
+    short = (scene.lengths > 0) & (scene.lengths < min(depth, n_tiles))
+    return int((short & (np.count_nonzero(hits, axis=1) < positives.counts)).sum())
+
+
+def _and(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
