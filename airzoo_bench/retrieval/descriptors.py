@@ -145,9 +145,9 @@ class Rows:
 
 def _located(array: NDArray[Any] | _FileRows) -> NDArray[Any] | _FileRows:
     """Return where in which file the rows of a memory map lie; others as they are."""
-    # A copy-on-write map may differ from its file; one of an open file may have no name.
-    mapped = isinstance(array, np.memmap) and array.mode != "c" and array.filename
-    if not mapped or not array.flags.c_contiguous:
+    if not isinstance(array, np.memmap) or not array.flags.c_contiguous:
+        return array
+    if array.mode == "c" or not array.filename:  # it may differ from its file
         return array
     root: Any = array
     while isinstance(root.base, np.memmap):

@@ -252,10 +252,12 @@ def rank_by_descriptors(
     ranking = Ranking(np.full((len(queries), k), -1, np.int32), np.zeros(len(queries), np.bool_))
     with np.errstate(invalid="ignore"):  # what is not finite is refused below
         constant = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
+    if constant.any():
+        queries = np.where(constant[:, None], queries.dtype.type(1), queries)
+    prepared = Queries.of(queries, metric, names)
     if points_one_way(rows, metric, memory_bytes):
         constant[:] = True
     some = np.flatnonzero(~constant)
-    prepared = Queries.of(queries if len(some) == len(queries) else queries[some], metric, names)
     sought, threads = min(max(k, depth), max(n_tiles, 1)), jobs or os.cpu_count() or 1
     searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
     step = queries_at_a_time(searched, queries.shape[1] * (queries.itemsize + 4))
@@ -263,7 +265,7 @@ def rank_by_descriptors(
     parts = split(len(some), step) or [slice(0, 0)]
     found = engine.map(
         _rank_part,
-        [(prepared.take(part), positives.take(some[part])) for part in parts],
+        [(prepared.take(some[part]), positives.take(some[part])) for part in parts],
         shared=(searched, k, depth),
         stage="queries ranked",
         name=lambda _: "some queries",
