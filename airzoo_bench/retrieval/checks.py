@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -12,17 +13,24 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.core.plurals import agreeing, counted
-from airzoo_bench.evaluation.prediction_files import errors_of
+from airzoo_bench.evaluation.queries import errors_of
+from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.retrieval.descriptors import Metric, Rows, check_descriptors
 from airzoo_bench.retrieval.metrics import hit_matrix
-from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import SceneRanking
 from airzoo_bench.retrieval.scoring import retrieval_scores
-from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
-__all__ = ["deep_validation_errors", "list_errors", "retrieval_notes", "validation_errors"]
+__all__ = [
+    "deep_validation_errors",
+    "list_errors",
+    "list_facts",
+    "retrieval_notes",
+    "validation_errors",
+]
 
 _CELLS = 1 << 20  # ranks at a time
 _SHOWN_LETTERS = 80
@@ -172,51 +180,64 @@ def _check_scenes(
         )
 
 
+def list_facts(ranked: SceneRanking, settings: RetrievalScores | ImageScores) -> dict[str, Any]:
+    """Count the queries without a ranking, and by rank the lists that end before it.
+
+    Counted are lists that do not hold all positives, so that a score of that depth misses some.
+    """
+    ranking, positives, n_tiles = ranked.ranking, ranked.truth.positives, len(ranked.truth.tiles)
+    lengths = np.count_nonzero(ranking.tiles >= 0, axis=1)
+    facts = {"flat": int((ranked.answered & (lengths == 0)).sum())}
+    if isinstance(settings, ImageScores):
+        unranked = np.bincount(positives.queries, ranking.hit_ranks == 0, positives.n_queries) > 0
+        return facts | {
+            "shorter": {str(settings.ranks_kept): int((unranked & (lengths > 0)).sum())}
+        }
+    hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
+    lacking = (lengths > 0) & (np.count_nonzero(hits, axis=1) < positives.counts)
+    depths = (settings.ranks_kept, *settings.ndcg_at, *settings.recall_at, settings.ap_at)
+    ends = {str(k): int((lacking & (lengths < min(k, n_tiles))).sum()) for k in depths}
+    return facts | {"shorter": ends}
+
+
 def retrieval_notes(
     predictions: RetrievalPredictions,
-    scenes: Sequence[SceneRanking],
+    truths: Sequence[RetrievalTruth],
+    scored: Sequence[Scored],
     protocol: RetrievalProtocol,
 ) -> list[str]:
     """Return what `eval` and `check` note besides the scores."""
-    truths, counts = [scene.truth for scene in scenes], [scene.counts for scene in scenes]
-    totals = {
-        name: sum(count[name] for count in counts)
-        for name in ("empty_lists", "tie_dependent", "dropped_tiles")
-    }
-    flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
+    sums: Counter[str] = Counter()
+    shorter: Counter[str] = Counter()
+    for scene in scored:
+        sums.update(scene.counts | {"flat": scene.facts["flat"]})
+        shorter.update(scene.facts["shorter"])
     left_out, against = protocol.gallery.dropped, "on ties, which were broken against the method"
     kinds = (
-        (totals["empty_lists"], "query has", "queries have", "an empty list, scored as missing"),
-        (totals["tie_dependent"], "query depends", "queries depend", against),
-        (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
-        (totals["dropped_tiles"], f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
+        ("empty_lists", "query has", "queries have", "an empty list, scored as if it were missing"),
+        ("tie_dependent", "query depends", "queries depend", against),
+        ("flat", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+        ("dropped_tiles", f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
     )
-    notes = [f"{counted(n, one, many)} {what}" for n, one, many, what in kinds if n]
+    notes = [f"{counted(sums[n], one, many)} {what}" for n, one, many, what in kinds if sums[n]]
     tables = [truth.excluded for truth in truths]
     unanswered = [one for some in tables for one in some["id"][some["reason"] == UNANSWERED]]
     if unanswered:
         notes.append(f"queries that no tile answers, left out: {first_of(unanswered)}")
-    return [*notes, *_strange_tiles(predictions, truths), *_short_lists(scenes, protocol)]
+    if isinstance(predictions.content, Descriptors):
+        given = predictions.content.gallery_ids
+        known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
+        # Cut, since ids of a file may be long, and notes stand under tables.
+        strange = [name[:_SHOWN_LETTERS] for name in given[~np.isin(given, known)].tolist()]
+        if strange:
+            named = first_of(strange)
+            notes.append(f"described tiles that are in no gallery, left aside: {named}")
+    return notes + _short_lists(shorter, protocol.scores)
 
 
-def _strange_tiles(
-    predictions: RetrievalPredictions, truths: Sequence[RetrievalTruth]
-) -> list[str]:
-    """Name described tiles that are in no gallery."""
-    if isinstance(predictions.content, RankedIds):
-        return []
-    given = predictions.content.gallery_ids
-    known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
-    strange = given[~np.isin(given, known)]
-    # Cut, since ids of a file may be long, and notes stand under tables.
-    named = first_of(name[:_SHOWN_LETTERS] for name in strange.tolist())
-    return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
-
-
-def _short_lists(scenes: Sequence[SceneRanking], protocol: RetrievalProtocol) -> list[str]:
+def _short_lists(shorter: Counter[str], scores: RetrievalScores | ImageScores) -> list[str]:
     """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
-    scores = protocol.scores
-    n = sum(_count_shorter(scene, scores.ranks_kept) for scene in scenes)
+    n = shorter[str(scores.ranks_kept)]
     if not n:
         return []
     ending = counted(n, "list ends", "lists end")
@@ -228,24 +249,13 @@ def _short_lists(scenes: Sequence[SceneRanking], protocol: RetrievalProtocol) ->
     titles = [score.title for score in retrieval_scores(scores) if score.headline]
     reach = {f"nDCG@{k}": k for k in scores.ndcg_at}
     reach |= dict(zip(titles, (*scores.recall_at, scores.ap_at), strict=True))
-    cut = [title for title, k in reach.items() if any(_count_shorter(scene, k) for scene in scenes)]
+    cut = ["mAP", "MRR", *(title for title, k in reach.items() if shorter[str(k)])]
     whole = [title for title in titles if title not in cut]
     others = f"; {_and(whole)} {agreeing(len(whole), 'does', 'do')} not look that far"
     return [
-        f"{ending} before rank {scores.ranks_kept} without all positives: to "
-        f"{_and(['mAP', 'MRR', *cut])} the others are not found{others * bool(whole)}"
+        f"{ending} before rank {scores.ranks_kept} without all positives: to {_and(cut)} the "
+        f"others are not found{others * bool(whole)}"
     ]
-
-
-def _count_shorter(scene: SceneRanking, depth: int) -> int:
-    """Count the lists that end before a rank, and not all of whose positives they hold."""
-    positives, ranking, n_tiles = scene.truth.positives, scene.ranking, len(scene.truth.tiles)
-    if ranking.hit_ranks is not None:
-        lacking = np.bincount(positives.queries, ranking.hit_ranks == 0, positives.n_queries) > 0
-        return int((lacking & (scene.lengths > 0)).sum())
-    hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
-    short = (scene.lengths > 0) & (scene.lengths < min(depth, n_tiles))
-    return int((short & (np.count_nonzero(hits, axis=1) < positives.counts)).sum())
 
 
 def _and(names: Sequence[str]) -> str:

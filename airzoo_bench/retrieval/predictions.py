@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.prediction_files import Fields, QueryPredictions, read_fields
+from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.descriptors import Rows

@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import rows_among, scene_of, with_endings
 from airzoo_bench.core.validation import nearest as suggestion
 from airzoo_bench.engines.engine import HERE, Engine, split
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.descriptors import Metric, Names, Rows, points_one_way
 from airzoo_bench.retrieval.metrics import hit_matrix
@@ -65,12 +65,6 @@ class SceneRanking:
     given: Bools  # (Q,) whether there is a list
 
     @property
-    def lengths(self) -> Ints:
-        """How many ranks each query has a tile at."""
-        lengths: Ints = np.count_nonzero(self.ranking.tiles >= 0, axis=1)
-        return lengths
-
-    @property
     def counts(self) -> dict[str, int]:
         """What a result states of the scene."""
         truth = self.truth
@@ -91,7 +85,7 @@ def rank_scene(
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
     settings: RetrievalScores | ImageScores,
-    resources: Resources,
+    run: Run,
 ) -> SceneRanking:
     """Rank the gallery for the queries of a scene, which the predictions answer in these rows.
 
@@ -105,7 +99,7 @@ def rank_scene(
             kept = min(kept, max(content.ids.shape[1], settings.deepest))
         step = max(1, _CELLS // max(1, content.ids.shape[1], n_tiles if of_images else kept))
     else:
-        gallery = _scene_gallery(content, truth, resources.memory_bytes)
+        gallery = _scene_gallery(content, truth, run.memory_bytes)
         step = max(1, _CELLS // n_tiles) if of_images else max(1, len(rows))
     whole = n_tiles if of_images else kept
     depth = settings.depth if isinstance(settings, RetrievalScores) else n_tiles
@@ -125,11 +119,11 @@ def rank_scene(
                 metric=settings.descriptor_metric,
                 positives=right,
                 depth=depth,
-                memory_bytes=resources.memory_bytes,
-                jobs=resources.jobs,
+                memory_bytes=run.memory_bytes,
+                jobs=run.jobs,
                 names=names,
                 tile_names=truth.tiles["id"].to_numpy(),
-                engine=resources.engine,
+                engine=run.engine,
             )
         tiles[some], tied[some] = ranking.tiles[:, :kept], ranking.tie_dependent
         if hit_ranks is not None:
@@ -263,15 +257,16 @@ def rank_by_descriptors(
     step = queries_at_a_time(searched, queries.shape[1] * (queries.itemsize + 4))
     step = min(step, _SENT_QUERIES) if engine.distributed else step
     parts = split(len(some), step) or [slice(0, 0)]
+    chosen = [some[part] for part in parts]
     found = engine.map(
         _rank_part,
-        [(prepared.take(some[part]), positives.take(some[part])) for part in parts],
+        [(prepared.take(part), positives.take(part)) for part in chosen],
         shared=(searched, k, depth),
         stage="queries ranked",
         name=lambda _: "some queries",
     )
-    for part, (tiles, tied) in zip(parts, found, strict=True):
-        ranking.tiles[some[part]], ranking.tie_dependent[some[part]] = tiles, tied
+    for part, (tiles, tied) in zip(chosen, found, strict=True):
+        ranking.tiles[part], ranking.tie_dependent[part] = tiles, tied
     blank = np.flatnonzero(constant)
     ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
     _drop_constant(ranking, blank, positives, n_tiles)

@@ -91,8 +91,10 @@ class Queries:
     def __len__(self) -> int:
         return len(self.norms)
 
-    def take(self, some: slice | Ints) -> Queries:
-        """Return some of them."""
+    def take(self, some: Ints) -> Queries:
+        """Return some of them, in ascending order; all are not copied."""
+        if len(some) == len(self):
+            return self
         return Queries(self.rows[some], self.single[some], self.norms[some])
 
     def values(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
 from airzoo_bench.retrieval.descriptor_rows import RowParts, RowSource
+
 from tests.readers.retrieval_support import (
     Place,
     scored,
