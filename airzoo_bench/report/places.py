@@ -39,18 +39,14 @@ class Place:
 
     Attributes
     ----------
-    scene : str
     dom : RasterInfo or None
         The map; None where the gallery is a set of images.
     gallery : Path
         The map that tiles are cut from, or the folder of the images.
-    photos : dict of str to Path
-        By query.
     outlines : (Q, 4, 2) array
         Of the footprints in pixels of the map, NaN where a query has none.
     centres : (Q, 2) array
         Where the query is, in pixels of the map; NaN where that is not known.
-    queries : list of Q str
     tiles : DataFrame
         With the windows in pixels of the gallery's map, or the files of the images.
     tile_outlines : (T, 4, 2) array

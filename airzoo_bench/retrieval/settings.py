@@ -154,6 +154,11 @@ class ImageScores(Strict):
             raise ValueError(f"ranks_kept must reach the deepest score, {deepest}")
         return self
 
+    @property
+    def depth(self) -> int:
+        """The deepest rank that a recall reads; average precision reads the whole list."""
+        return max(self.recall_at)
+
 
 def _by(images: type[Strict], of_images: Callable[[dict[str, Any]], bool]) -> Discriminator:
     """Choose between the section for a map and that for images, by keys that only one has."""
