@@ -96,7 +96,7 @@ def run_ours(problem: Problem) -> Outcome:
             "precision@5": metrics.average_precision_at(hits, n_positives, 5, "precision"),
             "ap@5": metrics.average_precision_at(hits, n_positives, 5, "trec"),
             "ap": metrics.average_precision(hits, n_positives),
-            "rr": metrics.reciprocal_rank(metrics.first_hit_rank(hits)),
+            "rr": metrics.reciprocal_rank(hits),
             "ndcg@5": metrics.ndcg_at(hits, n_positives, 5),
         }
 

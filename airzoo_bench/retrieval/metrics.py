@@ -87,8 +87,9 @@ def first_hit_rank(hits: Bools) -> Ints:
     return np.where(hits[np.arange(len(hits)), column], column + 1, 0)
 
 
-def reciprocal_rank(rank: Ints) -> Floats:
+def reciprocal_rank(hits: Bools) -> Floats:
     """1 / rank of the first hit, 0 without one; the mean is MRR (``recip_rank`` of trec_eval)."""
+    rank = first_hit_rank(hits)
     return np.divide(1.0, rank, out=np.zeros(len(rank)), where=rank > 0)
 
 

@@ -160,7 +160,7 @@ def hit_columns(
             found = metrics.average_precision_at(hits, n_positives, k, variant)
             columns[ap_name(k, variant)] = found
     columns["map"] = metrics.average_precision(hits, n_positives)
-    columns["mrr"] = metrics.reciprocal_rank(metrics.first_hit_rank(hits))
+    columns["mrr"] = metrics.reciprocal_rank(hits)
     return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}
 
 
@@ -202,7 +202,7 @@ def _list_columns(
         share_name(settings.recall_at_share): ((first > 0) & (first <= deepest)).astype(float),
         "ap/trapezoid": trapezoid,
         "map": plain,
-        "mrr": metrics.reciprocal_rank(first),
+        "mrr": np.divide(1.0, first, out=np.zeros(len(first)), where=first > 0),
     }
 
 

@@ -119,7 +119,7 @@ def test_average_precision():
 
 def test_first_hit_and_its_reciprocal():
     assert metrics.first_hit_rank(HITS).tolist() == [2, 1, 0, 1, 0]
-    assert metrics.reciprocal_rank(metrics.first_hit_rank(HITS)).tolist() == [1 / 2, 1, 0, 1, 0]
+    assert metrics.reciprocal_rank(HITS).tolist() == [1 / 2, 1, 0, 1, 0]
 
 
 def test_ndcg():
@@ -137,7 +137,7 @@ def test_empty_lists_score_zero(shape):
         metrics.recall_at(found, 5),
         metrics.average_precision(found, positives),
         metrics.first_hit_rank(found),
-        metrics.reciprocal_rank(metrics.first_hit_rank(found)),
+        metrics.reciprocal_rank(found),
         metrics.ndcg_at(found, positives, 5),
         *(
             metrics.average_precision_at(found, positives, 5, v)
@@ -170,7 +170,7 @@ def all_scores(found: np.ndarray, positives: np.ndarray, k: int) -> dict[str, np
     return {
         "recall": metrics.recall_at(found, k),
         "map": metrics.average_precision(found, positives),
-        "mrr": metrics.reciprocal_rank(metrics.first_hit_rank(found)),
+        "mrr": metrics.reciprocal_rank(found),
         "ndcg": metrics.ndcg_at(found, positives, k),
     } | {
         variant: metrics.average_precision_at(found, positives, k, variant)
