@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.ranking import Ranking
