@@ -19,7 +19,7 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.retrieval.descriptors import Metric, Rows, check_descriptors
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.ranking import SceneRanking
+from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
@@ -34,7 +34,6 @@ __all__ = [
 
 _CELLS = 1 << 20  # ranks at a time
 _SHOWN_LETTERS = 80
-_ORDER = "similarities that never rise along a row, or distances that never fall, in all rows alike"
 
 
 def validation_errors(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
@@ -63,73 +62,61 @@ def list_errors(
 
     An empty id, or -1, ends a list.
     """
-    none = "" if ids.dtype.kind == "U" else -1
+    ended = "" if ids.dtype.kind == "U" else -1
+    numbers = np.zeros((len(ids), 0)) if scores is None else scores
 
-    def interrupted(part: slice) -> Bools:
-        ended = ids[part] == none
-        return np.asarray((ended[:, :-1] & ~ended[:, 1:]).any(axis=1))
+    def interrupted(part: slice) -> Any:
+        empty = ids[part] == ended
+        return empty[:, :-1] & ~empty[:, 1:]
 
-    def repeated(part: slice) -> Bools:
+    def repeated(part: slice) -> Any:
         order = np.sort(ids[part], axis=1)
-        return np.asarray(((order[:, 1:] == order[:, :-1]) & (order[:, 1:] != none)).any(axis=1))
+        return (order[:, 1:] == order[:, :-1]) & (order[:, 1:] != ended)
 
-    rows = _rows_where(ids, interrupted)
-    if rows.size:
-        yield PredictionError(
-            f"an empty id before a tile in the lists of {_named(names, rows)}",
-            where="field 'ranked_ids'",
-            expected="empty ids only at the end of a list that is shorter than the others",
-            fix="move the empty ids to the end",
-        )
-    rows = _rows_where(ids, repeated)
-    if rows.size:
-        yield PredictionError(
-            f"a tile is ranked more than once in the lists of {_named(names, rows)}",
-            where="field 'ranked_ids'",
-            expected="each tile once a query",
-            fix="keep each tile's best rank",
-        )
-    if scores is not None:
-        yield from _score_errors(ids, scores, names, none)
+    def unusable(part: slice) -> Any:
+        bad = np.isnan(numbers[part]) if ended == -1 else ~np.isfinite(numbers[part])
+        return bad & (ids[part] != ended)[:, : bad.shape[1]]
 
-
-def _score_errors(
-    ids: NDArray[Any], scores: Floats, names: Sequence[object] | NDArray[Any], none: object
-) -> Iterator[PredictionError]:
-    """Yield what is wrong with the scores (Q, K) of ranked lists."""
-
-    def unusable(part: slice) -> Bools:
-        bad = np.isnan(scores[part]) if none == -1 else ~np.isfinite(scores[part])
-        return np.asarray((bad & (ids[part] != none)).any(axis=1))
-
-    def turning(part: slice, sign: int) -> Bools:
-        listed = ids[part, 1:] != none
+    def turning(part: slice, sign: int) -> Any:
         with np.errstate(invalid="ignore"):
-            steps = sign * scores[part, 1:] > sign * scores[part, :-1]
-        return np.asarray((steps & listed).any(axis=1))
+            steps = sign * numbers[part, 1:] > sign * numbers[part, :-1]
+        return steps & (ids[part, 1:] != ended)[:, : steps.shape[1]]
 
-    rows = _rows_where(ids, unusable)
-    if rows.size:
-        yield PredictionError(
-            f"NaN or infinite scores in the rows of {_named(names, rows)}",
-            where="field 'scores'",
-            expected="a finite number for each ranked tile",
-            fix="look for a division by zero or half precision, or leave the scores out",
-        )
+    for test, field, what, expected, fix in (
+        (
+            *(interrupted, "ranked_ids", "an empty id before a tile in the lists of"),
+            "empty ids only at the end of a list that is shorter than the others",
+            "move the empty ids to the end",
+        ),
+        (
+            *(repeated, "ranked_ids", "a tile is ranked more than once in the lists of"),
+            *("each tile once a query", "keep each tile's best rank"),
+        ),
+        (
+            *(unusable, "scores", "NaN or infinite scores in the rows of"),
+            "a finite number for each ranked tile",
+            "look for a division by zero or half precision, or leave the scores out",
+        ),
+    ):
+        rows = _rows_where(ids, test)
+        if rows.size:
+            what = f"{what} {_named(names, rows)}"
+            yield PredictionError(what, where=f"field '{field}'", expected=expected, fix=fix)
     rises, falls = (_rows_where(ids, partial(turning, sign=sign)) for sign in (1, -1))
     if rises.size and falls.size:  # the direction of most rows is meant
         yield PredictionError(
             f"scores are not in order for {_named(names, min(rises, falls, key=len))}",
             where="field 'scores'",
-            expected=_ORDER,
+            expected="similarities that never rise along a row, or distances that never fall, in "
+            "all rows alike",
             fix="sort each query's tiles by its scores, best first",
         )
 
 
-def _rows_where(ids: NDArray[Any], test: Callable[[slice], Bools]) -> NDArray[np.intp]:
-    """Find the rows for which a test holds; it sees a part of them at a time."""
+def _rows_where(ids: NDArray[Any], test: Callable[[slice], Any]) -> NDArray[np.intp]:
+    """Find the rows with a place where a test holds; it sees a part of the rows at a time."""
     step = max(1, _CELLS // max(1, ids.shape[1]))
-    parts = [test(slice(start, start + step)) for start in range(0, len(ids), step)]
+    parts = [test(slice(start, start + step)).any(axis=1) for start in range(0, len(ids), step)]
     return np.flatnonzero(np.concatenate([np.zeros(0, np.bool_), *parts]))
 
 
@@ -161,11 +148,10 @@ def _check_scenes(
     own = scene_of(query_ids)[:, None]
     known = np.isin(own, scenes)
 
-    def strange(part: slice) -> Bools:
-        other = (scene_of(ranked[part]) != own[part]) & (ranked[part] != "")
-        return np.asarray(other & known[part])
+    def strange(part: slice) -> Any:
+        return (scene_of(ranked[part]) != own[part]) & (ranked[part] != "") & known[part]
 
-    rows = _rows_where(ranked, lambda part: np.asarray(strange(part).any(axis=1)))
+    rows = _rows_where(ranked, strange)
     if rows.size:
         one = slice(rows[0], rows[0] + 1)
         tile, scene = str(ranked[one][strange(one)][0]), own[rows[0], 0]
@@ -180,14 +166,19 @@ def _check_scenes(
         )
 
 
-def list_facts(ranked: SceneRanking, settings: RetrievalScores | ImageScores) -> dict[str, Any]:
+def list_facts(
+    truth: RetrievalTruth,
+    ranking: Ranking,
+    answered: Bools,
+    settings: RetrievalScores | ImageScores,
+) -> dict[str, Any]:
     """Count the queries without a ranking, and by rank the lists that end before it.
 
     Counted are lists that do not hold all positives, so that a score of that depth misses some.
     """
-    ranking, positives, n_tiles = ranked.ranking, ranked.truth.positives, len(ranked.truth.tiles)
+    positives, n_tiles = truth.positives, len(truth.tiles)
     lengths = np.count_nonzero(ranking.tiles >= 0, axis=1)
-    facts = {"flat": int((ranked.answered & (lengths == 0)).sum())}
+    facts = {"flat": int((answered & (lengths == 0)).sum())}
     if isinstance(settings, ImageScores):
         unranked = np.bincount(positives.queries, ranking.hit_ranks == 0, positives.n_queries) > 0
         return facts | {

@@ -20,17 +20,19 @@ from airzoo_bench.formats.arrays import as_floating
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = [
-    "Faults",
     "Metric",
     "Names",
     "Rows",
     "as_float32",
     "check_descriptors",
+    "exact_norms",
+    "faults_of",
     "gamma",
     "in_windows",
     "normalised",
     "norms_of",
     "points_one_way",
+    "refuse_faults",
     "roundoff",
     "similarity",
 ]
@@ -234,50 +236,42 @@ def exact_norms(rows: NDArray[Any]) -> Floats:
         return np.asarray(np.ldexp(np.sqrt(_dot(scaled, scaled)), exponents))
 
 
-class Faults:
-    """Rows of descriptors that cannot be ranked, to be refused together."""
+_FAULTS = (
+    ("NaN or infinite descriptors", "finite numbers"),
+    ("descriptors too large to rank", "norms up to 1e18"),
+    ("descriptors of zero", "a direction, to take its cosine"),
+)
 
-    def __init__(self, metric: Metric) -> None:
-        self._metric = metric
-        self._broken: list[int] = []
-        self._wild: list[int] = []
-        self._zero: list[int] = []
 
-    def __bool__(self) -> bool:
-        return bool(self._wild or self._zero)
+def faults_of(rows: NDArray[Any], norms: Floats, metric: Metric) -> NDArray[np.int8]:
+    """Return for each row which of `_FAULTS` it has, counted from 1; 0 where it can be ranked."""
+    faults = np.where(norms <= _MOST_NORM, 0, 2).astype(np.int8)  # also tells NaN
+    wild = np.flatnonzero(faults)
+    faults[wild[~np.isfinite(rows[wild]).all(axis=1)]] = 1
+    if metric == "cosine":
+        faults[norms == 0] = 3
+    return faults
 
-    def note(self, start: int, rows: NDArray[Any], norms: Floats) -> None:
-        """Look at rows, of which the first has the number `start`."""
-        wild = np.flatnonzero(~(norms <= _MOST_NORM))
-        self._wild += (wild + start).tolist()
-        self._broken += (wild[~np.isfinite(rows[wild]).all(axis=1)] + start).tolist()
-        if self._metric == "cosine":
-            self._zero += (np.flatnonzero(norms == 0) + start).tolist()
 
-    def refuse(self, total: int, field: str, names: Names | None) -> None:
-        """Raise PredictionError if there are any, of `total` rows."""
-        for rows, what, expected in (
-            (self._broken, "NaN or infinite descriptors", "finite numbers"),
-            (self._wild, "descriptors too large to rank", "norms up to 1e18"),
-            (self._zero, "descriptors of zero", "a direction, to take its cosine"),
-        ):
-            if rows:
-                named = [f"row {row}" if names is None else names[row] for row in rows]
-                raise PredictionError(
-                    f"{what}: {first_of(named, total)}",
-                    where=f"field '{field}'",
-                    expected=expected,
-                    fix="export these descriptors again, and look for a division by zero or half "
-                    "precision",
-                )
+def refuse_faults(faults: NDArray[np.int8], field: str, names: Names | None) -> None:
+    """Refuse descriptors that have faults, by the names of their rows."""
+    for number, (what, expected) in enumerate(_FAULTS, 1):
+        rows = np.flatnonzero(faults == number).tolist()
+        if rows:
+            named = [f"row {row}" if names is None else names[row] for row in rows]
+            raise PredictionError(
+                f"{what}: {first_of(named, len(faults))}",
+                where=f"field '{field}'",
+                expected=expected,
+                fix="export these descriptors again, and look for a division by zero or half "
+                "precision",
+            )
 
 
 def check_descriptors(rows: Rows, field: str, metric: Metric, names: Names | None = None) -> None:
     """Refuse descriptors that cannot be ranked."""
-    faults = Faults(metric)
-    for start, some in rows.blocks():
-        faults.note(start, some, norms_of(some, as_float32(some)))
-    faults.refuse(len(rows), field, names)
+    parts = [faults_of(some, norms_of(some, as_float32(some)), metric) for _, some in rows.blocks()]
+    refuse_faults(np.concatenate(parts), field, names)
 
 
 def points_one_way(rows: Rows, metric: Metric, memory_bytes: int) -> bool:

@@ -34,7 +34,7 @@ from airzoo_bench.retrieval.search import (
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
-__all__ = ["Ranking", "SceneRanking", "rank_by_descriptors", "rank_by_ids", "rank_scene"]
+__all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids", "rank_scene"]
 
 _CELLS = 1 << 20  # ranks at a time
 _SENT_QUERIES = 256  # at a time to another process
@@ -55,41 +55,16 @@ class Ranking:
     hit_ranks: Ints | None = None  # (P,)
 
 
-@dataclass(frozen=True)
-class SceneRanking:
-    """The gallery of a scene, ranked for each of its Q queries as the predictions say."""
-
-    truth: RetrievalTruth
-    ranking: Ranking  # queries that the predictions lack rank no tile
-    answered: Bools  # (Q,) whether there is a list, and it is not empty
-    given: Bools  # (Q,) whether there is a list
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """What a result states of the scene."""
-        truth = self.truth
-        return {
-            "queries": len(truth.queries),
-            "tiles": len(truth.tiles),
-            "missing": int((~self.answered).sum()),
-            "empty_lists": int((self.given & ~self.answered).sum()),
-            "tie_dependent": int(self.ranking.tie_dependent.sum()),
-            "without_positive": len(truth.excluded) + int((truth.positives.counts == 0).sum()),
-            "without_ground_point": truth.without_ground_point,
-            "dropped_tiles": len(truth.dropped_tiles),
-        }
-
-
 def rank_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
     settings: RetrievalScores | ImageScores,
     run: Run,
-) -> SceneRanking:
+) -> Ranking:
     """Rank the gallery for the queries of a scene, which the predictions answer in these rows.
 
-    The row is -1 for queries that they lack.
+    The row is -1 for queries that they lack, which rank no tile.
     """
     content, positives, n_tiles = predictions.content, truth.positives, len(truth.tiles)
     of_images, kept = isinstance(settings, ImageScores), min(settings.ranks_kept, n_tiles)
@@ -128,10 +103,7 @@ def rank_scene(
         tiles[some], tied[some] = ranking.tiles[:, :kept], ranking.tie_dependent
         if hit_ranks is not None:
             hit_ranks[positives.pairs(some)] = _ranks_of_hits(ranking.tiles, right, n_tiles)
-    given = answered = rows >= 0
-    if isinstance(content, RankedIds):
-        answered = given & (content.ids[rows] != "").any(axis=1)
-    return SceneRanking(truth, Ranking(tiles, tied, hit_ranks), answered, given)
+    return Ranking(tiles, tied, hit_ranks)
 
 
 def _ranks_of_hits(tiles: NDArray[np.int32], positives: Positives, n_tiles: int) -> Ints:
@@ -251,22 +223,23 @@ def rank_by_descriptors(
     prepared = Queries.of(queries, metric, names)
     if points_one_way(rows, metric, memory_bytes):
         constant[:] = True
-    some = np.flatnonzero(~constant)
+    some, right = np.flatnonzero(~constant), positives
+    if len(some) < len(queries):
+        prepared, right = prepared.take(some), positives.take(some)
     sought, threads = min(max(k, depth), max(n_tiles, 1)), jobs or os.cpu_count() or 1
     searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
     step = queries_at_a_time(searched, queries.shape[1] * (queries.itemsize + 4))
     step = min(step, _SENT_QUERIES) if engine.distributed else step
     parts = split(len(some), step) or [slice(0, 0)]
-    chosen = [some[part] for part in parts]
     found = engine.map(
         _rank_part,
-        [(prepared.take(part), positives.take(part)) for part in chosen],
+        [(prepared.take(part), right.take(np.arange(len(some))[part])) for part in parts],
         shared=(searched, k, depth),
         stage="queries ranked",
         name=lambda _: "some queries",
     )
-    for part, (tiles, tied) in zip(chosen, found, strict=True):
-        ranking.tiles[part], ranking.tie_dependent[part] = tiles, tied
+    for part, (tiles, tied) in zip(parts, found, strict=True):
+        ranking.tiles[some[part]], ranking.tie_dependent[some[part]] = tiles, tied
     blank = np.flatnonzero(constant)
     ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
     _drop_constant(ranking, blank, positives, n_tiles)

@@ -20,16 +20,17 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.descriptors import (
-    Faults,
     Metric,
     Names,
     Rows,
     as_float32,
     exact_norms,
+    faults_of,
     gamma,
     in_windows,
     normalised,
     norms_of,
+    refuse_faults,
     roundoff,
     similarity,
 )
@@ -75,12 +76,11 @@ class Queries:
     @classmethod
     def of(cls, rows: NDArray[Any], metric: Metric, names: Names | None) -> Queries:
         """Check and prepare query descriptors."""
-        norms, faults = np.empty(len(rows)), Faults(metric)
+        norms = np.empty(len(rows))
         parts = [slice(start, start + _FEW) for start in range(0, len(rows), _FEW)]
         for part in parts:
             norms[part] = exact_norms(rows[part])
-        faults.note(0, rows, norms)
-        faults.refuse(len(rows), "query_descriptors", names)
+        refuse_faults(faults_of(rows, norms, metric), "query_descriptors", names)
         if metric != "cosine":
             return cls(rows, as_float32(rows), norms)
         single = np.empty(rows.shape, np.float32)
@@ -91,10 +91,8 @@ class Queries:
     def __len__(self) -> int:
         return len(self.norms)
 
-    def take(self, some: Ints) -> Queries:
-        """Return some of them, in ascending order; all are not copied."""
-        if len(some) == len(self):
-            return self
+    def take(self, some: slice | Ints) -> Queries:
+        """Return some of them."""
         return Queries(self.rows[some], self.single[some], self.norms[some])
 
     def values(
@@ -212,18 +210,18 @@ def rounded_down(values: Floats) -> NDArray[np.float32]:
 
 def _search(gallery: Gallery, queries: Queries, caution: float) -> tuple[_Kept, Floats]:
     """Search in float32; also return every query's bound, for the norms of the gallery."""
-    kept, faults = _Kept(len(queries), gallery.k), Faults(gallery.metric)
+    kept, faults = _Kept(len(queries), gallery.k), [np.zeros(0, np.int8)]
     least, most, bounds = np.inf, 0.0, np.zeros(len(queries))
     for start, rows in gallery.rows.blocks(gallery.memory_bytes):
         single = as_float32(rows)
         norms = norms_of(rows, single)
-        faults.note(start, rows, norms)
-        if faults:
+        faults.append(faults_of(rows, norms, gallery.metric))
+        if any(some.any() for some in faults):
             continue  # read on, to count them all
         least, most = min(least, norms.min()), max(most, norms.max())
         bounds = caution * queries.bounds(least, most, gallery.metric)
         kept.absorb(queries.values(single, norms, gallery.metric), start, bounds)
-    faults.refuse(len(gallery.rows), "gallery_descriptors", gallery.names)
+    refuse_faults(np.concatenate(faults), "gallery_descriptors", gallery.names)
     kept.prune(bounds)
     return kept, bounds
 
