@@ -16,7 +16,7 @@ from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.published.denseuav import class_positions
 from airzoo_bench.datasets.published.sues_200 import TRAINING
 from airzoo_bench.protocol.lookup import load_protocol
-from airzoo_bench.retrieval.pairs import read_pairs
+from airzoo_bench.retrieval.truth import read_pairs
 from tests.datasets.published import image_trees
 from tests.datasets.published.image_answers import exact, prepared, scored, truth_of
 from tests.datasets.published.image_trees import CHINESE, TREES
