@@ -1,48 +1,103 @@
-"""The record of a scene: scores of the cloud by distances, and of the camera poses."""
+"""From the prediction of a scene to its scores: open, align, prepare, measure distances, score.
+
+`scored_scene` is the whole way; its lines stand in the order of the steps.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.progress import Headed, shown
+from airzoo_bench.core.temporaries import PART
+from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
+from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.camera_sets import LEAST_CAMERAS, PosedCameras
-from airzoo_bench.reconstruction.alignment.cameras import Alignment
-from airzoo_bench.reconstruction.alignment.similarity import Similarity, fit_many
-from airzoo_bench.reconstruction.distances import CloudDistances
-from airzoo_bench.reconstruction.metrics import (
-    CloudScores,
-    Curve,
-    curve,
-    even_thresholds,
-    score_distances,
+from airzoo_bench.reconstruction.alignment import (
+    LEAST_CAMERAS,
+    Alignment,
+    PosedCameras,
+    RansacSettings,
+    align,
+    with_residuals,
 )
-from airzoo_bench.reconstruction.pose_metrics import (
+from airzoo_bench.reconstruction.cameras import match_cameras
+from airzoo_bench.reconstruction.checks import scene_notes
+from airzoo_bench.reconstruction.clouds import InMemoryCloud, TransformedCloud, finite_pieces
+from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
+from airzoo_bench.reconstruction.fusion import (
+    DepthCloud,
+    DepthMaps,
+    PointMapCloud,
+    PointMaps,
+    fuse,
+)
+from airzoo_bench.reconstruction.icp import refine
+from airzoo_bench.reconstruction.metrics import (
+    Curve,
     auc_of_depth_anything_3,
     centre_errors,
+    curve,
+    even_thresholds,
     pair_errors,
     pose_auc,
     rms_of_placed,
+    score_distances,
     step_errors,
 )
-from airzoo_bench.reconstruction.prepared import PreparedCloud
-from airzoo_bench.reconstruction.scores import f1_column, pose_auc_column, share_column
-from airzoo_bench.reconstruction.settings import ReconstructionScores
-
-if TYPE_CHECKING:
-    import pandas as pd
+from airzoo_bench.reconstruction.predictions import ReconstructionPredictions, ScenePrediction
+from airzoo_bench.reconstruction.preparation import (
+    PreparedCloud,
+    box_of,
+    cropped_region,
+    observed_cells,
+    prepared,
+)
+from airzoo_bench.reconstruction.settings import (
+    Fusion,
+    ReconstructionProtocol,
+    ReconstructionScores,
+)
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.truth import ReconstructionTruth, open_true_cloud
+from airzoo_bench.results.scores import Score
 
 __all__ = [
+    "RECORDED",
     "ScoredScene",
+    "open_scene",
     "pose_scores",
-    "record_scene",
-    "score_failed",
+    "reconstruction_scores",
+    "score_geometry",
     "score_missing",
+    "scored_scene",
     "worst_poses",
 ]
+
+Geometry = CloudSource | DepthMaps | PointMaps
+
+# What a point takes in memory while distances are computed: both clouds, their order, the tree.
+_BYTES_A_POINT = 128
+_LEAST_BLOCK = 100_000
+
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "points", "distrusted", "not_finite", "outside", "thinned"),
+        *("truth_points", "truth_unseen", "truth_outside", "truth_thinned"),
+        *("cameras", "cameras_missing", "inlier_cameras", "alignment", "scale"),
+        *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the scenes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,28 +130,124 @@ class ScoredScene:
     @property
     def records(self) -> pd.DataFrame:
         """The record, as a table of one row."""
-        import pandas as pd
-
         return pd.DataFrame([self.record])
 
 
-def record_scene(
+@contextmanager
+def scored_scene(
+    predictions: ReconstructionPredictions,
+    truth: ReconstructionTruth,
+    protocol: ReconstructionProtocol,
+    resources: Resources,
+) -> Iterator[ScoredScene]:
+    """Read a scene's prediction and score it; an error names the scene."""
+    memory_bytes, place = resources.memory_bytes, f"{predictions.path}, scene {truth.scene}"
+    with open_scene(predictions, truth.scene, protocol, memory_bytes) as prediction:
+        true_cloud = open_true_cloud(truth.cloud, memory_bytes, _sampling(protocol))
+        try:
+            cameras = match_cameras(prediction.images, truth, place)
+            geometry = prediction.posed_geometry
+            scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
+            notes = scene_notes(prediction, cameras, truth, scored, protocol)
+        except AlignmentError as error:
+            # The method failed here; its file is not to blame.
+            scored = _score_failed(truth.scene, protocol.scores)
+            notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
+        named = tuple(f"scene {truth.scene}: {note}" for note in notes)
+        yield replace(scored, kind=prediction.kind, notes=named)
+
+
+@contextmanager
+def open_scene(
+    predictions: ReconstructionPredictions,
     scene: str,
-    alignment: Alignment,
-    clouds: tuple[PreparedCloud, PreparedCloud],
-    distances: CloudDistances,
-    recalled: Floats,
-    distrusted: int,
-    poses: dict[str, float],
-    settings: ReconstructionScores,
+    protocol: ReconstructionProtocol,
+    memory_bytes: int,
+) -> Iterator[ScenePrediction]:
+    """Open a scene's entry; whatever is raised meanwhile says where it is."""
+    place, sampling = f"{predictions.path}, scene {scene}", _sampling(protocol)
+    try:
+        with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
+            yield found
+    except PredictionError as error:
+        if error.where is None:
+            raise error.inside(place) from error
+        unpacked = error.where.partition(f"{PART}/")[2]
+        if not unpacked or predictions.path.is_dir():
+            raise
+        # A file of an archive lies somewhere else while it is read.
+        raise PredictionError(
+            error.what, where=f"{place}, {unpacked}", expected=error.expected, fix=error.fix
+        ) from error
+
+
+def _sampling(protocol: ReconstructionProtocol) -> MeshSampling:
+    meshes = protocol.meshes
+    return MeshSampling(
+        seed=meshes.seed, count=meshes.points, per_square_unit=None, max_points=meshes.points
+    )
+
+
+def read_through(
+    predictions: ReconstructionPredictions,
+    scene: str,
+    protocol: ReconstructionProtocol,
+    memory_bytes: int,
+) -> list[str]:
+    """Read a scene's prediction without a truth, and return what there is to say about it."""
+    with open_scene(predictions, scene, protocol, memory_bytes) as prediction:
+        if isinstance(prediction.geometry, FileCloud):
+            # A file that is cut off is found out where it is read.
+            for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
+                pass
+        return [f"scene {scene}: {note}" for note in prediction.notes]
+
+
+def score_geometry(
+    geometry: Geometry,
+    cameras: PosedCameras | None,
+    truth: ReconstructionTruth,
+    true_cloud: CloudSource,
+    protocol: ReconstructionProtocol,
+    resources: Resources,
 ) -> ScoredScene:
-    """Score what was measured between the prepared clouds of a scene, prediction and truth."""
-    predicted, true = clouds
+    """Do with a cloud or maps all that the protocol says, and compare them with the true cloud."""
+    settings = protocol.preparation
+    if protocol.alignment.cameras == "required" and cameras is None:
+        raise PredictionError(
+            "holds no cameras, and the protocol requires them",
+            expected="cameras, by which all methods are aligned alike",
+            fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
+        )
+    block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
+    progress = Headed(truth.scene, resources.progress)
+    box = box_of(true_cloud)
+    ransac = RansacSettings.of(protocol.alignment)
+    alignment = align(protocol.alignment.method, cameras, truth.posed, ransac)
+    cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
+    if alignment.method == "sim3+icp" and cameras is not None:
+        cloud, alignment = _refined(cloud, alignment, cameras, truth, true_cloud, protocol, block)
+    region = cropped_region(true_cloud, box, settings, block)
+    prepare = partial(prepared, settings=settings, region=region, block_points=block)
+    predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
+    true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
+    recalled: Bools | slice = slice(None)
+    if settings.region == "observed":
+        seen = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
+        rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
+        recalled = np.concatenate([np.zeros(0, np.bool_), *rows])
+    distances = cloud_distances(
+        predicted.source,
+        true.source,
+        block_points=block,
+        jobs=resources.jobs,
+        progress=resources.progress,
+    )
     counts = {
         "points": len(distances.to_truth),
         "truth_points": len(distances.to_prediction),
-        "truth_unseen": len(distances.to_prediction) - len(recalled),
-        "distrusted": distrusted,
+        "truth_unseen": len(distances.to_prediction) - len(distances.to_prediction[recalled]),
+        "distrusted": _count_distrusted(geometry, alignment.transform, protocol.fusion, block),
         "not_finite": predicted.not_finite,
         "outside": predicted.outside,
         "thinned": predicted.thinned,
@@ -106,17 +257,70 @@ def record_scene(
         "cameras_missing": alignment.missing,
         "inlier_cameras": alignment.inliers,
     }
-    scores = _cloud_columns(distances.to_truth, recalled, settings)
-    record = {"scene": scene, "answered": True, **counts, **_alignment_columns(alignment)}
-    steps = even_thresholds(settings.curve_up_to_m, settings.curve_steps)
+    scores, to_true = protocol.scores, distances.to_prediction[recalled]
+    record = {
+        **{"scene": truth.scene, "answered": True, **counts, **_alignment_columns(alignment)},
+        **_cloud_columns(distances.to_truth, to_true, scores),
+        **pose_scores(cameras, alignment.transform, truth.posed, scores),
+    }
+    steps = even_thresholds(scores.curve_up_to_m, scores.curve_steps)
     return ScoredScene(
-        record | scores | poses,
+        record,
         {"queries": 1, "missing": 0, **counts},
-        curve(distances.to_truth, recalled, steps),
+        curve(distances.to_truth, to_true, steps),
         alignment,
-        clouds,
+        (predicted, true),
         distances,
     )
+
+
+def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> CloudSource:
+    """Bring a cloud into the frame of the truth, or make one of maps there."""
+    least = fusion.least_confidence
+    if isinstance(geometry, PointMaps):
+        return PointMapCloud(geometry, transform, least)
+    if not isinstance(geometry, DepthMaps):
+        return TransformedCloud(geometry, transform, least)
+    if fusion.method == "tsdf":
+        return InMemoryCloud(fuse(geometry, transform, fusion))
+    return DepthCloud(geometry, transform, fusion.max_depth_m, least)
+
+
+def _refined(
+    cloud: CloudSource,
+    alignment: Alignment,
+    cameras: PosedCameras,
+    truth: ReconstructionTruth,
+    true_cloud: CloudSource,
+    protocol: ReconstructionProtocol,
+    block: int,
+) -> tuple[CloudSource, Alignment]:
+    """Bring a cloud nearer to the truth by ICP; one that is nowhere near it stays, and says why."""
+    try:
+        step, report = refine(cloud, true_cloud, protocol.alignment, memory_points=block)
+    except AlignmentError as error:
+        return cloud, replace(alignment, icp_failure=error.what)
+    moved = replace(alignment, transform=step.after(alignment.transform), icp=report)
+    return TransformedCloud(cloud, step, None), with_residuals(moved, cameras, truth.posed)
+
+
+def _count_distrusted(
+    geometry: Geometry, transform: Similarity, fusion: Fusion, points: int
+) -> int:
+    """Count the points whose confidence is not above the protocol's."""
+    least = fusion.least_confidence
+    if least is None:
+        return 0
+    if not isinstance(geometry, DepthMaps | PointMaps):
+        trusted = TransformedCloud(geometry, Similarity.identity(), least).pieces(points)
+        return geometry.count - sum(len(piece) for piece in trusted)
+    points_only = fusion.model_copy(update={"method": "back-projection"})
+    every = points_only.model_copy(update={"confidence_above": "none"})
+    of_all, of_trusted = (_as_cloud(geometry, transform, one) for one in (every, points_only))
+    return of_all.count - of_trusted.count
+
+
+# --- records ---
 
 
 def score_missing(scene: str, settings: ReconstructionScores) -> ScoredScene:
@@ -126,7 +330,7 @@ def score_missing(scene: str, settings: ReconstructionScores) -> ScoredScene:
     return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
 
 
-def score_failed(scene: str, settings: ReconstructionScores) -> ScoredScene:
+def _score_failed(scene: str, settings: ReconstructionScores) -> ScoredScene:
     """Score a scene whose prediction cannot be aligned: as a missing one, with failed poses."""
     record = score_missing(scene, settings).record | {"answered": True} | worst_poses(settings)
     return ScoredScene(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
@@ -136,20 +340,19 @@ def _cloud_columns(
     to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores
 ) -> dict[str, float]:
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
-    scores: CloudScores = score_distances(
+    found = score_distances(
         to_truth, to_prediction, thresholds=limits, max_distance=settings.clip_m
     )
     columns = {
-        "chamfer_m": scores.chamfer,
-        "accuracy_m": scores.accuracy,
-        "completeness_m": scores.completeness,
-        "accuracy_median_m": scores.accuracy_median,
-        "completeness_median_m": scores.completeness_median,
+        "chamfer_m": found.chamfer,
+        "accuracy_m": found.accuracy,
+        "completeness_m": found.completeness,
+        "accuracy_median_m": found.accuracy_median,
+        "completeness_median_m": found.completeness_median,
     }
-    shares = scores.curve.precision, scores.curve.recall, scores.curve.f1
-    for limit, *at in zip(*(values.tolist() for values in (limits, *shares)), strict=True):
-        names = share_column("precision", limit), share_column("recall", limit), f1_column(limit)
-        columns |= dict(zip(names, at, strict=True))
+    for row, limit in enumerate(limits.tolist()):
+        for share in ("precision", "recall", "f1"):
+            columns[f"{share}_{limit:g}m"] = float(getattr(found.curve, share)[row])
     return columns
 
 
@@ -173,18 +376,21 @@ def pose_scores(
     """Score camera poses against those of all true cameras."""
     if predicted is None or predicted.rotation is None or truth.rotation is None:
         return {}
+    scores = worst_poses(settings)
     if len(truth.names) < 2:
-        return worst_poses(settings)
+        return scores
     true = Poses(rotation=truth.rotation, centres=truth.centres)
     given = _by_truth(predicted, predicted.rotation, truth)
     placed = np.isfinite(given.centres).all(axis=1)
-    if settings.trajectory_alignment == "umeyama":
-        transform = _umeyama(given.centres[placed], true.centres[placed])
-    scores = worst_poses(settings) | _aucs(given, true, settings)
+    scores |= _pose_aucs(given, true, settings)
     scores["cameras_placed"] = float(placed.mean())
     if placed.sum() < LEAST_CAMERAS:
         # A similarity brings two cameras to any other two.
         return scores
+    if settings.trajectory_alignment == "umeyama":
+        # All predicted cameras are brought nearest to the true ones, as evo does.
+        centres = given.centres[placed], true.centres[placed]
+        ((transform,), _) = fit_many(centres[0][None], centres[1][None], with_scale=True)
     aligned = transform.apply_poses(given)
     translation, rotation_deg = step_errors(aligned, true)
     scores["ate_m"] = rms_of_placed(centre_errors(aligned, true))
@@ -195,27 +401,18 @@ def pose_scores(
 
 def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
     """Return the pose scores of a prediction whose poses have failed."""
-    aucs = {pose_auc_column(a): 0.0 for a in settings.pose_auc_below_deg}
-    failed = {"ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
-    return {**aucs, "cameras_placed": 0.0, **failed}
+    aucs = {f"pose_auc_{limit:g}deg": 0.0 for limit in settings.pose_auc_below_deg}
+    return {**aucs, "cameras_placed": 0.0, "ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
 
 
-def _aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
+def _pose_aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
     limits = settings.pose_auc_below_deg
     if settings.pose_auc_rule == "depth-anything-3":
         values = auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
     else:
         errors = pair_errors(given, true, least_baseline=settings.least_baseline_m)
         values = [pose_auc(errors, limit) for limit in limits]
-    return {pose_auc_column(limit): value for limit, value in zip(limits, values, strict=True)}
-
-
-def _umeyama(centres: Floats, true: Floats) -> Similarity:
-    """Bring all predicted cameras nearest to the true ones, as evo does."""
-    if not len(centres):
-        return Similarity.identity()
-    (fit,), _ = fit_many(centres[None], true[None], with_scale=True)
-    return fit
+    return {f"pose_auc_{limit:g}deg": value for limit, value in zip(limits, values, strict=True)}
 
 
 def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> Poses:
@@ -227,3 +424,31 @@ def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> P
         if name in rows:
             turned[place], centres[place] = rotation[rows[name]], cameras.centres[rows[name]]
     return Poses(rotation=turned, centres=centres)
+
+
+def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -> list[Score]:
+    """Return the scores that a protocol asks for, those of poses where predictions hold any."""
+    main = settings.headline_below_m
+    scores = [
+        _distance("chamfer_m", "Chamfer", headline=True),
+        _distance("accuracy_m", "Accuracy", headline=True),
+        _distance("completeness_m", "Completeness", headline=True),
+    ]
+    for limit in (main, *(other for other in settings.f1_below_m if other != main)):
+        for share, title in (("precision", "P"), ("recall", "R"), ("f1", "F1")):
+            headline = limit == main or share == "f1"
+            column = f"{share}_{limit:g}m"
+            scores.append(Score.share(column, f"{title}@{limit:g}m", headline=headline))
+    scores.append(_distance("accuracy_median_m", "Accuracy, median"))
+    scores.append(_distance("completeness_median_m", "Completeness, median"))
+    if with_poses:
+        for angle in settings.pose_auc_below_deg:
+            scores.append(Score.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
+        scores.append(Score.share("cameras_placed", "Cameras placed"))
+        scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
+        scores.append(replace(_distance("rpe_deg", "RPE, rotation"), unit="deg"))
+    return scores
+
+
+def _distance(column: str, title: str, *, headline: bool = False) -> Score:
+    return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)

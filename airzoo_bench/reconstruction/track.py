@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from airzoo_bench.benchmark.folder import Benchmark
     from airzoo_bench.evaluation.evaluate import Evaluation
-    from airzoo_bench.reconstruction.listed import ListedScenes
-    from airzoo_bench.reconstruction.reading import ReconstructionPredictions
+    from airzoo_bench.reconstruction.predictions import ListedScenes, ReconstructionPredictions
     from airzoo_bench.reconstruction.scoring import ScoredScene
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
@@ -32,7 +31,7 @@ _UNPACKED_BYTES = 1 << 40
 
 
 def _write_alignments(evaluation: Evaluation, path: Path) -> None:
-    from airzoo_bench.reconstruction.alignment.cameras import write_alignments
+    from airzoo_bench.reconstruction.alignment import write_alignments
 
     found = {name: scene.alignment for name, scene in evaluation.scored.items()}
     write_alignments({name: one for name, one in found.items() if one is not None}, path)
@@ -96,14 +95,14 @@ class ReconstructionTrack(
     @property
     def recorded(self) -> frozenset[str]:
         """See `Track.recorded`."""
-        from airzoo_bench.reconstruction.scores import RECORDED
+        from airzoo_bench.reconstruction.scoring import RECORDED
 
         return RECORDED
 
     def read(self, path: Path, memory_bytes: int) -> ReconstructionPredictions:
         """List predictions; see `open_reconstruction`."""
         from airzoo_bench.formats.arrays import open_arrays, protocol_name
-        from airzoo_bench.reconstruction.reading import open_reconstruction
+        from airzoo_bench.reconstruction.predictions import open_reconstruction
 
         if path.is_file() and not path.name.lower().endswith(self.suffixes):
             raise UnreadableError(
@@ -150,7 +149,7 @@ class ReconstructionTrack(
     ) -> ListedScenes:
         """See `Track.assign`."""
         from airzoo_bench.core.validation import nearest
-        from airzoo_bench.reconstruction.listed import ListedScenes
+        from airzoo_bench.reconstruction.predictions import ListedScenes
 
         known = [scene.id for scene in protocol.scenes]
         if not set(known) & set(predictions.scenes):
@@ -184,8 +183,7 @@ class ReconstructionTrack(
         resources: Resources,
     ) -> ScoredScene:
         """See `scored_scene` and `score_missing`."""
-        from airzoo_bench.reconstruction.scenes import scored_scene
-        from airzoo_bench.reconstruction.scoring import score_missing
+        from airzoo_bench.reconstruction.scoring import score_missing, scored_scene
 
         if truth.scene not in predicted.scenes:
             return score_missing(truth.scene, protocol.scores)
@@ -216,7 +214,7 @@ class ReconstructionTrack(
         self, protocol: ReconstructionProtocol, scored: Sequence[ScoredScene]
     ) -> list[Score]:
         """See `reconstruction_scores`."""
-        from airzoo_bench.reconstruction.scores import reconstruction_scores
+        from airzoo_bench.reconstruction.scoring import reconstruction_scores
 
         return reconstruction_scores(protocol.scores, with_poses=_with_poses(scored))
 
@@ -247,7 +245,7 @@ class ReconstructionTrack(
         resources: Resources,
     ) -> list[str]:
         """Score the scene, since only that finds all that scoring would refuse."""
-        from airzoo_bench.reconstruction.scenes import read_through
+        from airzoo_bench.reconstruction.scoring import read_through
 
         if truth.is_sealed:
             if truth.scene not in predicted.scenes:
@@ -262,7 +260,7 @@ class ReconstructionTrack(
         resources: Resources,
     ) -> Iterator[PredictionError | str]:
         """See `read_through`."""
-        from airzoo_bench.reconstruction.scenes import read_through
+        from airzoo_bench.reconstruction.scoring import read_through
 
         for scene in protocol.scenes:
             if scene.id in predictions.scenes:

@@ -14,10 +14,8 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
-from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
-from airzoo_bench.reconstruction.maps import LazyMaps
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions
+from airzoo_bench.reconstruction.fusion import DepthMaps, LazyMaps, PointMaps
+from airzoo_bench.reconstruction.predictions import ReconstructionPredictions, ScenePrediction
 
 __all__ = ["UntrustedScenes", "list_scenes", "store_scene"]
 

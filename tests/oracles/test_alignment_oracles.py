@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, umeyama
-from airzoo_bench.reconstruction.pose_metrics import (
+from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.icp import IcpSettings, refine
+from airzoo_bench.reconstruction.metrics import (
     auc_of_depth_anything_3,
     centre_errors,
     pair_errors,
@@ -21,6 +20,7 @@ from airzoo_bench.reconstruction.pose_metrics import (
     step_errors,
 )
 from airzoo_bench.reconstruction.scoring import pose_scores
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, umeyama
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.world import protocol
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
+from airzoo_bench.reconstruction.predictions import ReconstructionPredictions, open_reconstruction
 
 ROOM = 1 << 24
 

@@ -7,12 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.camera_sets import (
-    PosedCameras,
-    RansacSettings,
-)
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))

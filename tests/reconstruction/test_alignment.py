@@ -8,11 +8,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.reconstruction.alignment.camera_sets import (
-    PosedCameras,
-)
-from airzoo_bench.reconstruction.alignment.cameras import align, partners
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError
+from airzoo_bench.reconstruction.alignment import PosedCameras, align, partners
+from airzoo_bench.reconstruction.similarity import AlignmentError
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.posed_cameras import (
     RANSAC,

@@ -14,11 +14,9 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
-from airzoo_bench.reconstruction.baseline import photo_pairs, sparse_reconstruction
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.baseline import Model, photo_pairs, sparse_reconstruction
 from airzoo_bench.reconstruction.baseline_settings import SfmSettings
-from airzoo_bench.reconstruction.sfm.colmap import Model
 from tests.geometry.support import looking_down
 
 T = TypeVar("T")

@@ -8,12 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.cloud_plausibility import (
-    lost_digits,
-    mirror_warning,
-    plausibility_warnings,
-)
+from airzoo_bench.reconstruction.checks import check_bounds, check_digits, check_mirror
+from airzoo_bench.reconstruction.similarity import Similarity
 
 TRUTH = np.array([[576_661.0, 5_188_114.0, 156.0], [576_768.0, 5_188_211.0, 169.0]])
 LOCAL = TRUTH - TRUTH[0]
@@ -21,7 +17,7 @@ LOCAL = TRUTH - TRUTH[0]
 
 @given(st.floats(0.2, 5.0), st.floats(-200, 200))
 def test_a_cloud_that_lies_about_right_raises_none(scale: float, shift: float) -> None:
-    assert plausibility_warnings(TRUTH[0] + LOCAL * scale + shift, TRUTH) == ()
+    assert check_bounds(TRUTH[0] + LOCAL * scale + shift, TRUTH) == ()
 
 
 @pytest.mark.parametrize(
@@ -39,27 +35,27 @@ def test_a_cloud_that_lies_about_right_raises_none(scale: float, shift: float) -
     ],
 )
 def test_what_it_looks_like(cloud: np.ndarray, truth: np.ndarray, message: str) -> None:
-    (said,) = plausibility_warnings(cloud, truth)
+    (said,) = check_bounds(cloud, truth)
     assert message in said
 
 
 def test_bounds_that_are_not_finite_tell_nothing() -> None:
     for value in (np.nan, np.inf):
-        assert plausibility_warnings(np.full((2, 3), value), TRUTH) == ()
-        assert lost_digits(np.full((2, 3), value), np.dtype("f4"), 1.0, 0.01) is None
+        assert check_bounds(np.full((2, 3), value), TRUTH) == ()
+        assert check_digits(np.full((2, 3), value), np.dtype("f4"), 1.0, 0.01) is None
 
 
 def test_a_single_point_is_compared_by_its_place() -> None:
     point = np.repeat(TRUTH[:1], 2, axis=0)
-    assert plausibility_warnings(point, TRUTH) == ()
-    assert "away" in plausibility_warnings(np.zeros((2, 3)), TRUTH)[0]
+    assert check_bounds(point, TRUTH) == ()
+    assert "away" in check_bounds(np.zeros((2, 3)), TRUTH)[0]
 
 
 SCENE = TRUTH[0] + np.random.default_rng(0).uniform(0, 90, (500, 3))
 
 
 def said(points: np.ndarray, stored: str = "f8", scale: float = 1.0) -> str | None:
-    return lost_digits(points, np.dtype(stored), scale, 0.01)
+    return check_digits(points, np.dtype(stored), scale, 0.01)
 
 
 def rounded(digits: int) -> np.ndarray:
@@ -107,7 +103,7 @@ OWN = Similarity(3.0, Rotation.from_euler("xyz", (10, 20, 30), degrees=True).as_
 def test_a_cloud_that_is_mirrored_in_its_own_frame(axes: str) -> None:
     signs = [-1.0 if axis in axes else 1.0 for axis in ("x", "y", "z")]
     truth = OWN.apply(HILLS / 3)
-    found = mirror_warning(OWN.apply(HILLS / 3 * signs), truth, OWN, [2.0])
+    found = check_mirror(OWN.apply(HILLS / 3 * signs), truth, OWN, [2.0])
     assert found is not None
     assert f"{axes} negated about the origin of its own frame" in found
 
@@ -116,7 +112,7 @@ def test_a_cloud_that_is_mirrored_where_it_lies() -> None:
     truth = HILLS + TRUTH[0]
     middle = np.median(truth, axis=0)
     mirrored = (truth - middle) * (-1, 1, 1) + middle
-    found = mirror_warning(mirrored, truth, Similarity.identity(), [2.0])
+    found = check_mirror(mirrored, truth, Similarity.identity(), [2.0])
     assert found is not None
     assert "x negated about its middle" in found
 
@@ -127,22 +123,22 @@ def test_a_cloud_that_is_mirrored_about_its_cameras(axis: int) -> None:
     plane = truth[:, axis].mean() + 60.0
     mirrored = truth.copy()
     mirrored[:, axis] = 2 * plane - truth[:, axis]
-    found = mirror_warning(mirrored, truth, Similarity.identity(), [2.0])
+    found = check_mirror(mirrored, truth, Similarity.identity(), [2.0])
     assert found is not None
     assert f"{'xyz'[axis]} negated about the middle between it and the truth" in found
     # What is merely elsewhere is not mirrored, flat or not.
     away = np.eye(3)[axis] * 60.0
     for height in (1.0, 0.01, 0.0):
         scene = HILLS * (1, 1, height) + TRUTH[0]
-        assert mirror_warning(scene + away, scene, Similarity.identity(), [1.0, 2.0]) is None
+        assert check_mirror(scene + away, scene, Similarity.identity(), [1.0, 2.0]) is None
 
 
 def test_a_cloud_that_fits_or_is_merely_wrong_is_not_mirrored() -> None:
     truth = HILLS + TRUTH[0]
-    assert mirror_warning(truth, truth, Similarity.identity(), [2.0]) is None
+    assert check_mirror(truth, truth, Similarity.identity(), [2.0]) is None
     noise = np.random.default_rng(2).uniform(-300, 300, (4000, 3)) + TRUTH[0]
-    assert mirror_warning(noise, truth, Similarity.identity(), [2.0]) is None
-    assert mirror_warning(truth[:0], truth, Similarity.identity(), [2.0]) is None
+    assert check_mirror(noise, truth, Similarity.identity(), [2.0]) is None
+    assert check_mirror(truth[:0], truth, Similarity.identity(), [2.0]) is None
 
 
 @pytest.mark.parametrize(
@@ -161,8 +157,8 @@ def test_a_flat_scene_tells_by_the_finer_distances(
     flat -= flat.mean(axis=0)
     wrong = flat[:, order] * signs
     own = Similarity(1.0, np.eye(3), TRUTH[0])
-    found = mirror_warning(own.apply(wrong), own.apply(flat), own, [1.0, 10.0])
+    found = check_mirror(own.apply(wrong), own.apply(flat), own, [1.0, 10.0])
     assert found is not None
     assert words in found
     raised = flat + np.array((0.0, 0.0, 4.0))
-    assert mirror_warning(own.apply(raised), own.apply(flat), own, [1.0, 10.0]) is None
+    assert check_mirror(own.apply(raised), own.apply(flat), own, [1.0, 10.0]) is None

@@ -14,13 +14,11 @@ from pydantic import ValidationError
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scenes
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud
-from airzoo_bench.reconstruction.regions import bounding_box
-from airzoo_bench.reconstruction.scenes import score_geometry
-from airzoo_bench.reconstruction.scoring import ScoredScene
+from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.clouds import InMemoryCloud
+from airzoo_bench.reconstruction.preparation import bounding_box, observed_cells
+from airzoo_bench.reconstruction.scoring import ScoredScene, score_geometry
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.visibility import observed_cells
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import all_pairs
 from tests.reconstruction.world import (

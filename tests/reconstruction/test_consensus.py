@@ -9,11 +9,7 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.camera_sets import (
-    PosedCameras,
-    RansacSettings,
-    sample_blocks,
-)
+from airzoo_bench.reconstruction.alignment import PosedCameras, RansacSettings, sample_blocks
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.posed_cameras import UTM, cameras, made_by, seen_from, sim3
 

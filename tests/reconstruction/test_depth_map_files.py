@@ -12,17 +12,17 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-from airzoo_bench.reconstruction.cloud_sources import DepthMaps, PointMaps
-from airzoo_bench.reconstruction.depth_map_files import holds_maps, read_maps
-from airzoo_bench.reconstruction.image_poses import read_image_poses
-from airzoo_bench.reconstruction.view_plausibility import (
+from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.cameras import read_image_poses
+from airzoo_bench.reconstruction.checks import (
+    check_image_size,
+    check_resolution,
     refuse_camera_to_world,
-    refuse_other_resolution,
     suspect_camera_to_world,
-    suspect_image_size,
     suspect_names,
 )
+from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
+from airzoo_bench.reconstruction.predictions import holds_maps, read_maps
 from tests.formats.cloud_support import refused
 from tests.reconstruction.depth_maps import H, N, W, made, matrices, poses
 
@@ -198,12 +198,12 @@ def test_intrinsics_of_photos_that_are_little_larger_or_smaller(width: int, heig
     """Depth Anything 3 and VGGT make maps of 504 and 518 px of a photo of 640x480."""
     K = np.tile(np.array([[500.0, 0, 320.5], [0, 500, 240.5], [0, 0, 1]]), (3, 1, 1))
     with refused("about 6[34][0-9] x 4[78][0-9]"):
-        refuse_other_resolution(Cameras.from_matrices(K, width, height), None, "it")
+        check_resolution(Cameras.from_matrices(K, width, height), None, "it")
     K[1, :2, 2] = width / 2, height / 2
-    assert refuse_other_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
+    assert check_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
     near = np.array([width, height]) / 2 * 1.09
     K[:, :2, 2] = near
-    assert refuse_other_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
+    assert check_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
 
 
 def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
@@ -216,10 +216,10 @@ def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
 
 
 def test_maps_of_another_shape_than_the_photos() -> None:
-    assert suspect_image_size((518, 291), 4000, 2250) is None
-    assert suspect_image_size((504, 280), 4000, 2250) is None
-    assert "turned by 90 degrees" in str(suspect_image_size((291, 518), 4000, 2250))
-    assert "cut, padded" in str(suspect_image_size((518, 518), 4000, 2250))
+    assert check_image_size((518, 291), 4000, 2250) is None
+    assert check_image_size((504, 280), 4000, 2250) is None
+    assert "turned by 90 degrees" in str(check_image_size((291, 518), 4000, 2250))
+    assert "cut, padded" in str(check_image_size((518, 518), 4000, 2250))
 
 
 def inverted(given: Poses) -> Poses:

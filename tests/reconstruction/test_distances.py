@@ -14,8 +14,12 @@ from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import distances
-from airzoo_bench.reconstruction.distances import block_distances, cloud_distances
-from airzoo_bench.reconstruction.neighbours import NeighbourSearch, mutual_distances
+from airzoo_bench.reconstruction.distances import (
+    NeighbourSearch,
+    block_distances,
+    cloud_distances,
+    mutual_distances,
+)
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces, clouds, surface
 

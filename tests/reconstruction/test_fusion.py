@@ -15,15 +15,16 @@ from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction import cloud_sources as sources
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.cloud_sources import (
+from airzoo_bench.reconstruction.clouds import surface_depth
+from airzoo_bench.reconstruction.fusion import (
     DepthCloud,
     DepthMaps,
     PointMapCloud,
     PointMaps,
-    surface_depth,
+    TsdfSettings,
+    fuse,
 )
-from airzoo_bench.reconstruction.tsdf import TsdfSettings, fuse
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
@@ -229,7 +230,7 @@ _HASH = """
 import hashlib
 import numpy as np
 from tests.reconstruction.test_fusion import STILL, TSDF, replace, slope_maps
-from airzoo_bench.reconstruction.tsdf import fuse
+from airzoo_bench.reconstruction.fusion import fuse
 maps = slope_maps()
 noise = np.random.default_rng(3).normal(0, 0.2, maps.depth.shape)
 maps = replace(maps, depth=maps.depth + noise)

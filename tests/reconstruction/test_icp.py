@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.icp import IcpReport, IcpSettings, drawn, refine
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.icp import IcpReport, IcpSettings, draw_points, refine
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.posed_cameras import UTM, assert_same
 
@@ -102,13 +102,13 @@ def test_icp_needs_clouds_that_meet() -> None:
 def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     points = np.arange(3000.0).reshape(1000, 3)
     points[17] = np.nan
-    some = drawn(Pieces(points), 10, seed=1)
+    some = draw_points(Pieces(points), 10, seed=1)
     assert len(some) == 10
     assert (np.diff(some[:, 0]) > 0).all()
-    assert not np.array_equal(some, drawn(Pieces(points), 10, seed=2))
-    assert len(drawn(Pieces(points), 2000, seed=1)) == 999
+    assert not np.array_equal(some, draw_points(Pieces(points), 10, seed=2))
+    assert len(draw_points(Pieces(points), 2000, seed=1)) == 999
     monkeypatch.setattr("airzoo_bench.reconstruction.alignment.icp._PART", 37)
-    np.testing.assert_array_equal(some, drawn(Pieces(points), 10, seed=1))
+    np.testing.assert_array_equal(some, draw_points(Pieces(points), 10, seed=1))
 
 
 # Memory, measured in a process of its own: a sample of the prediction and parts of the truth.
@@ -116,7 +116,7 @@ def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.Mo
 CHILD = """
 import resource
 import numpy as np
-from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
+from airzoo_bench.reconstruction.icp import IcpSettings, refine
 from airzoo_bench.formats.clouds.cloud import Cloud
 
 class Made:

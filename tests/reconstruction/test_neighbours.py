@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction import neighbours
-from airzoo_bench.reconstruction.distances import bound_squared
-from airzoo_bench.reconstruction.neighbours import (
+from airzoo_bench.reconstruction import distances as neighbours
+from airzoo_bench.reconstruction.distances import (
     NeighbourSearch,
+    bound_squared,
     gather,
     morton_order,
     mutual_distances,

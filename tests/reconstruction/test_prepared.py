@@ -12,15 +12,16 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, TransformedCloud
-from airzoo_bench.reconstruction.prepared import (
+from airzoo_bench.reconstruction.clouds import InMemoryCloud, TransformedCloud
+from airzoo_bench.reconstruction.preparation import (
+    Box,
     PreparedCloud,
+    box_of,
     cropped_region,
     prepared,
 )
-from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.settings import Preparation
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces, settings
 

@@ -13,8 +13,8 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.reconstruction.cloud_sources import DepthMaps
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
+from airzoo_bench.reconstruction.fusion import DepthMaps
+from airzoo_bench.reconstruction.predictions import ReconstructionPredictions, open_reconstruction
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
 from tests.reconstruction.depth_maps import made as made_views
 from tests.reconstruction.listed import listed

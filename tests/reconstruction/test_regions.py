@@ -9,8 +9,13 @@ from hypothesis import given
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.regions import bounding_box, covered_columns, occupied_cells
-from airzoo_bench.reconstruction.visibility import observed_cells, seen_by
+from airzoo_bench.reconstruction.preparation import (
+    bounding_box,
+    covered_columns,
+    observed_cells,
+    occupied_cells,
+    seen_by,
+)
 from tests.geometry.support import looking_down, quick, seeds
 from tests.reconstruction.cloud_support import Pieces, settings
 

@@ -18,8 +18,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.reconstruction.camera_names import match_cameras
-from airzoo_bench.reconstruction.image_poses import ImagePoses
+from airzoo_bench.reconstruction.cameras import ImagePoses, match_cameras
 from airzoo_bench.reconstruction.truth import read_truth
 from airzoo_bench.results.result import read_result
 from tests.reconstruction.both_scenes import both, notes_of

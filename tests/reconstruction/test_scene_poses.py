@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.similarity import umeyama
+from airzoo_bench.reconstruction.similarity import umeyama
 from tests.reconstruction.world import (
     Array,
     World,

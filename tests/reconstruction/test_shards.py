@@ -18,12 +18,11 @@ from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.reconstruction import scenes
-from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud
-from airzoo_bench.reconstruction.reading import open_reconstruction
-from airzoo_bench.reconstruction.scenes import score_geometry
-from airzoo_bench.reconstruction.scoring import ScoredScene
+from airzoo_bench.reconstruction.clouds import InMemoryCloud
+from airzoo_bench.reconstruction.predictions import open_reconstruction
+from airzoo_bench.reconstruction.scoring import ScoredScene, score_geometry
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.true_cloud import open_true_cloud
+from airzoo_bench.reconstruction.truth import open_true_cloud
 from tests.formats.cloud_support import LIMIT, SAMPLING, refused
 from tests.reconstruction.cloud_support import surface
 from tests.reconstruction.shard_support import (

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.reconstruction.alignment.similarity import (
+from airzoo_bench.reconstruction.similarity import (
     AlignmentError,
     Similarity,
     fit_many,

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.cloud_sources import finite_rows
-from airzoo_bench.reconstruction.regions import bounding_box
-from airzoo_bench.reconstruction.voxels import VoxelGrid
+from airzoo_bench.reconstruction.clouds import VoxelGrid, finite_rows
+from airzoo_bench.reconstruction.preparation import bounding_box
 from tests.geometry.support import quick
 from tests.reconstruction.cloud_support import clouds, surface
 

@@ -1,0 +1,517 @@
+"""Bringing a prediction into the frame of the truth by its cameras, partners by image name.
+
+A similarity is fitted to partner cameras, outliers found by a seeded RANSAC. Samples are of three
+cameras, or, on a straight flight strip, whose centres leave the turn about it free, of two and
+their orientations. Each sample that is the best so far is refitted to its inliers until they stay,
+and trials go on until a better sample is improbable. Depth Anything 3's rule, samples of half of
+the cameras and one refit, is a variant.
+
+References
+----------
+Fischler and Bolles, Random sample consensus, CACM 24(6), 1981; Chum, Matas, Kittler, Locally
+optimized RANSAC, DAGM 2003.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.reconstruction.icp import IcpReport
+from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
+from airzoo_bench.reconstruction.similarity import (
+    RANK_TOLERANCE,
+    AlignmentError,
+    Similarity,
+    fit_many,
+    fit_strips,
+    point_rank,
+)
+
+__all__ = [
+    "LEAST_CAMERAS",
+    "Alignment",
+    "CameraFit",
+    "PosedCameras",
+    "RansacSettings",
+    "Residuals",
+    "align",
+    "fit_cameras",
+    "partners",
+    "with_residuals",
+    "write_alignments",
+]
+
+LEAST_CAMERAS = 3
+_BLOCK = 50  # trials that are judged at once; how many are made depends on it
+_LEAST_LIMIT = 1e-9  # of the width of the true centres: a residual below it is rounding
+_MOST_REFITS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class PosedCameras:
+    """N cameras by the names of their images.
+
+    Attributes
+    ----------
+    names : tuple of N str
+    centres : (N, 3) array
+        In world coordinates; NaN for a camera without a pose.
+    rotation : (N, 3, 3) array or None
+        World-to-camera, OpenCV axes; None where there are positions only (GPS).
+    """
+
+    names: tuple[str, ...]
+    centres: Floats
+    rotation: Floats | None = None
+
+    def take(self, rows: Ints) -> PosedCameras:
+        """Return the cameras at these rows."""
+        rotation = None if self.rotation is None else self.rotation[rows]
+        return PosedCameras(tuple(self.names[row] for row in rows), self.centres[rows], rotation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacSettings:
+    """How outliers among the camera centres are found; the defaults are those of all protocols.
+
+    Attributes
+    ----------
+    min_trials, max_trials : int
+        Samples drawn; where there are no more than `min_trials` minimal ones, each is tried once.
+    confidence : float
+        Trials end once a sample without outliers was drawn with this probability, judged by the
+        largest share of inliers yet; 1 never ends before `max_trials`.
+    sample_share : float or None
+        None takes minimal samples: three cameras, two on a line. Otherwise the share of the
+        cameras in a sample, and one refit only: Depth Anything 3 takes a half.
+    inlier_limit : float or None
+        Residuals of inliers are below it, in units of the truth. None is Depth Anything 3's rule:
+        the median distance from a predicted centre to the nearest true one, whichever that is,
+        once all cameras are aligned.
+    inlier_limit_deg : float
+        On a line, orientations of inliers are nearer than this, too.
+    line_ratio : float
+        Centres whose second singular value about their mean is at most this share of the first
+        lie on a line. There, orientations weigh as much as points so far off the line.
+    seed : int
+    """
+
+    inlier_limit: float | None
+    inlier_limit_deg: float = 10.0
+    min_trials: int = 1_000
+    max_trials: int = 100_000
+    confidence: float = 0.9999
+    sample_share: float | None = None
+    line_ratio: float = 0.1
+    seed: int = 0
+
+    @classmethod
+    def of(cls, stated: AlignmentSettings) -> RansacSettings:
+        """Take what a protocol states."""
+        share, limit = stated.sample_share, stated.inlier_below_m
+        return cls(
+            inlier_limit=None if isinstance(limit, str) else limit,
+            inlier_limit_deg=stated.inlier_below_deg,
+            min_trials=stated.min_trials,
+            max_trials=stated.max_trials,
+            confidence=stated.confidence,
+            sample_share=None if isinstance(share, str) else share,
+            line_ratio=stated.line_ratio,
+            seed=stated.seed,
+        )
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What is left between partners: root mean square, median and largest."""
+
+    rms: float
+    median: float
+    largest: float
+
+    @classmethod
+    def of(cls, values: Floats) -> Residuals | None:
+        """Summarise values (N,); None where there are none."""
+        if not len(values):
+            return None
+        rms = float(np.sqrt((values * values).mean()))
+        return cls(rms, float(np.median(values)), float(values.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A transform into the frame of the truth, and how well it fits.
+
+    Attributes
+    ----------
+    cameras, missing : int
+        Cameras of the truth that have a partner, and those that have none.
+    inliers : int
+        Cameras within the limit, to which the transform is fitted: `inlier_names`.
+    inlier_limit : float or None
+        None where nothing was fitted.
+    used_orientations : bool
+        The centres lie on a line: the rotation is the mean of the orientations' differences.
+    robust : bool
+        False where fewer than 3 cameras agreed, so that all of them were fitted.
+    centres, inlier_centres : Residuals or None
+        Distances of all partners' centres, and of the inliers', in units of the truth.
+    rotations_deg : Residuals or None
+        Angles between all partners' orientations, where both have them.
+    icp_failure : str or None
+        Why ICP changed nothing.
+    """
+
+    method: Literal["none", "sim3", "sim3+icp"]
+    transform: Similarity
+    cameras: int = 0
+    missing: int = 0
+    inliers: int = 0
+    inlier_limit: float | None = None
+    used_orientations: bool = False
+    robust: bool = True
+    centres: Residuals | None = None
+    inlier_centres: Residuals | None = None
+    rotations_deg: Residuals | None = None
+    icp: IcpReport | None = None
+    icp_failure: str | None = None
+    inlier_names: tuple[str, ...] = ()
+
+
+def align(
+    method: Literal["none", "sim3", "sim3+icp"],
+    predicted: PosedCameras | None,
+    truth: PosedCameras,
+    ransac: RansacSettings,
+) -> Alignment:
+    """Find the transform of a prediction into the frame of the truth, by cameras."""
+    if predicted is None:
+        return Alignment("none", Similarity.identity())
+    if method == "none":
+        return with_residuals(Alignment("none", Similarity.identity()), predicted, truth)
+    rows, true_rows = partners(predicted, truth)
+    if len(rows) < LEAST_CAMERAS:
+        raise AlignmentError(
+            f"a similarity needs {LEAST_CAMERAS} cameras, and {len(rows)} of "
+            f"{len(predicted.names)} predicted ones have a position and a partner in the truth",
+            expected=f"at least {LEAST_CAMERAS} cameras",
+            fix="give poses of more images, or predict in the truth's frame and align by 'none'",
+        )
+    target = truth.take(true_rows)
+    fit = fit_cameras(predicted.take(rows), target, ransac)
+    found = Alignment(
+        method=method,
+        transform=fit.transform,
+        inliers=int(fit.inliers.sum()),
+        inlier_limit=fit.limit,
+        used_orientations=fit.used_orientations,
+        robust=fit.robust,
+        inlier_names=target.take(np.flatnonzero(fit.inliers)).names,
+    )
+    return with_residuals(found, predicted, truth)
+
+
+def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
+    """Return the rows (P,) of cameras of the same name in both, in the order of the truth.
+
+    No camera has a name twice; one whose centre is not finite has no partner.
+    """
+    place = {name: row for row, name in enumerate(predicted.names)}
+    pairs = [(place[name], row) for row, name in enumerate(truth.names) if name in place]
+    rows, true_rows = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    both = predicted.centres[rows], truth.centres[true_rows]
+    kept = np.isfinite(np.concatenate(both, axis=1)).all(axis=1)
+    return rows[kept], true_rows[kept]
+
+
+def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
+    """Return an alignment with what is left between partners after its transform."""
+    rows, true_rows = partners(predicted, truth)
+    source, target = predicted.take(rows), truth.take(true_rows)
+    away = _apart(found.transform.apply(source.centres), target.centres)
+    angles = None
+    if source.rotation is not None and target.rotation is not None:
+        aligned = source.rotation @ found.transform.rotation.T
+        angles = Residuals.of(rotation_angle_deg(aligned, target.rotation))
+    return replace(
+        found,
+        cameras=len(rows),
+        missing=len(truth.names) - len(rows),
+        centres=Residuals.of(away),
+        inlier_centres=Residuals.of(away[np.isin(target.names, found.inlier_names)]),
+        rotations_deg=angles,
+    )
+
+
+def _apart(a: Floats, b: Floats) -> Floats:
+    offset = a - b
+    squared: Floats = (offset * offset).sum(axis=-1)
+    return np.sqrt(squared)
+
+
+# --- the similarity that most partners agree with ---
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFit:
+    """A similarity fitted to partner cameras; the attributes are those of `Alignment`."""
+
+    transform: Similarity
+    inliers: Bools
+    limit: float
+    used_orientations: bool
+    robust: bool
+
+
+def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSettings) -> CameraFit:
+    """Fit the similarity that takes cameras to their partners."""
+    for cameras, whose in ((source, "predicted"), (target, "true")):
+        if point_rank(cameras.centres, RANK_TOLERANCE) == 0:
+            raise AlignmentError(
+                f"the {whose} camera centres all lie at one point, which has no scale",
+                expected="cameras that move",
+            )
+    if not _on_a_line(target.centres, settings):
+        fit = _consensus(_Partners(source, target, settings))
+        # What seemed a plane may have been a strip with an outlier.
+        if fit is not None and not _on_a_line(target.centres[fit.inliers], settings):
+            return fit
+    strip = _consensus(_StripPartners(source, target, settings))
+    if strip is None:
+        raise AlignmentError("the camera centres determine no similarity")
+    return strip
+
+
+def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:
+    return point_rank(true_centres, max(settings.line_ratio, RANK_TOLERANCE)) < 2
+
+
+class _Partners:
+    """Partner cameras whose centres alone give the similarity."""
+
+    least, is_strip = 3, False
+
+    def __init__(
+        self, source: PosedCameras, target: PosedCameras, settings: RansacSettings
+    ) -> None:
+        self.a, self.b, self.settings = source.centres, target.centres, settings
+        self.first = self.fits(np.arange(len(self.a))[None])
+        self.limit = self._limit()
+
+    def _limit(self) -> float:
+        if self.settings.inlier_limit is not None:
+            return self.settings.inlier_limit
+        least = _LEAST_LIMIT * float(_apart(self.b, self.b[:1]).max())
+        if not self.first:
+            return least
+        here = self.b[0]
+        away, _ = cKDTree(self.b - here).query(self.first[0].apply(self.a) - here)
+        return max(float(np.median(away)), least)
+
+    def fits(self, samples: Ints) -> list[Similarity]:
+        """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
+        found, determined = fit_many(self.a[samples], self.b[samples], with_scale=True)
+        return list(itertools.compress(found, determined))
+
+    def residuals(self, fits: list[Similarity]) -> Floats:
+        """Return residuals (S, N), infinite where a camera is no inlier."""
+        away = _apart(np.stack([fit.apply(self.a) for fit in fits]), self.b)
+        return np.where(away < self.limit, away, np.inf)
+
+    def check_orientations(self) -> None:
+        """Refuse orientations that contradict the centres, where there are any."""
+
+
+class _StripPartners(_Partners):
+    """Partner cameras on a line, whose orientations give the turn about it."""
+
+    least, is_strip = 2, True
+
+    def __init__(
+        self, source: PosedCameras, target: PosedCameras, settings: RansacSettings
+    ) -> None:
+        if source.rotation is None or target.rotation is None:
+            whose = "truth" if target.rotation is None else "prediction"
+            raise AlignmentError(
+                "the camera centres lie on a line, which leaves the turn about it free, and the "
+                f"{whose} has no orientations",
+                expected="centres that span a plane, or orientations of the cameras",
+                fix="add photos off the line, give camera poses, or predict in the truth's frame "
+                "and align by 'none'",
+            )
+        self._from, self._to = source.rotation, target.rotation
+        self._turns = np.swapaxes(target.rotation, -1, -2) @ source.rotation
+        super().__init__(source, target, settings)
+
+    def fits(self, samples: Ints) -> list[Similarity]:
+        parts = self.a[samples], self.b[samples], self._turns[samples]
+        found, determined = fit_strips(*parts, axis_share=self.settings.line_ratio)
+        return list(itertools.compress(found, determined))
+
+    def residuals(self, fits: list[Similarity]) -> Floats:
+        back = np.array([fit.rotation.T for fit in fits])
+        turned = rotation_angle_deg(self._from[None] @ back[:, None], self._to[None])
+        near = super().residuals(fits)
+        return np.where(turned < self.settings.inlier_limit_deg, near, np.inf)
+
+    def check_orientations(self) -> None:
+        if not self.first:
+            return
+        near = np.isfinite(super().residuals(self.first[:1])[0]).sum()
+        if 2 * near >= len(self.a) and near >= LEAST_CAMERAS:
+            raise PredictionError(
+                "the cameras' orientations contradict their centres",
+                expected="a path that runs as the true one does once the orientations agree",
+                fix="check whether rotations are world-to-camera, with x right, y down, z forward",
+            )
+
+
+def _consensus(cameras: _Partners) -> CameraFit | None:
+    """Find the largest set of cameras that agree; None where no fit is determined."""
+    best = _search(cameras)
+    inliers = np.isfinite(best.residuals)
+    robust = int(inliers.sum()) >= LEAST_CAMERAS
+    if not robust:
+        cameras.check_orientations()
+        inliers = np.ones(len(inliers), np.bool_)
+    final = cameras.fits(np.flatnonzero(inliers)[None]) or cameras.first or best.fits
+    return CameraFit(final[0], inliers, cameras.limit, cameras.is_strip, robust) if final else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The best fit yet, as a list of one or none; its residuals (N,), infinite for outliers."""
+
+    fits: list[Similarity]
+    residuals: Floats
+
+    @property
+    def score(self) -> tuple[int, float]:
+        """The most inliers; among equals the least mean residual. Smaller is better."""
+        inliers = np.isfinite(self.residuals)
+        count = int(inliers.sum())
+        return -count, float(self.residuals[inliers].mean()) if count else np.inf
+
+
+def _search(cameras: _Partners) -> _Best:
+    settings, count = cameras.settings, len(cameras.a)
+    size, minimal = cameras.least, settings.sample_share is None
+    if settings.sample_share is not None:
+        size = min(count, max(size, math.ceil(settings.sample_share * count)))
+    best = _better(cameras, _Best([], np.full(count, np.inf)), cameras.first, refit=minimal)
+    done = 0
+    for samples in _sample_blocks(count, size, settings):
+        best = _better(cameras, best, cameras.fits(samples), refit=minimal)
+        done += len(samples)
+        share = -best.score[0] / count
+        if done >= settings.min_trials and done >= _trials_needed(share**size, settings):
+            break
+    return best
+
+
+def _trials_needed(good: float, settings: RansacSettings) -> float:
+    """Return how many samples hold a good one with the confidence asked for."""
+    missed = 1.0 - settings.confidence
+    if good >= 1.0:
+        return 0.0
+    return math.log(missed) / math.log1p(-good) if good > 0.0 and missed > 0.0 else math.inf
+
+
+def _better(cameras: _Partners, best: _Best, fits: list[Similarity], *, refit: bool) -> _Best:
+    if not fits:
+        return best
+    residuals = cameras.residuals(fits)
+    inliers = np.isfinite(residuals)
+    counts = inliers.sum(axis=1)
+    means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
+    first = np.lexsort((means, -counts))[0]
+    found = _Best([fits[first]], residuals[first])
+    found = _refitted(cameras, found) if refit else found
+    return found if found.score < best.score else best
+
+
+def _refitted(cameras: _Partners, best: _Best) -> _Best:
+    """Refit to the inliers until they stay, as long as they do not become fewer."""
+    for _ in range(_MOST_REFITS):
+        inliers = np.isfinite(best.residuals)
+        fits = cameras.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
+        found = _Best(fits, cameras.residuals(fits)[0]) if fits else best
+        if not fits or found.score[0] > best.score[0]:
+            break
+        best = found
+        if (np.isfinite(found.residuals) == inliers).all():
+            break
+    return best
+
+
+def _sample_blocks(count: int, size: int, settings: RansacSettings) -> Iterator[Ints]:
+    """Yield samples of `size` of `count` rows, block by block (S, size), each ascending."""
+    if settings.sample_share is None and math.comb(count, size) <= settings.min_trials:
+        every = itertools.combinations(range(count), size)
+        while block := list(itertools.islice(every, _BLOCK)):
+            yield np.array(block, dtype=np.int64)
+        return
+    random = np.random.default_rng(settings.seed)
+    for start in range(0, settings.max_trials, _BLOCK):
+        yield _draw_samples(random, min(_BLOCK, settings.max_trials - start), count, size)
+
+
+def _draw_samples(random: np.random.Generator, trials: int, count: int, size: int) -> Ints:
+    """Draw without replacement: the n-th row is one of those that are left."""
+    rows = np.empty((trials, 0), dtype=np.int64)
+    for taken in range(size):
+        row = random.integers(0, count - taken, trials)
+        for column in rows.T:  # ascending
+            row += row >= column
+        rows = np.sort(np.column_stack((rows, row)), axis=1)
+    return rows
+
+
+# --- alignment.json ---
+
+
+def write_alignments(alignments: Mapping[str, Alignment], path: Path) -> None:
+    """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
+    values = {scene: _finite(_alignment_values(found)) for scene, found in alignments.items()}
+    with atomic_write(path, "w") as stream:
+        stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
+
+
+def _alignment_values(found: Alignment) -> dict[str, Any]:
+    parts = {name: getattr(found, name) for name in ("centres", "inlier_centres", "rotations_deg")}
+    parts["icp"] = found.icp
+    return {
+        "method": found.method,
+        "scale": found.transform.scale,
+        "matrix": found.transform.matrix.tolist(),
+        "cameras": found.cameras,
+        "cameras_missing": found.missing,
+        "inliers": found.inliers,
+        "inlier_names": list(found.inlier_names),
+        "inlier_limit_m": found.inlier_limit,
+        "used_orientations": found.used_orientations,
+        "robust": found.robust,
+        **{name: None if part is None else asdict(part) for name, part in parts.items()},
+        "icp_failure": found.icp_failure,
+    }
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Write infinite numbers as text, as in results, at whatever depth."""
+    return {
+        key: _finite(one) if isinstance(one, dict) else "Infinity" if one == np.inf else one
+        for key, one in values.items()
+    }
