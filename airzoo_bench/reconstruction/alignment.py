@@ -15,18 +15,15 @@ optimized RANSAC, DAGM 2003.
 from __future__ import annotations
 
 import itertools
-import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.reconstruction.icp import IcpReport
@@ -48,10 +45,10 @@ __all__ = [
     "RansacSettings",
     "Residuals",
     "align",
+    "alignment_values",
     "fit_cameras",
     "partners",
     "with_residuals",
-    "write_alignments",
 ]
 
 LEAST_CAMERAS = 3
@@ -480,17 +477,8 @@ def _draw_samples(random: np.random.Generator, trials: int, count: int, size: in
     return rows
 
 
-# --- alignment.json ---
-
-
-def write_alignments(alignments: Mapping[str, Alignment], path: Path) -> None:
-    """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
-    values = {scene: _finite(_alignment_values(found)) for scene, found in alignments.items()}
-    with atomic_write(path, "w") as stream:
-        stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
-
-
-def _alignment_values(found: Alignment) -> dict[str, Any]:
+def alignment_values(found: Alignment) -> dict[str, Any]:
+    """Return what ``alignment.json`` says: how a scene was aligned, its scale, its residuals."""
     parts = {name: getattr(found, name) for name in ("centres", "inlier_centres", "rotations_deg")}
     parts["icp"] = found.icp
     return {
@@ -504,7 +492,7 @@ def _alignment_values(found: Alignment) -> dict[str, Any]:
         "inlier_limit_m": found.inlier_limit,
         "used_orientations": found.used_orientations,
         "robust": found.robust,
-        **{name: None if part is None else asdict(part) for name, part in parts.items()},
+        **{name: None if part is None else _finite(asdict(part)) for name, part in parts.items()},
         "icp_failure": found.icp_failure,
     }
 

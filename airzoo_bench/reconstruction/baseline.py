@@ -25,14 +25,14 @@ from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.temporaries import temporary_folder
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.sift import extract, mutual_nearest
-from airzoo_bench.reconstruction.baseline_settings import SfmSettings
+from airzoo_bench.reconstruction.info import SfmSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import read_truth
 
@@ -107,7 +107,7 @@ def predict(
     benchmark: Benchmark,
     settings: SfmSettings,
     out: Path,
-    resources: Resources,
+    run: Run,
     note: Callable[[str], None],
 ) -> None:
     """Reconstruct every scene, and write a cloud and cameras of each."""
@@ -118,9 +118,7 @@ def predict(
         names = truth.photos["image"].to_numpy(str)
         paths, positions = [images / name for name in names], _positions(truth.photos)
         with temporary_folder(out.parent, out.name) as scratch:
-            found = sparse_reconstruction(
-                paths, truth.cameras, positions, settings, scratch, resources
-            )
+            found = sparse_reconstruction(paths, truth.cameras, positions, settings, scratch, run)
         posed = f"{len(found.rows)} of {len(names)} photos"
         note(f"{scene.id}: {posed}, {len(found.points):,} points")
         write_ply(out / f"{scene.id}.ply", Cloud(found.points, found.colours))
@@ -149,7 +147,7 @@ def sparse_reconstruction(
     positions: Floats | None,
     settings: SfmSettings,
     scratch: Path,
-    resources: Resources,
+    run: Run,
 ) -> Model:
     """Reconstruct photos by structure from motion."""
     if len(photos) < _LEAST_PHOTOS:
@@ -157,7 +155,7 @@ def sparse_reconstruction(
             f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
             fix="name a folder with photos that overlap",
         )
-    engine, progress = resources.processes, resources.progress
+    engine, progress = run.processes, run.progress
     lenses = _lenses_of(cameras)
     extracted = engine.map(
         _extract_features,

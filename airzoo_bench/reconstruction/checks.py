@@ -29,7 +29,7 @@ from airzoo_bench.reconstruction.similarity import Similarity, fit_many
 
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.predictions import ScenePrediction
-    from airzoo_bench.reconstruction.scoring import ScoredScene
+    from airzoo_bench.reconstruction.scoring import Comparison
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol, ReconstructionScores
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
@@ -61,22 +61,21 @@ def scene_notes(
     prediction: ScenePrediction,
     cameras: PosedCameras | None,
     truth: ReconstructionTruth,
-    scored: ScoredScene,
+    found: Comparison,
     protocol: ReconstructionProtocol,
 ) -> list[str]:
     """Say what looks odd about a prediction, what was left out of it, and how it was aligned."""
-    alignment = scored.alignment
-    scale = 1.0 if alignment is None else alignment.transform.scale
-    found = [
+    scale = found.alignment.transform.scale
+    notes = [
         *prediction.notes,
         *_check_views(prediction, truth, protocol, scale),
         *_check_cameras(cameras, truth, protocol),
         *_check_precision(prediction, protocol.scores, scale),
-        *(() if alignment is None else _check_alignment(alignment)),
-        *_check_cloud(scored, protocol.scores),
-        *_check_means(scored, protocol.scores),
+        *_check_alignment(found.alignment),
+        *_check_cloud(found, protocol.scores),
+        *_check_means(found, protocol.scores),
     ]
-    return [note for note in found if note]
+    return [note for note in notes if note]
 
 
 # --- cameras ---
@@ -418,17 +417,15 @@ def _stated_step(points: Floats, largest: Floats, stored: np.dtype[Any]) -> tupl
 # --- the cloud ---
 
 
-def _check_cloud(scored: ScoredScene, scores: ReconstructionScores) -> Iterator[str | None]:
+def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[str | None]:
     """Say what was left out of a cloud, and where it seems to lie elsewhere."""
-    if scored.clouds is None or scored.alignment is None:
-        return
-    (cloud, true), distrusted = scored.clouds, scored.counts["distrusted"]
+    (cloud, true), distrusted = found.clouds, found.distrusted
     if distrusted:
         yield f"left out: {counted(distrusted, 'point')} of too little confidence"
     if cloud.not_finite:
         what = "with coordinates that are NaN, infinite or too large to compute with"
         yield f"left out: {counted(cloud.not_finite, 'point')} {what}"
-    transform = scored.alignment.transform
+    transform = found.alignment.transform
     yield check_bounds(cloud.bounds, true.bounds) or check_mirror(
         cloud.sample, true.sample, transform, scores.f1_below_m
     )
@@ -442,13 +439,11 @@ def _check_cloud(scored: ScoredScene, scores: ReconstructionScores) -> Iterator[
         yield "no point is left to compare: it scores 0 and infinite distances"
 
 
-def _check_means(scored: ScoredScene, scores: ReconstructionScores) -> Iterator[str]:
+def _check_means(found: Comparison, scores: ReconstructionScores) -> Iterator[str]:
     """Name the few points that decide a mean distance by themselves."""
-    if scored.distances is None:
-        return
     for distances, whose, mean in (
-        (scored.distances.to_truth, "predicted", "Accuracy"),
-        (scored.distances.to_prediction, "true", "Completeness"),
+        (found.distances.to_truth, "predicted", "Accuracy"),
+        (found.distances.to_prediction, "true", "Completeness"),
     ):
         clipped = np.minimum(distances, scores.clip_m or np.inf)
         if len(distances) < 20 or not np.isfinite(clipped).all():

@@ -401,9 +401,8 @@ def _slab_distances(side: _Slabs, others: _Slabs, jobs: int, progress: Progress)
     count = len(side.starts) - 1
     some = NeighbourSearch(np.array(others.points[:: max(1, len(others.points) // _SAMPLE)]))
     for slab in progress(range(count), "slabs", count):
-        rows = side.rows(slab)
-        search = others.search(slab) or some
-        squared[rows] = search.squared(np.array(side.points[rows]), jobs=jobs)
+        rows, nearby = side.rows(slab), others.search(slab) or some
+        squared[rows] = nearby.squared(np.array(side.points[rows]), jobs=jobs)
     for slab in progress(range(count), "beyond slabs", count):
         box = others.low[slab], others.high[slab]
         search: NeighbourSearch | None = None

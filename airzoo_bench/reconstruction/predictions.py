@@ -17,17 +17,15 @@ holds all the rest is stepped over. Files as methods write them come from reader
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
-from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.cloud import FileCloud
@@ -51,9 +49,7 @@ from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 
 __all__ = [
     "ListedFiles",
-    "ListedScenes",
     "NativeScenes",
-    "ReconstructionPredictions",
     "ScenePrediction",
     "maps_of",
     "open_reconstruction",
@@ -110,44 +106,8 @@ class ScenePrediction:
         return "depth" if isinstance(self.geometry, DepthMaps) else "points"
 
 
-class ReconstructionPredictions(ABC):
-    """Predictions of scenes, listed, nothing of them read yet.
-
-    Attributes
-    ----------
-    path : Path
-    protocol : str or None
-        The protocol that they name.
-    unknown_files : tuple of str
-        Files that belong to no scene.
-    """
-
-    path: Path
-    protocol: str | None
-    unknown_files: tuple[str, ...]
-
-    @property
-    @abstractmethod
-    def scenes(self) -> tuple[str, ...]:
-        """Scenes that there is an entry of."""
-
-    @abstractmethod
-    def opened(
-        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
-    ) -> AbstractContextManager[ScenePrediction]:
-        """Open a scene's entry, for as long as it is used."""
-
-    def unknown(self, known: Collection[str]) -> tuple[str, ...]:
-        """Return scenes that the benchmark lacks: misspelt, perhaps."""
-        return tuple(scene for scene in self.scenes if scene not in known)
-
-    def missing(self, known: Collection[str]) -> tuple[str, ...]:
-        """Return scenes of the benchmark that they lack; they score 0."""
-        return tuple(scene for scene in known if scene not in self.scenes)
-
-
 @dataclass(frozen=True)
-class NativeScenes(ReconstructionPredictions):
+class NativeScenes(ScenePredictions):
     """What a method wrote of each scene.
 
     Attributes
@@ -173,7 +133,7 @@ class NativeScenes(ReconstructionPredictions):
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> Iterator[ScenePrediction]:
-        """See `ReconstructionPredictions.opened`."""
+        """See `ScenePredictions.opened`."""
         yield self.read_scene(self.places[scene], limit_bytes)
 
 
@@ -187,7 +147,7 @@ class _Entry:
 
 
 @dataclass(frozen=True)
-class ListedFiles(ReconstructionPredictions):
+class ListedFiles(ScenePredictions):
     """Entries, by scene, of a folder or an archive, as `open_reconstruction` lists them."""
 
     path: Path
@@ -205,7 +165,7 @@ class ListedFiles(ReconstructionPredictions):
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> Iterator[ScenePrediction]:
-        """See `ReconstructionPredictions.opened`."""
+        """See `ScenePredictions.opened`."""
         entry, images = self.entries[scene], None
         with ExitStack() as stack:
             if entry.cameras is not None:
@@ -354,40 +314,6 @@ def _no_entries(path: Path, unknown_files: list[str]) -> UnreadableError:
         f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
         fix=unread[0] if unread else "name the files by their scenes",
     )
-
-
-@dataclass(frozen=True)
-class ListedScenes:
-    """Which of the `known` scenes there are entries of."""
-
-    predictions: ReconstructionPredictions
-    known: list[str]
-
-    @property
-    def strange(self) -> tuple[str, ...]:
-        """Entries that are of no known scene."""
-        return self.predictions.unknown(self.known)
-
-    @property
-    def covered(self) -> str:
-        """How many scenes have an entry, such as ``2 of 3 scenes``."""
-        missing = self.predictions.missing(self.known)
-        return f"{len(self.known) - len(missing):,} of {counted(len(self.known), 'scene')}"
-
-    def notes(self) -> list[str]:
-        """Name the scenes and files that are not what they might be meant to be."""
-        missing, files = self.predictions.missing(self.known), self.predictions.unknown_files
-        # What a mistyped name means is among the scenes that are missing.
-        offered = [name[:80] + nearest(name[:80], list(missing), 1) for name in self.strange]
-        begun = [name[:80] for name in files if name in missing]
-        strays = [name[:80] for name in files if name not in missing]
-        found = {
-            "scenes that the predictions lack, scored at their worst": missing,
-            "scenes that the protocol lacks, left aside": offered,
-            "called as scenes, without all that one is read from, left aside": begun,
-            "files that belong to no scene, left aside": strays,
-        }
-        return [f"{what}: {first_of(names)}" for what, names in found.items() if names]
 
 
 # --- maps ---

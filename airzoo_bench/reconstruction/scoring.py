@@ -1,13 +1,13 @@
 """From the prediction of a scene to its scores: open, align, prepare, measure distances, score.
 
-`scored_scene` is the whole way; its lines stand in the order of the steps.
+`score_scene` is the whole way, and `compare` most of it: its lines stand in the order of the steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -17,10 +17,10 @@ import pandas as pd
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.progress import Headed, shown
 from airzoo_bench.core.temporaries import PART
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run, ScenePredictions, Scored
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
@@ -28,6 +28,7 @@ from airzoo_bench.reconstruction.alignment import (
     PosedCameras,
     RansacSettings,
     align,
+    alignment_values,
     with_residuals,
 )
 from airzoo_bench.reconstruction.cameras import match_cameras
@@ -54,7 +55,7 @@ from airzoo_bench.reconstruction.metrics import (
     score_distances,
     step_errors,
 )
-from airzoo_bench.reconstruction.predictions import ReconstructionPredictions, ScenePrediction
+from airzoo_bench.reconstruction.predictions import ScenePrediction
 from airzoo_bench.reconstruction.preparation import (
     PreparedCloud,
     box_of,
@@ -73,13 +74,13 @@ from airzoo_bench.results.scores import Score
 
 __all__ = [
     "RECORDED",
-    "ScoredScene",
-    "open_scene",
+    "Comparison",
+    "compare",
     "pose_scores",
+    "read_through",
     "reconstruction_scores",
-    "score_geometry",
     "score_missing",
-    "scored_scene",
+    "score_scene",
     "worst_poses",
 ]
 
@@ -101,68 +102,64 @@ RECORDED = frozenset(
 
 
 @dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """What came of a scene; all but `record` and `counts` is None where no clouds are compared.
+class Comparison:
+    """A prediction beside the truth of its scene.
 
     Attributes
     ----------
-    record : dict
-        One row of the records.
-    counts : dict of str to int
-        What a result states of the scene.
-    clouds : (PreparedCloud, PreparedCloud) or None
+    clouds : (PreparedCloud, PreparedCloud)
         Prediction and truth as they were compared.
-    kind : str or None
-        See `ScenePrediction.kind`.
-    notes : tuple of str
-        What there is to say about the scene.
+    recalled : (R,) float64
+        Distances of the true points that recall is over to the prediction.
+    distrusted : int
+        Predicted points of too little confidence.
+    curve : Curve
+        Precision, recall and F1 over the distance.
     """
 
-    record: dict[str, Any]
-    counts: dict[str, int]
-    curve: Curve | None = None
-    alignment: Alignment | None = None
-    clouds: tuple[PreparedCloud, PreparedCloud] | None = None
-    distances: CloudDistances | None = field(default=None, repr=False)
-    kind: str | None = None
-    notes: tuple[str, ...] = ()
-
-    @property
-    def records(self) -> pd.DataFrame:
-        """The record, as a table of one row."""
-        return pd.DataFrame([self.record])
+    alignment: Alignment
+    clouds: tuple[PreparedCloud, PreparedCloud]
+    distances: CloudDistances
+    recalled: Floats
+    distrusted: int
+    curve: Curve
 
 
-@contextmanager
-def scored_scene(
-    predictions: ReconstructionPredictions,
+def score_scene(
+    predictions: ScenePredictions,
     truth: ReconstructionTruth,
     protocol: ReconstructionProtocol,
-    resources: Resources,
-) -> Iterator[ScoredScene]:
+    run: Run,
+) -> Scored:
     """Read a scene's prediction and score it; an error names the scene."""
-    memory_bytes, place = resources.memory_bytes, f"{predictions.path}, scene {truth.scene}"
-    with open_scene(predictions, truth.scene, protocol, memory_bytes) as prediction:
-        true_cloud = open_true_cloud(truth.cloud, memory_bytes, _sampling(protocol))
+    place, scores = f"{predictions.path}, scene {truth.scene}", protocol.scores
+    with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
+        true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, _sampling(protocol))
+        details = None
         try:
             cameras = match_cameras(prediction.images, truth, place)
             geometry = prediction.posed_geometry
-            scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
-            notes = scene_notes(prediction, cameras, truth, scored, protocol)
+            found = compare(geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
-            scored = _score_failed(truth.scene, protocol.scores)
+            scored = _score_failed(truth.scene, scores)
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
+        else:
+            poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
+            scored = _score_comparison(truth.scene, found, poses, scores)
+            notes = scene_notes(prediction, cameras, truth, found, protocol)
+            details = found
+            if run.keep and (run.limits is not None or not predictions.path.is_dir()):
+                # Once the predictions are closed, their files are gone.
+                details = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
         named = tuple(f"scene {truth.scene}: {note}" for note in notes)
-        yield replace(scored, kind=prediction.kind, notes=named)
+        kept = details if run.keep else None
+        return replace(scored, kind=prediction.kind, notes=named, details=kept)
 
 
 @contextmanager
 def open_scene(
-    predictions: ReconstructionPredictions,
-    scene: str,
-    protocol: ReconstructionProtocol,
-    memory_bytes: int,
+    predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
 ) -> Iterator[ScenePrediction]:
     """Open a scene's entry; whatever is raised meanwhile says where it is."""
     place, sampling = f"{predictions.path}, scene {scene}", _sampling(protocol)
@@ -182,96 +179,83 @@ def open_scene(
 
 
 def _sampling(protocol: ReconstructionProtocol) -> MeshSampling:
-    meshes = protocol.meshes
+    points = protocol.meshes.points
     return MeshSampling(
-        seed=meshes.seed, count=meshes.points, per_square_unit=None, max_points=meshes.points
+        seed=protocol.meshes.seed, count=points, per_square_unit=None, max_points=points
     )
 
 
 def read_through(
-    predictions: ReconstructionPredictions,
-    scene: str,
-    protocol: ReconstructionProtocol,
-    memory_bytes: int,
-) -> list[str]:
+    predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
+) -> tuple[str, ...]:
     """Read a scene's prediction without a truth, and return what there is to say about it."""
     with open_scene(predictions, scene, protocol, memory_bytes) as prediction:
         if isinstance(prediction.geometry, FileCloud):
             # A file that is cut off is found out where it is read.
             for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
                 pass
-        return [f"scene {scene}: {note}" for note in prediction.notes]
+        return tuple(f"scene {scene}: {note}" for note in prediction.notes)
 
 
-def score_geometry(
+def compare(
     geometry: Geometry,
     cameras: PosedCameras | None,
     truth: ReconstructionTruth,
     true_cloud: CloudSource,
     protocol: ReconstructionProtocol,
-    resources: Resources,
-) -> ScoredScene:
+    run: Run,
+) -> Comparison:
     """Do with a cloud or maps all that the protocol says, and compare them with the true cloud."""
-    settings = protocol.preparation
     if protocol.alignment.cameras == "required" and cameras is None:
         raise PredictionError(
             "holds no cameras, and the protocol requires them",
             expected="cameras, by which all methods are aligned alike",
             fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
         )
-    block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
-    progress = Headed(truth.scene, resources.progress)
+    settings, scores = protocol.preparation, protocol.scores
+    block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
+    progress = Headed(truth.scene, run.progress)
     box = box_of(true_cloud)
-    ransac = RansacSettings.of(protocol.alignment)
-    alignment = align(protocol.alignment.method, cameras, truth.posed, ransac)
-    cloud = _as_cloud(geometry, alignment.transform, protocol.fusion)
-    if alignment.method == "sim3+icp" and cameras is not None:
-        cloud, alignment = _refined(cloud, alignment, cameras, truth, true_cloud, protocol, block)
+    cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
     region = cropped_region(true_cloud, box, settings, block)
     prepare = partial(prepared, settings=settings, region=region, block_points=block)
     predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
     true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
-    recalled: Bools | slice = slice(None)
+    distances = cloud_distances(
+        predicted.source, true.source, block_points=block, jobs=run.jobs, progress=progress
+    )
+    recalled = distances.to_prediction
     if settings.region == "observed":
         seen = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
         rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
-        recalled = np.concatenate([np.zeros(0, np.bool_), *rows])
-    distances = cloud_distances(
-        predicted.source,
-        true.source,
-        block_points=block,
-        jobs=resources.jobs,
-        progress=resources.progress,
-    )
-    counts = {
-        "points": len(distances.to_truth),
-        "truth_points": len(distances.to_prediction),
-        "truth_unseen": len(distances.to_prediction) - len(distances.to_prediction[recalled]),
-        "distrusted": _count_distrusted(geometry, alignment.transform, protocol.fusion, block),
-        "not_finite": predicted.not_finite,
-        "outside": predicted.outside,
-        "thinned": predicted.thinned,
-        "truth_outside": true.outside,
-        "truth_thinned": true.thinned,
-        "cameras": alignment.cameras,
-        "cameras_missing": alignment.missing,
-        "inlier_cameras": alignment.inliers,
-    }
-    scores, to_true = protocol.scores, distances.to_prediction[recalled]
-    record = {
-        **{"scene": truth.scene, "answered": True, **counts, **_alignment_columns(alignment)},
-        **_cloud_columns(distances.to_truth, to_true, scores),
-        **pose_scores(cameras, alignment.transform, truth.posed, scores),
-    }
+        recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
+    distrusted = _count_distrusted(geometry, alignment.transform, protocol.fusion, block)
     steps = even_thresholds(scores.curve_up_to_m, scores.curve_steps)
-    return ScoredScene(
-        record,
-        {"queries": 1, "missing": 0, **counts},
-        curve(distances.to_truth, to_true, steps),
-        alignment,
-        (predicted, true),
-        distances,
-    )
+    found = curve(distances.to_truth, recalled, steps)
+    return Comparison(alignment, (predicted, true), distances, recalled, distrusted, found)
+
+
+def _aligned(
+    geometry: Geometry,
+    cameras: PosedCameras | None,
+    truth: ReconstructionTruth,
+    true_cloud: CloudSource,
+    protocol: ReconstructionProtocol,
+    block: int,
+) -> tuple[CloudSource, Alignment]:
+    """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
+    stated = protocol.alignment
+    found = align(stated.method, cameras, truth.posed, RansacSettings.of(stated))
+    cloud = _as_cloud(geometry, found.transform, protocol.fusion)
+    if found.method != "sim3+icp" or cameras is None:
+        return cloud, found
+    try:
+        step, report = refine(cloud, true_cloud, stated, memory_points=block)
+    except AlignmentError as error:
+        # A cloud that is nowhere near the truth has failed; its file is not to blame.
+        return cloud, replace(found, icp_failure=error.what)
+    moved = replace(found, transform=step.after(found.transform), icp=report)
+    return TransformedCloud(cloud, step, None), with_residuals(moved, cameras, truth.posed)
 
 
 def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> CloudSource:
@@ -284,24 +268,6 @@ def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> Clou
     if fusion.method == "tsdf":
         return InMemoryCloud(fuse(geometry, transform, fusion))
     return DepthCloud(geometry, transform, fusion.max_depth_m, least)
-
-
-def _refined(
-    cloud: CloudSource,
-    alignment: Alignment,
-    cameras: PosedCameras,
-    truth: ReconstructionTruth,
-    true_cloud: CloudSource,
-    protocol: ReconstructionProtocol,
-    block: int,
-) -> tuple[CloudSource, Alignment]:
-    """Bring a cloud nearer to the truth by ICP; one that is nowhere near it stays, and says why."""
-    try:
-        step, report = refine(cloud, true_cloud, protocol.alignment, memory_points=block)
-    except AlignmentError as error:
-        return cloud, replace(alignment, icp_failure=error.what)
-    moved = replace(alignment, transform=step.after(alignment.transform), icp=report)
-    return TransformedCloud(cloud, step, None), with_residuals(moved, cameras, truth.posed)
 
 
 def _count_distrusted(
@@ -323,17 +289,49 @@ def _count_distrusted(
 # --- records ---
 
 
-def score_missing(scene: str, settings: ReconstructionScores) -> ScoredScene:
+def _score_comparison(
+    scene: str, found: Comparison, poses: dict[str, float], settings: ReconstructionScores
+) -> Scored:
+    (predicted, true), distances, alignment = found.clouds, found.distances, found.alignment
+    counts = {
+        "points": len(distances.to_truth),
+        "truth_points": len(distances.to_prediction),
+        "truth_unseen": len(distances.to_prediction) - len(found.recalled),
+        "distrusted": found.distrusted,
+        "not_finite": predicted.not_finite,
+        "outside": predicted.outside,
+        "thinned": predicted.thinned,
+        "truth_outside": true.outside,
+        "truth_thinned": true.thinned,
+        "cameras": alignment.cameras,
+        "cameras_missing": alignment.missing,
+        "inlier_cameras": alignment.inliers,
+    }
+    columns = _alignment_columns(alignment) | _cloud_columns(
+        distances.to_truth, found.recalled, settings
+    )
+    record = {"scene": scene, "answered": True, **counts, **columns, **poses}
+    facts = {"alignment": alignment_values(alignment)}
+    return replace(_scored(record, {"queries": 1, "missing": 0, **counts}), facts=facts)
+
+
+def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene that the prediction lacks: 0, and infinite distances."""
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
     record = {"scene": scene, "answered": False, "points": 0, **worst}
-    return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
+    return _scored(record, {"queries": 1, "missing": 1, "points": 0})
 
 
-def _score_failed(scene: str, settings: ReconstructionScores) -> ScoredScene:
+def _score_failed(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene whose prediction cannot be aligned: as a missing one, with failed poses."""
-    record = score_missing(scene, settings).record | {"answered": True} | worst_poses(settings)
-    return ScoredScene(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
+    worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings) | worst_poses(settings)
+    record = {"scene": scene, "answered": True, "points": 0, **worst}
+    return _scored(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
+
+
+def _scored(record: dict[str, Any], counts: dict[str, int]) -> Scored:
+    whole = dict.fromkeys(sorted({*counts} & {*record}), "Int64")
+    return Scored(pd.DataFrame([record]).astype(whole), counts)
 
 
 def _cloud_columns(
@@ -426,8 +424,8 @@ def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> P
     return Poses(rotation=turned, centres=centres)
 
 
-def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -> list[Score]:
-    """Return the scores that a protocol asks for, those of poses where predictions hold any."""
+def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:
+    """Return the scores that a protocol asks for; records lack those of poses without cameras."""
     main = settings.headline_below_m
     scores = [
         _distance("chamfer_m", "Chamfer", headline=True),
@@ -441,13 +439,11 @@ def reconstruction_scores(settings: ReconstructionScores, *, with_poses: bool) -
             scores.append(Score.share(column, f"{title}@{limit:g}m", headline=headline))
     scores.append(_distance("accuracy_median_m", "Accuracy, median"))
     scores.append(_distance("completeness_median_m", "Completeness, median"))
-    if with_poses:
-        for angle in settings.pose_auc_below_deg:
-            scores.append(Score.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
-        scores.append(Score.share("cameras_placed", "Cameras placed"))
-        scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
-        scores.append(replace(_distance("rpe_deg", "RPE, rotation"), unit="deg"))
-    return scores
+    for angle in settings.pose_auc_below_deg:
+        scores.append(Score.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
+    scores.append(Score.share("cameras_placed", "Cameras placed"))
+    scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
+    return [*scores, replace(_distance("rpe_deg", "RPE, rotation"), unit="deg")]
 
 
 def _distance(column: str, title: str, *, headline: bool = False) -> Score:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.metrics import Curve
-from airzoo_bench.reconstruction.scoring import ScoredScene
+from airzoo_bench.reconstruction.scoring import Comparison
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -108,21 +108,17 @@ def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floa
 _PIECE = 1 << 20
 
 
-def draw_figures(
-    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
-) -> Iterator[str]:
+def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
     """Draw the curves of each scene, and its errors as seen from above, into ``figures``."""
     if not wanted or out is None:
         return
     limit, folder, scenes = _limit(evaluation), out / "figures", _compared(evaluation)
-    for name, scene in resources.progress(scenes.items(), "figures", len(scenes)):
+    for name, scene in run.progress(scenes.items(), "figures", len(scenes)):
         _draw_scene(folder, name, scene, limit)
     yield f"drew {3 * len(scenes)} pictures into {folder}"
 
 
-def _draw_scene(folder: Path, name: str, scene: ScoredScene, limit: float) -> None:
-    if scene.curve is None or scene.clouds is None or scene.distances is None:
-        return
+def _draw_scene(folder: Path, name: str, scene: Comparison, limit: float) -> None:
     draw_curve(folder / f"{name}_curve.png", scene.curve, limit, name)
     there, back = scene.distances.to_truth, scene.distances.to_prediction
     for which, cloud, distances, what in (
@@ -134,16 +130,12 @@ def _draw_scene(folder: Path, name: str, scene: ScoredScene, limit: float) -> No
         draw_error_map(path, points, distances, limit, f"{name}: {what}")
 
 
-def write_clouds(
-    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
-) -> Iterator[str]:
+def write_clouds(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
     """Write prediction and truth of each scene, coloured by their errors, into ``clouds``."""
     if not wanted or out is None:
         return
     limit, folder, scenes = _limit(evaluation), out / "clouds", _compared(evaluation)
-    for name, scene in resources.progress(scenes.items(), "clouds", len(scenes)):
-        if scene.clouds is None or scene.distances is None:
-            continue
+    for name, scene in run.progress(scenes.items(), "clouds", len(scenes)):
         predicted, true = (_cloud(cloud.source).points for cloud in scene.clouds)
         for which, points, distances in (
             ("precision", predicted, scene.distances.to_truth),
@@ -159,8 +151,9 @@ def _limit(evaluation: Evaluation) -> float:
     return limit
 
 
-def _compared(evaluation: Evaluation) -> dict[str, ScoredScene]:
-    return {name: scene for name, scene in evaluation.scored.items() if scene.distances is not None}
+def _compared(evaluation: Evaluation) -> dict[str, Comparison]:
+    found = {name: scene.details for name, scene in evaluation.scored.items()}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _cloud(source: CloudSource) -> Cloud:

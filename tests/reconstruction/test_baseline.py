@@ -7,16 +7,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from airzoo_bench.reconstruction.baseline_settings import SfmSettings
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
 from airzoo_bench.reconstruction.baseline import Model, photo_pairs, sparse_reconstruction
-from airzoo_bench.reconstruction.baseline_settings import SfmSettings
 from tests.geometry.support import looking_down
 
 T = TypeVar("T")
@@ -97,7 +97,7 @@ def run(flight: Flight, folder: Path, **changes: Any) -> Model:
     photos, cameras, truth = flight
     options = {"settings": SETTINGS, "positions": truth.centres} | changes
     settings, positions = options.pop("settings"), options.pop("positions")
-    resources = Resources(**options)
+    resources = Run(**options)
     return sparse_reconstruction(photos, cameras, positions, settings, folder, resources)
 
 
