@@ -578,8 +578,8 @@ def _with_other_axes(
     own, middle = transform.inverse().apply(some), np.median(some, axis=0)
     orders, signs = itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)
     for order, sign in itertools.product(orders, signs):
-        in_order, negated = order == (0, 1, 2), np.less(sign, 0.0)
-        if in_order and not negated.any():
+        in_order, negated = order == (0, 1, 2), [one < 0.0 for one in sign]
+        if in_order and not any(negated):
             continue
         axes = ["-" * minus + "xyz"[axis] for axis, minus in zip(order, negated, strict=True)]
         words = f"({', '.join(axes)}) for (x, y, z)"

@@ -164,11 +164,11 @@ class NeighbourSearch:
                 squared, unsure = self._ask(part, 2)
                 rows = np.flatnonzero(unsure)
                 if len(rows):
-                    squared[rows] = self._without_doubt(part[rows])
+                    squared[rows] = self._resolve_ties(part[rows])
                 found[start : start + _CHUNK] = squared
         return found
 
-    def _without_doubt(self, points: Floats) -> Floats:
+    def _resolve_ties(self, points: Floats) -> Floats:
         squared, unsure = self._ask(points, _MORE)
         for row in np.flatnonzero(unsure):
             radius = _BALL * np.sqrt(max(squared[row], _LEAST))

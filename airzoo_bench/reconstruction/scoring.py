@@ -79,6 +79,7 @@ __all__ = [
     "pose_scores",
     "read_through",
     "reconstruction_scores",
+    "score_comparison",
     "score_missing",
     "score_scene",
     "worst_poses",
@@ -146,7 +147,7 @@ def score_scene(
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         else:
             poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
-            scored = _score_comparison(truth.scene, found, poses, scores)
+            scored = score_comparison(truth.scene, found, poses, scores)
             notes = scene_notes(prediction, cameras, truth, found, protocol)
             details = found
             if run.keep and (run.limits is not None or not predictions.path.is_dir()):
@@ -289,9 +290,10 @@ def _count_distrusted(
 # --- records ---
 
 
-def _score_comparison(
+def score_comparison(
     scene: str, found: Comparison, poses: dict[str, float], settings: ReconstructionScores
 ) -> Scored:
+    """Put the scores of a cloud and of its cameras into a scene's record."""
     (predicted, true), distances, alignment = found.clouds, found.distances, found.alignment
     counts = {
         "points": len(distances.to_truth),

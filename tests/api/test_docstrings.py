@@ -29,7 +29,6 @@ ROOT = Path(ab.__file__).parent
 OF_FILES = {"blocks", "colours", "heightfield", "march", "rasters", "sift"}
 FORMULAS = [
     *("retrieval.metrics", "retrieval.distance_metrics", "matching.metrics"),
-    *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
     *(
         f"geometry.{path.stem}"
         for path in sorted((ROOT / "geometry").glob("[a-z]*.py"))

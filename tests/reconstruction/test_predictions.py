@@ -1,0 +1,518 @@
+"""Predictions: folders and archives, clouds in shards, and maps with their cameras."""
+
+from __future__ import annotations
+
+import io
+import re
+import tarfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.evaluation.track import ScenePredictions
+from airzoo_bench.formats.arrays import open_arrays
+from airzoo_bench.formats.clouds.cloud import FileCloud
+from airzoo_bench.formats.clouds.shards import shards_in
+from airzoo_bench.reconstruction.cameras import read_image_poses
+from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
+from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
+from airzoo_bench.reconstruction.truth import open_true_cloud
+from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
+from tests.reconstruction.cloud_support import surface
+from tests.reconstruction.depth_maps import H, N, W, matrices, poses
+from tests.reconstruction.depth_maps import made as made_views
+from tests.reconstruction.shard_support import (
+    in_shards,
+    opened,
+    points_in,
+    write_laz,
+    write_parquet,
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of predictions of four scenes, in all the ways there are."""
+    root = tmp_path / "preds"
+    (root / "substation").mkdir(parents=True)
+    (root / "protocol.txt").write_text("airzoo-real-reconstruction\n")
+    (root / "notes.md").write_text("made")
+    (root / ".DS_Store").write_text("")
+    cameras = {name: made_views()[name] for name in ("image_names", "extrinsics")}
+    write_ply(root / "school.ply", made())
+    np.savez(root / "school.cameras.npz", **cameras)
+    np.savez(root / "plaza.npz", **made_views())
+    np.savez(root / "park.v2.npz", points=points_of(made()))
+    write_ply(root / "substation" / "cloud.ply", made())
+    np.savez(root / "substation" / "cameras.npz", **cameras)
+    return root
+
+
+def archive_of(folder: Path, suffix: str, prefix: str = "") -> Path:
+    path = folder.parent / f"preds{suffix}"
+    files = sorted(one for one in folder.rglob("*") if one.is_file())
+    names = [prefix + one.relative_to(folder).as_posix() for one in files]
+    if suffix == ".zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as pack:
+            for one, name in zip(files, names, strict=True):
+                pack.write(one, name)
+        return path
+    mode: Any = {".tar": "w", ".tar.gz": "w:gz", ".tgz": "w:gz", ".tar.xz": "w:xz"}[suffix]
+    with tarfile.open(path, mode) as tape:
+        for one, name in zip(files, names, strict=True):
+            tape.add(one, name)
+    return path
+
+
+def check_content(predictions: ScenePredictions) -> None:
+    assert predictions.protocol == "airzoo-real-reconstruction"
+    assert predictions.scenes == ("park.v2", "plaza", "school", "substation")
+    assert predictions.unknown_files == ("notes.md",)
+    for scene, kind, cameras in (
+        ("park.v2", FileCloud, False),
+        ("plaza", DepthMaps, True),
+        ("school", FileCloud, True),
+        ("substation", FileCloud, True),
+    ):
+        with predictions.opened(scene, limit_bytes=LIMIT, sampling=SAMPLING) as given:
+            assert isinstance(given.geometry, kind)
+            assert (given.images is not None) == cameras
+            if isinstance(given.geometry, FileCloud):
+                points = np.concatenate([piece.points for piece in given.geometry.pieces(9)])
+                np.testing.assert_array_equal(points, points_of(made()))
+            else:
+                np.testing.assert_array_equal(given.geometry.depth, made_views()["depth"])
+
+
+def test_a_folder(folder: Path) -> None:
+    check_content(listed(folder))
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".tar", ".tar.gz", ".tgz", ".tar.xz"])
+@pytest.mark.parametrize("prefix", ["", "preds/", "./"])
+def test_archives(suffix: str, prefix: str, folder: Path) -> None:
+    if suffix == ".zip" and prefix == "./":
+        prefix = ""
+    check_content(listed(archive_of(folder, suffix, prefix)))
+
+
+def test_a_file_alone_is_a_scene(folder: Path) -> None:
+    predictions = listed(folder / "school.ply")
+    assert predictions.scenes == ("school",)
+    with predictions.opened("school", limit_bytes=LIMIT, sampling=None) as given:
+        assert isinstance(given.geometry, FileCloud)
+    assert listed(folder / "plaza.npz").scenes == ("plaza",)
+
+
+def test_a_folder_around_all_scenes_is_stepped_over(folder: Path) -> None:
+    (folder / "protocol.txt").unlink()
+    assert listed(archive_of(folder, ".zip", "preds/")).scenes == listed(folder).scenes
+
+
+def test_a_folder_of_one_scene_is_not_stepped_over(folder: Path) -> None:
+    path = folder.parent / "a.zip"
+    with zipfile.ZipFile(path, "w") as pack:
+        pack.write(folder / "school.ply", "school/cloud.ply")
+    assert listed(path).scenes == ("school",)
+
+
+def test_a_place_in_an_archive_that_is_damaged(folder: Path) -> None:
+    path = archive_of(folder, ".zip")
+    raw = bytearray(path.read_bytes())
+    place = raw.find(b"school.ply") + 200
+    raw[place : place + 20] = bytes(20)
+    path.write_bytes(raw)
+    predictions = listed(path)
+    with (
+        refused("cannot be unpacked"),
+        predictions.opened("school", limit_bytes=LIMIT, sampling=None),
+    ):
+        pass
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    for path in (tmp_path / "none", tmp_path):
+        with refused("no such predictions|holds no cloud"):
+            listed(path)
+    (tmp_path / "a.rar").write_bytes(b"Rar!")
+    with refused("no folder and no archive"):
+        listed(tmp_path / "a.rar")
+
+
+def test_views_with_cameras_twice(folder: Path) -> None:
+    (folder / "plaza.cameras.npz").write_bytes((folder / "school.cameras.npz").read_bytes())
+    with (
+        refused(r"holds extrinsics, and so does plaza\.cameras\.npz"),
+        listed(folder).opened("plaza", limit_bytes=LIMIT, sampling=None),
+    ):
+        pass
+
+
+def test_cameras_of_no_scene_are_extra(folder: Path) -> None:
+    (folder / "school.ply").unlink()
+    assert listed(folder).unknown_files == ("notes.md", "school.cameras.npz")
+
+
+def listed(path: Path, room: int = 1 << 24) -> ScenePredictions:
+    return open_reconstruction(path, unpacked_limit_bytes=room)
+
+
+def read_maps(path: Path) -> ScenePrediction:
+    return maps_of(open_arrays(path, LIMIT))
+
+
+def written(path: Path, **changes: Any) -> Path:
+    np.savez(path / "v.npz", **made_views(**changes))
+    return path / "v.npz"
+
+
+def depth_maps(path: Path) -> DepthMaps:
+    maps = read_maps(path).geometry
+    assert isinstance(maps, DepthMaps)
+    return maps
+
+
+def test_depth_maps(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    views, maps = read_maps(path), depth_maps(path)
+    np.testing.assert_array_equal(maps.depth, made_views()["depth"])
+    np.testing.assert_array_equal(maps.confidence, made_views()["conf"])
+    assert views.kind == "depth"
+    assert views.notes == ()
+    assert views.images is not None
+    assert views.images.names.tolist() == made_views()["image_names"].tolist()
+    assert views.images.found.all()
+    np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
+    np.testing.assert_array_equal(maps.cameras.matrices, made_views()["intrinsics"])
+
+
+def principal_point(folder: Path, **changes: Any) -> list[float]:
+    maps = depth_maps(written(folder, **changes))
+    return list(maps.cameras.principal_point[0].tolist())
+
+
+def test_pixel_centres_that_are_integers_are_shifted(tmp_path: Path) -> None:
+    corner, shifted = [W / 2, H / 2], [W / 2 + 0.5, H / 2 + 0.5]
+    assert principal_point(tmp_path) == corner
+    assert principal_point(tmp_path, pixel_centres=np.array("half")) == corner
+    assert principal_point(tmp_path, pixel_centres=np.array("integer")) == shifted
+    assert principal_point(tmp_path, pixel_centres=np.array(["integer"])) == shifted
+    # Files without names are Depth Anything 3's, whose centres are integers.
+    assert principal_point(tmp_path, image_names=None) == shifted
+    assert principal_point(tmp_path, image_names=None, pixel_centres=np.array("half")) == corner
+    assert read_maps(written(tmp_path)).pixel_centres is None
+
+
+@pytest.mark.parametrize("value", ["corner", "", 0.5, ["half", "half"], [["a"]]])
+def test_other_pixel_centres_are_refused(value: object, tmp_path: Path) -> None:
+    with refused("'half'.*or 'integer'") as caught:
+        read_maps(written(tmp_path, pixel_centres=np.array(value)))
+    assert "field 'pixel_centres'" in str(caught.value)
+
+
+def test_views_without_names_are_numbered(tmp_path: Path) -> None:
+    views = read_maps(written(tmp_path, image_names=None))
+    assert views.images is not None
+    assert not views.images.named
+    assert views.images.names.tolist() == ["view 0", "view 1", "view 2", "view 3"]
+    np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
+    named = read_maps(written(tmp_path)).images
+    assert named is not None
+    assert named.named
+
+
+@pytest.mark.parametrize("name", ["points", "world_points"])
+def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
+    points = np.random.default_rng(2).random((N, H, W, 3))
+    path = written(tmp_path, depth=None, **{name: points})
+    views = read_maps(path)
+    assert isinstance(views.geometry, PointMaps)
+    np.testing.assert_array_equal(views.geometry.points, points)
+    assert views.images is not None
+    bare = {"extrinsics": None, "intrinsics": None, "image_names": None, "depth": None}
+    views = read_maps(written(tmp_path, **bare, **{name: points}))
+    assert views.images is None
+    assert views.kind == "points"
+
+
+def test_what_is_a_cloud_and_what_are_views(tmp_path: Path) -> None:
+    cases = (
+        {"points": (5, 3)},
+        {"points": (1, 2, 2, 3)},
+    )
+    found = []
+    for shapes in cases:
+        np.savez(tmp_path / "a.npz", **{name: np.zeros(shape) for name, shape in shapes.items()})
+        with listed(tmp_path / "a.npz").opened("a", limit_bytes=LIMIT, sampling=None) as one:
+            found.append(one.kind)
+    assert found == ["cloud", "points"]
+
+
+def test_a_pose_that_was_not_found_is_all_nan(tmp_path: Path) -> None:
+    extrinsics = matrices(poses())
+    extrinsics[1] = np.nan
+    images = read_maps(written(tmp_path, extrinsics=extrinsics)).images
+    assert images is not None
+    assert images.found.tolist() == [True, False, True, True]
+
+
+def changed(index: Any, value: Any) -> np.ndarray:
+    extrinsics = matrices(poses())
+    extrinsics[index] = value
+    return extrinsics
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"intrinsics": None}, "lacks the field intrinsics"),
+        ({"depth": None}, "lacks the field depth"),
+        ({"depths": np.zeros(3)}, "'depths'"),
+        ({"points": np.zeros((N, H, W, 3))}, "depth and points"),
+        ({"depth": np.zeros((N, H, W), int)}, "'depth' is int64"),
+        ({"depth": np.zeros((N, H * W))}, "'depth' is float64 of shape"),
+        ({"depth": np.zeros((N, 0, W)), "conf": None}, "'depth' is float64 of shape"),
+        ({"conf": np.zeros((N, W, H), "f4")}, "the size of the maps"),
+        ({"intrinsics": made_views()["intrinsics"][:2]}, "2 rows for 4 images"),
+        ({"extrinsics": matrices(poses())[:2]}, "2 rows for 4 images"),
+        ({"image_names": np.array(["a", "b", "c"])}, "3 rows for 4 images"),
+        ({"image_names": np.array(["a", "b", "a", "c"])}, "more than once: 1 of 4 \\('a'\\)"),
+        ({"image_names": np.array(["a", "", "b", "c"])}, "empty"),
+        ({"image_names": np.array(["a", "b\x1b", "b", "c"])}, "do not print"),
+        ({"extrinsics": changed((2, 0, 0), np.nan)}, "NaN or infinite in part: 1 of 4 .DJI_0002"),
+        ({"extrinsics": changed((2, 0, 0), np.inf)}, "NaN or infinite in part"),
+        ({"extrinsics": matrices(poses()) * 2}, "not orthonormal in 4 of 4 .first 3: DJI_0000"),
+        ({"extrinsics": matrices(poses()) * [1, 1, -1, 1]}, "reflection"),
+        ({"extrinsics": np.tile(np.eye(4), (N, 1, 1)) + 1e-3 * np.eye(4)[3]}, "last row"),
+        ({"intrinsics": made_views()["intrinsics"] * -1}, "no positive focal length"),
+    ],
+)
+def test_wrong_views(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with refused(message) as caught:
+        read_maps(written(tmp_path, **changes))
+    assert "v.npz" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "likely"),
+    [(7.72, "about 62 x 46"), (2.0, "about 16 x 12"), (0.5, "about 4 x 3"), (1 / W, "normalised")],
+)
+def test_intrinsics_of_another_resolution(ratio: float, likely: str, tmp_path: Path) -> None:
+    scale = np.diag([ratio, ratio, 1.0])
+    if likely == "normalised":
+        scale = np.diag([1 / W, 1 / H, 1.0])
+    path = written(tmp_path, intrinsics=scale @ made_views()["intrinsics"])
+    with refused(likely) as caught:
+        read_maps(path)
+    assert "times the centre of the maps in 4 (first 3: DJI_0000" in str(caught.value).replace(
+        "4 of 4", "4"
+    )
+
+
+def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
+    K = made_views()["intrinsics"].copy()
+    K[1, 0, 2] *= 1.8
+    views = read_maps(written(tmp_path, intrinsics=K))
+    assert "1 of 4 (DJI_0001.JPG)" in views.notes[0]
+    K[1, 0, 2] = W / 2 * 1.3
+    assert read_maps(written(tmp_path, intrinsics=K)).notes == ()
+
+
+def test_cameras_beside_a_cloud(tmp_path: Path) -> None:
+    path = written(tmp_path, depth=None, conf=None, intrinsics=None)
+    images = read_image_poses(path, LIMIT)
+    np.testing.assert_allclose(images.poses.centres, poses().centres, atol=1e-9)
+    with refused("'depth'"):
+        read_image_poses(written(tmp_path), LIMIT)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".laz", ".las"])
+def test_shards_are_one_cloud(suffix: str, tmp_path: Path) -> None:
+    points = np.rint(surface(1000, 0) * 1000.0) * 1e-3
+    write = write_parquet if suffix == ".parquet" else write_laz
+    cloud = opened(in_shards(tmp_path / "shards", points, 7, write, suffix))
+    assert cloud.count == 1000
+    np.testing.assert_array_equal(points_in(cloud), points)
+    assert [len(piece) for piece in cloud.pieces(300)] == [300, 300, 300, 100]
+    assert cloud.kind == f"{suffix.strip('.').upper()} in 7 shards".replace("PARQUET", "Parquet")
+
+
+def test_an_entry_in_shards(tmp_path: Path) -> None:
+    points = surface(100, 0)
+    home = tmp_path / "preds"
+    in_shards(home / "harbour" / "shards", points, 3, write_parquet, ".parquet")
+    write_laz(home / "school.laz", points)
+    (home / "harbour" / "notes.txt").write_text("made by hand")
+    pack = tmp_path / "preds.zip"
+    with zipfile.ZipFile(pack, "w") as archive:
+        for path in sorted(home.rglob("*.*")):
+            archive.write(path, path.relative_to(home))
+    for path in (home, pack):
+        listed = open_reconstruction(path, unpacked_limit_bytes=LIMIT)
+        assert listed.scenes == ("harbour", "school")
+        assert listed.unknown_files == ("harbour/notes.txt",)
+        with listed.opened("harbour", limit_bytes=LIMIT, sampling=None) as found:
+            assert isinstance(found.geometry, FileCloud)
+            np.testing.assert_array_equal(points_in(found.geometry), points)
+            assert found.kind == "cloud"
+
+
+def test_shards_of_other_scales_are_fine_and_of_another_crs_are_not(tmp_path: Path) -> None:
+    points = np.rint(surface(10, 0))
+    write_laz(tmp_path / "a.laz", points, crs="EPSG:32633")
+    write_laz(tmp_path / "b.laz", points, crs="EPSG:32633", scale=0.5)
+    write_laz(tmp_path / "c.laz", points)
+    np.testing.assert_array_equal(points_in(opened(tmp_path)), np.tile(points, (3, 1)))
+    write_laz(tmp_path / "d.laz", points, crs="EPSG:32632")
+    with refused("states another CRS than a.laz") as caught:
+        opened(tmp_path)
+    assert "d.laz" in str(caught.value)
+
+
+def truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+def emptied(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".laz", ".las"])
+@pytest.mark.parametrize("spoil", [truncated, emptied])
+def test_a_spoilt_shard_is_named(
+    suffix: str, spoil: Callable[[Path], None], tmp_path: Path
+) -> None:
+    write = write_parquet if suffix == ".parquet" else write_laz
+    folder = in_shards(tmp_path / "shards", surface(300, 0), 3, write, suffix)
+    spoil(folder / f"tile-01{suffix}")
+    with pytest.raises(PredictionError, match=r"tile-01") as caught:
+        points_in(opened(folder))
+    assert "\n" in str(caught.value)
+    with pytest.raises(BenchmarkError, match=r"tile-01.*true cloud cannot be read"):
+        open_true_cloud(folder, LIMIT, SAMPLING)
+
+
+@pytest.mark.parametrize(
+    ("copy", "says"),
+    [
+        ("tile-00 (1).laz", "holds what tile-00"),
+        ("tile-00.las", "has the name of tile-00.la"),
+    ],
+)
+def test_no_shard_counts_twice(copy: str, says: str, tmp_path: Path) -> None:
+    """As a file manager copies a file, and as a converter leaves the original beside its own."""
+    folder = in_shards(tmp_path / "shards", surface(300, 0), 2, write_laz, ".laz")
+    empty = np.zeros((0, 3))
+    for name in ("a.parquet", "b.parquet"):
+        write_parquet(folder / name, empty)
+    assert opened(folder).count == 300
+    if "(1)" in copy:
+        (folder / copy).write_bytes((folder / "tile-00.laz").read_bytes())
+    else:
+        write_laz(folder / copy, surface(150, 0))
+    with pytest.raises(PredictionError, match=re.escape(says)):
+        opened(folder)
+
+
+def test_a_shard_that_goes_away_while_the_run_takes(tmp_path: Path) -> None:
+    folder = in_shards(tmp_path / "shards", surface(300, 0), 3, write_parquet, ".parquet")
+    cloud = opened(folder)
+    (folder / "tile-02.parquet").unlink()
+    with refused("is not there any more") as caught:
+        points_in(cloud)
+    assert "tile-02" in str(caught.value)
+
+
+def test_a_folder_without_shards(tmp_path: Path) -> None:
+    (tmp_path / "readme.md").write_text("none")
+    with refused("holds no shard"):
+        shards_in(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../school.ply",
+        "/school.ply",
+        "a/../../b.ply",
+        "a\\b.ply",
+        "C:/b.ply",
+        "a//b.ply",
+        "b\n.ply",
+    ],
+)
+@pytest.mark.parametrize("suffix", [".zip", ".tar"])
+def test_names_that_lead_elsewhere(name: str, suffix: str, tmp_path: Path) -> None:
+    path = pack_bytes(tmp_path / f"a{suffix}", [(name, b"ply\n")])
+    with refused("leads out of it or is no plain path") as caught:
+        listed(path)
+    assert "\n.ply" not in str(caught.value)
+
+
+def pack_bytes(path: Path, files: list[tuple[str, bytes]]) -> Path:
+    if path.suffix == ".zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as pack:
+            for name, content in files:
+                info = zipfile.ZipInfo("x")
+                info.filename = name
+                info.compress_type = zipfile.ZIP_DEFLATED
+                pack.writestr(info, content)
+        return path
+    with tarfile.open(path, "w:gz" if path.suffix == ".tgz" else "w") as tape:
+        for name, content in files:
+            entry = tarfile.TarInfo(name)
+            entry.size = len(content)
+            tape.addfile(entry, io.BytesIO(content))
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize("suffix", [".zip", ".tar"])
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["a.ply", "a.ply"], "more than once"),
+        (["a.ply", "A.ply"], "more than once"),
+        (["a.ply", "a.laz"], "two entries: a.laz and a.ply"),
+        (["a/x.ply", "a/y.ply", "b.ply"], "two entries"),
+        (["a.ply", "b.zip"], "an archive inside"),
+        (["a.ply", "b.ply.gz"], "an archive inside"),
+        (["a.doc"], "holds no cloud"),
+        (["a/b/c.ply", "d/e/f.ply"], "holds no cloud"),
+        ([], "holds no cloud"),
+    ],
+)
+def test_wrong_entries(suffix: str, names: list[str], message: str, tmp_path: Path) -> None:
+    path = pack_bytes(tmp_path / f"p{suffix}", [(name, b"x") for name in names])
+    with refused(message):
+        listed(path)
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".tar", ".tgz"])
+def test_bombs_are_refused_before_they_are_unpacked(suffix: str, tmp_path: Path) -> None:
+    path = pack_bytes(tmp_path / f"p{suffix}", [("a.ply", bytes(1 << 22)), ("b.ply", bytes(9))])
+    with refused("unpacks to 4,194"):
+        listed(path, room=1 << 20)
+
+
+def test_links_are_refused(tmp_path: Path) -> None:
+    with tarfile.open(tmp_path / "a.tar", "w") as tape:
+        for kind in (tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE):
+            entry = tarfile.TarInfo("a.ply")
+            entry.type, entry.linkname = kind, "/etc/passwd"
+            tape.addfile(entry)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as pack:
+        info = zipfile.ZipInfo("a.ply")
+        info.external_attr = 0o120777 << 16
+        pack.writestr(info, "/etc/passwd")
+    root = tmp_path / "folder"
+    root.mkdir()
+    (root / "a.ply").symlink_to("/etc/passwd")
+    for path in (tmp_path / "a.tar", tmp_path / "a.zip", root):
+        with refused("is a link"):
+            listed(path)
