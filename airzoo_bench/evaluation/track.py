@@ -196,9 +196,27 @@ class Track(ABC):
 
     Notes
     -----
-    A method takes and returns the track's own types where ``Any`` stands here: predictions from
-    `open`, a truth from `truth`, a part from `Assignment.parts`, a protocol of the class
-    `protocol`.
+    Its methods take these; where ``Any`` stands a track has types of its own:
+
+    path, out : Path
+        Predictions; the template to write.
+    memory_bytes : int
+        The most that reading may hold.
+    benchmark, scene : Benchmark, str
+        A benchmark folder, opened, and the id of a scene in it.
+    protocol : Protocol
+        Of the class `protocol`.
+    predictions : Predictions
+        From `open`.
+    truth, truths : Truth, sequence of Truth
+        From `truth`; of all scenes in the protocol's order.
+    part : object
+        Of `Assignment.parts`.
+    run : Run
+    scored : sequence of Scored
+        From `score` or `check`, of all scenes.
+    kind, seed : str, int
+        One of `TrackInfo.templates`, and what random answers come from.
     """
 
     info: ClassVar[TrackInfo]

@@ -63,7 +63,7 @@ def test_scores_are_those_of_the_track(
             "max_distance_m": 10 * threshold,
         },
     )
-    record = world.score(path, protocol=str(chosen)).scored["lot"].records.iloc[0]
+    record = world.score(path, protocol=str(chosen)).scored["lot"].records.to_dict("records")[0]
     found = ab.cloud_scores(points, true_points("lot"), threshold, crop=crop)
     name = f"{threshold:g}m"
     assert found.f1 == record[f"f1_{name}"]

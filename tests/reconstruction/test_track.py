@@ -155,7 +155,7 @@ def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     (tmp_path / "p" / "lot.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4\n"]))
     chosen = world.protocol(tmp_path / "c.toml", meshes={"points": 20_000})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
-    record = evaluation.scored["lot"].records.iloc[0]
+    record = evaluation.scored["lot"].records.iloc[0].to_dict()
     assert evaluation.result.predictions.kind == "mesh"
     assert record["points"] == 20_000
     assert record["f1_1m"] > 0.999
@@ -292,7 +292,7 @@ def test_pixels_and_points_must_exceed_the_confidence(
         save(tmp_path / "p" / "lot.cameras.npz", world.cameras("lot"))
     chosen = world.protocol(tmp_path / "c.toml", fusion={"confidence_above": 2.0})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
-    record = evaluation.scored["lot"].records.iloc[0]
+    record = evaluation.scored["lot"].records.iloc[0].to_dict()
     assert (record["points"], record["distrusted"]) == (conf.size // 2, conf.size // 2)
     assert any("left out: 3,456 points of too little" in n for n in evaluation.result.notes)
 
