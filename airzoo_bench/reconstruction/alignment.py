@@ -84,26 +84,13 @@ class PosedCameras:
 class RansacSettings:
     """How outliers among the camera centres are found; the defaults are those of all protocols.
 
-    Attributes
-    ----------
-    min_trials, max_trials : int
-        Samples drawn; where there are no more than `min_trials` minimal ones, each is tried once.
-    confidence : float
-        Trials end once a sample without outliers was drawn with this probability, judged by the
-        largest share of inliers yet; 1 never ends before `max_trials`.
-    sample_share : float or None
-        None takes minimal samples: three cameras, two on a line. Otherwise the share of the
-        cameras in a sample, and one refit only: Depth Anything 3 takes a half.
-    inlier_limit : float or None
-        Residuals of inliers are below it, in units of the truth. None is Depth Anything 3's rule:
-        the median distance from a predicted centre to the nearest true one, whichever that is,
-        once all cameras are aligned.
-    inlier_limit_deg : float
-        On a line, orientations of inliers are nearer than this, too.
-    line_ratio : float
-        Centres whose second singular value about their mean is at most this share of the first
-        lie on a line. There, orientations weigh as much as points so far off the line.
-    seed : int
+    Minimal samples (`sample_share` None) are each tried once where there are no more than
+    `min_trials`. Trials end once a sample without outliers was drawn with the confidence, judged
+    by the largest share of inliers yet. Residuals of inliers are below `inlier_limit`, in units of
+    the truth; None is Depth Anything 3's rule: the median distance from a predicted centre to the
+    nearest true one, whichever that is, once all cameras are aligned. Centres whose second singular
+    value is at most `line_ratio` of the first lie on a line. There, orientations weigh as much as
+    points so far off the line, and those of inliers are nearer than `inlier_limit_deg`.
     """
 
     inlier_limit: float | None
@@ -152,24 +139,9 @@ class Residuals:
 class Alignment:
     """A transform into the frame of the truth, and how well it fits.
 
-    Attributes
-    ----------
-    cameras, missing : int
-        Cameras of the truth that have a partner, and those that have none.
-    inliers : int
-        Cameras within the limit, to which the transform is fitted: `inlier_names`.
-    inlier_limit : float or None
-        None where nothing was fitted.
-    used_orientations : bool
-        The centres lie on a line: the rotation is the mean of the orientations' differences.
-    robust : bool
-        False where fewer than 3 cameras agreed, so that all of them were fitted.
-    centres, inlier_centres : Residuals or None
-        Distances of all partners' centres, and of the inliers', in units of the truth.
-    rotations_deg : Residuals or None
-        Angles between all partners' orientations, where both have them.
-    icp_failure : str or None
-        Why ICP changed nothing.
+    The transform is fitted to `inliers` of the `cameras` that have a partner in the truth, or to
+    all of them where fewer than 3 agreed, and so it is not `robust`. Residuals are those of all
+    partners, in units of the truth, and of the inliers.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
@@ -282,11 +254,11 @@ def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSett
                 expected="cameras that move",
             )
     if not _on_a_line(target.centres, settings):
-        fit = _consensus(_Partners(source, target, settings))
+        fit = _consensus(_Partners(source, target, settings, strip=False))
         # What seemed a plane may have been a strip with an outlier.
         if fit is not None and not _on_a_line(target.centres[fit.inliers], settings):
             return fit
-    strip = _consensus(_StripPartners(source, target, settings))
+    strip = _consensus(_Partners(source, target, settings, strip=True))
     if strip is None:
         raise AlignmentError("the camera centres determine no similarity")
     return strip
@@ -297,14 +269,22 @@ def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:
 
 
 class _Partners:
-    """Partner cameras whose centres alone give the similarity."""
-
-    least, is_strip = 3, False
+    """Partner cameras, whose centres give the similarity, and on a strip their orientations too."""
 
     def __init__(
-        self, source: PosedCameras, target: PosedCameras, settings: RansacSettings
+        self, source: PosedCameras, target: PosedCameras, settings: RansacSettings, *, strip: bool
     ) -> None:
-        self.a, self.b, self.settings = source.centres, target.centres, settings
+        if strip and (source.rotation is None or target.rotation is None):
+            whose = "truth" if target.rotation is None else "prediction"
+            raise AlignmentError(
+                "the camera centres lie on a line, which leaves the turn about it free, and the "
+                f"{whose} has no orientations",
+                expected="centres that span a plane, or orientations of the cameras",
+                fix="add photos off the line, give camera poses, or predict in the truth's frame "
+                "and align by 'none'",
+            )
+        self.a, self.b, self.settings, self.strip = source.centres, target.centres, settings, strip
+        self._rotations = source.rotation, target.rotation
         self.first = self.fits(np.arange(len(self.a))[None])
         self.limit = self._limit()
 
@@ -320,60 +300,28 @@ class _Partners:
 
     def fits(self, samples: Ints) -> list[Similarity]:
         """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
-        found, determined = fit_many(self.a[samples], self.b[samples], with_scale=True)
-        return list(itertools.compress(found, determined))
+        a, b = self.a[samples], self.b[samples]
+        turned, true = self._rotations
+        if self.strip and turned is not None and true is not None:
+            turns = np.swapaxes(true, -1, -2) @ turned
+            found = fit_strips(a, b, turns[samples], axis_share=self.settings.line_ratio)
+        else:
+            found = fit_many(a, b, with_scale=True)
+        return list(itertools.compress(*found))
 
-    def residuals(self, fits: list[Similarity]) -> Floats:
-        """Return residuals (S, N), infinite where a camera is no inlier."""
+    def near(self, fits: list[Similarity]) -> Floats:
+        """Return distances of centres (S, N), infinite from the limit on."""
         away = _apart(np.stack([fit.apply(self.a) for fit in fits]), self.b)
         return np.where(away < self.limit, away, np.inf)
 
-    def check_orientations(self) -> None:
-        """Refuse orientations that contradict the centres, where there are any."""
-
-
-class _StripPartners(_Partners):
-    """Partner cameras on a line, whose orientations give the turn about it."""
-
-    least, is_strip = 2, True
-
-    def __init__(
-        self, source: PosedCameras, target: PosedCameras, settings: RansacSettings
-    ) -> None:
-        if source.rotation is None or target.rotation is None:
-            whose = "truth" if target.rotation is None else "prediction"
-            raise AlignmentError(
-                "the camera centres lie on a line, which leaves the turn about it free, and the "
-                f"{whose} has no orientations",
-                expected="centres that span a plane, or orientations of the cameras",
-                fix="add photos off the line, give camera poses, or predict in the truth's frame "
-                "and align by 'none'",
-            )
-        self._from, self._to = source.rotation, target.rotation
-        self._turns = np.swapaxes(target.rotation, -1, -2) @ source.rotation
-        super().__init__(source, target, settings)
-
-    def fits(self, samples: Ints) -> list[Similarity]:
-        parts = self.a[samples], self.b[samples], self._turns[samples]
-        found, determined = fit_strips(*parts, axis_share=self.settings.line_ratio)
-        return list(itertools.compress(found, determined))
-
     def residuals(self, fits: list[Similarity]) -> Floats:
+        """Return distances of centres (S, N), infinite where a camera is no inlier."""
+        turned, true = self._rotations
+        if not self.strip or turned is None or true is None:
+            return self.near(fits)
         back = np.array([fit.rotation.T for fit in fits])
-        turned = rotation_angle_deg(self._from[None] @ back[:, None], self._to[None])
-        near = super().residuals(fits)
-        return np.where(turned < self.settings.inlier_limit_deg, near, np.inf)
-
-    def check_orientations(self) -> None:
-        if not self.first:
-            return
-        near = np.isfinite(super().residuals(self.first[:1])[0]).sum()
-        if 2 * near >= len(self.a) and near >= LEAST_CAMERAS:
-            raise PredictionError(
-                "the cameras' orientations contradict their centres",
-                expected="a path that runs as the true one does once the orientations agree",
-                fix="check whether rotations are world-to-camera, with x right, y down, z forward",
-            )
+        angles = rotation_angle_deg(turned[None] @ back[:, None], true[None])
+        return np.where(angles < self.settings.inlier_limit_deg, self.near(fits), np.inf)
 
 
 def _consensus(cameras: _Partners) -> CameraFit | None:
@@ -382,10 +330,21 @@ def _consensus(cameras: _Partners) -> CameraFit | None:
     inliers = np.isfinite(best.residuals)
     robust = int(inliers.sum()) >= LEAST_CAMERAS
     if not robust:
-        cameras.check_orientations()
+        if cameras.strip and cameras.first:
+            _refuse_orientations(np.isfinite(cameras.near(cameras.first)[0]))
         inliers = np.ones(len(inliers), np.bool_)
     final = cameras.fits(np.flatnonzero(inliers)[None]) or cameras.first or best.fits
-    return CameraFit(final[0], inliers, cameras.limit, cameras.is_strip, robust) if final else None
+    return CameraFit(final[0], inliers, cameras.limit, cameras.strip, robust) if final else None
+
+
+def _refuse_orientations(near: Bools) -> None:
+    """Refuse orientations where most centres, but no three of these, agree."""
+    if 2 * near.sum() >= len(near) and near.sum() >= LEAST_CAMERAS:
+        raise PredictionError(
+            "the cameras' orientations contradict their centres",
+            expected="a path that runs as the true one does once the orientations agree",
+            fix="check whether rotations are world-to-camera, with x right, y down, z forward",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,7 +364,7 @@ class _Best:
 
 def _search(cameras: _Partners) -> _Best:
     settings, count = cameras.settings, len(cameras.a)
-    size, minimal = cameras.least, settings.sample_share is None
+    size, minimal = 2 if cameras.strip else 3, settings.sample_share is None
     if settings.sample_share is not None:
         size = min(count, max(size, math.ceil(settings.sample_share * count)))
     best = _better(cameras, _Best([], np.full(count, np.inf)), cameras.first, refit=minimal)
