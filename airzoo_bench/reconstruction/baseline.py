@@ -61,15 +61,7 @@ class TwoViews(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Features:
-    """Features of all photos; those of photo n are the rows from ``starts[n]`` on.
-
-    Attributes
-    ----------
-    places : (F, 2) float64
-        Pixels at full size.
-    descriptors : (F, 128) uint8
-    colours : (F, 3) uint8
-    """
+    """Features of all photos, those of photo n from row ``starts[n]`` on; places at full size."""
 
     starts: Ints
     places: Floats
@@ -83,18 +75,7 @@ class _Features:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A sparse reconstruction, in COLMAP's frame.
-
-    Attributes
-    ----------
-    rows : (R,) int64 array
-        Of the photos that have a pose, ascending.
-    poses : Poses
-        Of these.
-    points : (P, 3) array
-    colours : (P, 3) uint8 array
-        Mean over the features that a point was made from.
-    """
+    """A sparse reconstruction in COLMAP's frame; `rows` are the photos that have a pose."""
 
     rows: Ints
     poses: Poses

@@ -60,21 +60,11 @@ _OTHER_PHOTOS = (
 
 @dataclass(frozen=True, eq=False)
 class ImagePoses:
-    """Poses of N named images.
+    """Poses of N images by their names, which are numbers where the file has none (not `named`).
 
-    Attributes
-    ----------
-    names : (N,) str
-        As the file writes them; numbers where it does not.
-    found : (N,) bool
-        False where the method found no pose: NaN in all of it, or a place beyond all measure.
-    poses : Poses
-        World-to-camera; meaningless where there is none.
-    errors : (N,) float64
-        By how much digits that the file lacks have moved each camera, in the unit of its
-        translation, as `pose_errors_m` estimates; 0 where there is no pose.
-    named : bool
-        False where the file does not name its images, as Depth Anything 3 writes it.
+    Where the method `found` no pose (NaN in all of it, or a place beyond all measure) `poses` are
+    meaningless. `errors` estimate by how much digits that the file lacks have moved each camera, in
+    the unit of its translation.
     """
 
     names: NDArray[np.str_]

@@ -81,15 +81,7 @@ _BYTES_ON_DISK = 48  # of a point: as it came, and by slabs
 
 @dataclass(frozen=True, eq=False)
 class CloudDistances:
-    """Nearest distances both ways, infinite where nothing is predicted.
-
-    Attributes
-    ----------
-    to_truth : (P,) float64
-        From each finite predicted point to the true cloud, in the order of the source.
-    to_prediction : (T,) float64
-        From each finite true point to the predicted cloud.
-    """
+    """Nearest distances of finite points, in their order, infinite where nothing is predicted."""
 
     to_truth: Floats
     to_prediction: Floats
@@ -350,14 +342,8 @@ def _cuts(clouds: list[Floats], slab_points: int) -> tuple[int, Floats]:
 class _Slabs:
     """A cloud of N points on disk in S slabs, each along a Morton curve.
 
-    Attributes
-    ----------
-    order : (N,) int64
-        The row in the source of each point on disk.
-    starts : (S + 1,) int64
-        Where the points of a slab begin.
-    low, high : (S, 3) float64
-        The smallest box that holds a slab's points; where there are none, no box at all.
+    `order` has the row in the source of each point, `starts` (S + 1,) where a slab begins, `low`
+    and `high` (S, 3) its smallest box; an empty slab has none.
     """
 
     points: Floats

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,38 +49,9 @@ _OFF_GRID = 0.382
 _AXIS_BITS = 21
 
 
-class FloatMaps(Protocol):
-    """Maps (N, H, W) or (N, H, W, 3) of floating point: an array, or `LazyMaps`."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """N, H, W, and perhaps 3."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Floating point."""
-
-    def __len__(self) -> int:
-        """Return N."""
-
-    def __getitem__(self, key: Any, /) -> Any:
-        """Return the map of a view, or the maps of several."""
-
-
 @dataclass(frozen=True, eq=False)
 class LazyMaps:
-    """Maps of N views, each made when it is asked for.
-
-    Attributes
-    ----------
-    rows : (N,) int64
-        Which of the views that `make` knows.
-    size : tuple of int
-        Shape of one map.
-    dtype : dtype
-    make : callable
-        Returns the map of a view.
-    """
+    """Maps of N views: `make` returns the map, of a size, of a view that `rows` (N,) names."""
 
     rows: Ints
     size: tuple[int, ...]
@@ -112,6 +83,10 @@ class LazyMaps:
         for row in range(len(self)):
             array[row] = self[row]
         return array
+
+
+FloatMaps = NDArray[Any] | LazyMaps
+"""Maps (N, H, W) or (N, H, W, 3) of floating point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +121,7 @@ class DepthMaps:
 
 @dataclass(frozen=True, eq=False)
 class PointMaps:
-    """Point maps of N views.
-
-    Attributes
-    ----------
-    points : (N, H, W, 3) float array
-        In the frame of the prediction; not finite for no surface.
-    confidence : (N, H, W) float array or None
-    """
+    """Point maps (N, H, W, 3) of views in the frame of the prediction; not finite: no surface."""
 
     points: FloatMaps
     confidence: FloatMaps | None = None
@@ -163,14 +131,9 @@ class PointMaps:
 class DepthCloud:
     """The cloud of all pixels of depth maps that have a surface; a `CloudSource`.
 
-    Attributes
-    ----------
-    transform : Similarity
-        Into the frame of the truth; depths grow by its scale.
-    max_depth : float
-        In units of the truth. A surface beyond it is none.
-    confidence_above : float or None
-        Pixels need a higher one; None takes all, as do maps without confidence.
+    `transform` leads into the frame of the truth, and depths grow by its scale; beyond `max_depth`
+    there is no surface. Pixels need a higher confidence than `confidence_above`; None takes all,
+    as do maps without confidence.
     """
 
     maps: DepthMaps

@@ -30,14 +30,8 @@ _PART = 1 << 18
 class CloudFit:
     """How near one cloud is to another.
 
-    Attributes
-    ----------
-    fitness : float
-        Share of the points with the other cloud within the limit.
-    rmse : float
-        Root mean square distance of those; infinite where there are none.
-    cost : float
-        Root mean square distance of all points, each at most the limit: one figure for both.
+    The share of points with the other cloud within the limit, the root mean square distance of
+    those, and that of all, each at most the limit: one figure for both.
     """
 
     fitness: float

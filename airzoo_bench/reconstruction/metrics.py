@@ -77,15 +77,8 @@ class Curve:
 class CloudScores:
     """All scores of one predicted cloud; distances are infinite where nothing is predicted.
 
-    Attributes
-    ----------
-    accuracy, completeness, chamfer : float
-        Mean distance of predicted points to the truth, of true points to the prediction, and the
-        mean of the two.
-    accuracy_median, completeness_median : float
-        For an even count the mean of the two middle distances.
-    curve : Curve
-        Precision, recall and F1.
+    Accuracy is the mean distance of predicted points to the truth, completeness that of true points
+    to the prediction, and the Chamfer distance the mean of the two.
     """
 
     accuracy: float
@@ -181,13 +174,8 @@ def _one_by_one(distances: Floats, limit: float) -> Iterator[float]:
 class PairErrors:
     """Errors of the relative poses of P ordered pairs of cameras, infinite for failures.
 
-    Attributes
-    ----------
-    rotation_deg : (P,) array
-        Angle between the relative rotations, 0 to 180.
-    direction_deg : (P,) array
-        Angle between the directions of the relative translations, 0 to 180; 0 where the true
-        cameras share a place, which has no direction.
+    Angles between the relative rotations, and between the directions of the relative translations,
+    0 to 180; 0 where the true cameras share a place, which has no direction.
     """
 
     rotation_deg: Floats

@@ -108,15 +108,7 @@ class ScenePrediction:
 
 @dataclass(frozen=True)
 class NativeScenes(ScenePredictions):
-    """What a method wrote of each scene.
-
-    Attributes
-    ----------
-    places : mapping of str to Path
-        A file or folder by scene.
-    read_scene : callable
-        Given such a place and the bytes that it may take in memory, reads it.
-    """
+    """What a method wrote of each scene: `read_scene` reads its place within so many bytes."""
 
     path: Path
     places: Mapping[str, Path]

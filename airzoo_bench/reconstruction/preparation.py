@@ -92,16 +92,10 @@ def box_of(source: CloudSource) -> Box:
 
 @dataclass(frozen=True, eq=False)
 class CellSet:
-    """Some cells of a grid that has a corner at (0, 0, 0).
+    """Some cells of a grid that has a corner at (0, 0, 0); an infinite `size` makes columns.
 
-    Attributes
-    ----------
-    size : (3,) float64
-        Sides of a cell; an infinite one makes columns.
-    low, shape : (3,) float64
-        Least cell of the part of the grid that is looked at, and its cells along each axis.
-    keys : (C,) int64
-        Cells of the set, each as one number, ascending.
+    `keys` (C,), ascending, number the cells in the part of the grid that is looked at, whose least
+    cell is `low` and which has so many cells along each axis.
     """
 
     size: Floats
@@ -207,16 +201,9 @@ def cropped_region(
 
 @dataclass(frozen=True, eq=False)
 class PreparedCloud:
-    """A cloud as it is compared, and what was left out of it.
+    """A cloud as it is compared, and how many points were left out of it, or merged by voxels.
 
-    Attributes
-    ----------
-    source : CloudSource
-        Finite points only.
-    not_finite, outside, thinned : int
-        Points with NaN or infinite coordinates, outside the region, and merged by voxels.
-    sample : (S, 3) float64
-        Finite points from all of the cloud, those outside the region among them.
+    `sample` (S, 3) are finite points from all of the cloud, those outside the region among them.
     """
 
     source: CloudSource

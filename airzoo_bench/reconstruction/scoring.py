@@ -104,18 +104,10 @@ RECORDED = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A prediction beside the truth of its scene.
+    """A prediction beside the truth of its scene: both clouds as they were compared.
 
-    Attributes
-    ----------
-    clouds : (PreparedCloud, PreparedCloud)
-        Prediction and truth as they were compared.
-    recalled : (R,) float64
-        Distances of the true points that recall is over to the prediction.
-    distrusted : int
-        Predicted points of too little confidence.
-    curve : Curve
-        Precision, recall and F1 over the distance.
+    `recalled` are the distances of the true points that recall is over, `distrusted` counts the
+    predicted points of too little confidence.
     """
 
     alignment: Alignment

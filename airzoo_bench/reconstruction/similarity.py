@@ -34,16 +34,6 @@ class Similarity:
 
     With the origin amid the points what is multiplied is small, so that projected coordinates of
     millions of metres keep their last bits.
-
-    Attributes
-    ----------
-    scale : float
-        Above 0.
-    rotation : (3, 3) array
-    translation : (3,) array
-        Where the origin goes.
-    origin : (3,) array
-        Of the source; zero where left out, which makes the usual form.
     """
 
     scale: float

@@ -39,12 +39,10 @@ _NOT_CHOSEN = "not among the photos of the reconstruction"
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionTruth:
-    """What a reconstruction is made from and compared with.
+    """What a reconstruction of a scene is made from and compared with.
 
     Attributes
     ----------
-    scene : str
-        The scene's id.
     photos : DataFrame
         A row a photo that may be used, sorted by ``id``: camera and, unless sealed, true pose.
     cloud : Path

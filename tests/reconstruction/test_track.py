@@ -176,15 +176,6 @@ def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: P
     assert all(record == records[0] for record in records)
 
 
-def test_points_that_decide_the_mean_are_named(world: World, tmp_path: Path) -> None:
-    far = np.concatenate([true_points("yard"), [[1e9, 1e9, 1e9]]])
-    path = predict_clouds(world, tmp_path / "p", {"yard": far})
-    notes = world.score(path).result.notes
-    assert any(
-        "1 of 15,265 predicted points, up to 1.729e+09 m away, makes 100%" in n for n in notes
-    )
-
-
 def test_the_command_scores_in_blocks_as_in_memory(world: World, tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     points = random.uniform(0, SIDE, (120_000, 3)) * (1, 1, 0.05) + ORIGIN
