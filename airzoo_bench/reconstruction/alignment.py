@@ -82,7 +82,7 @@ class PosedCameras:
 
 @dataclass(frozen=True, kw_only=True)
 class RansacSettings:
-    """How outliers among the camera centres are found; the defaults are those of all protocols.
+    """Settings of the search for outliers among cameras; all shipped protocols have the defaults.
 
     Minimal samples (`sample_share` None) are each tried once where there are no more than
     `min_trials`. Trials end once a sample without outliers was drawn with the confidence, judged
@@ -103,8 +103,8 @@ class RansacSettings:
     seed: int = 0
 
     @classmethod
-    def of(cls, stated: AlignmentSettings) -> RansacSettings:
-        """Take what a protocol states."""
+    def from_protocol(cls, stated: AlignmentSettings) -> RansacSettings:
+        """Take the settings of a protocol."""
         share, limit = stated.sample_share, stated.inlier_below_m
         return cls(
             inlier_limit=None if isinstance(limit, str) else limit,
@@ -120,14 +120,14 @@ class RansacSettings:
 
 @dataclass(frozen=True)
 class Residuals:
-    """What is left between partners: root mean square, median and largest."""
+    """Residuals between partners: root mean square, median and largest."""
 
     rms: float
     median: float
     largest: float
 
     @classmethod
-    def of(cls, values: Floats) -> Residuals | None:
+    def summarise(cls, values: Floats) -> Residuals | None:
         """Summarise values (N,); None where there are none."""
         if not len(values):
             return None
@@ -207,20 +207,20 @@ def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
 
 
 def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
-    """Return an alignment with what is left between partners after its transform."""
+    """Return an alignment with the residuals between partners after its transform."""
     rows, true_rows = partners(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
     away = _apart(found.transform.apply(source.centres), target.centres)
     angles = None
     if source.rotation is not None and target.rotation is not None:
         aligned = source.rotation @ found.transform.rotation.T
-        angles = Residuals.of(rotation_angle_deg(aligned, target.rotation))
+        angles = Residuals.summarise(rotation_angle_deg(aligned, target.rotation))
     return replace(
         found,
         cameras=len(rows),
         missing=len(truth.names) - len(rows),
-        centres=Residuals.of(away),
-        inlier_centres=Residuals.of(away[np.isin(target.names, found.inlier_names)]),
+        centres=Residuals.summarise(away),
+        inlier_centres=Residuals.summarise(away[np.isin(target.names, found.inlier_names)]),
         rotations_deg=angles,
     )
 
@@ -236,7 +236,7 @@ def _apart(a: Floats, b: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class CameraFit:
-    """A similarity fitted to partner cameras; the attributes are those of `Alignment`."""
+    """A similarity fitted to partner cameras; `Alignment` explains the attributes."""
 
     transform: Similarity
     inliers: Bools
@@ -269,7 +269,7 @@ def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:
 
 
 class _Partners:
-    """Partner cameras, whose centres give the similarity, and on a strip their orientations too."""
+    """Partner cameras; centres give the similarity, and on a strip orientations too."""
 
     def __init__(
         self, source: PosedCameras, target: PosedCameras, settings: RansacSettings, *, strip: bool
@@ -426,7 +426,7 @@ def _sample_blocks(count: int, size: int, settings: RansacSettings) -> Iterator[
 
 
 def _draw_samples(random: np.random.Generator, trials: int, count: int, size: int) -> Ints:
-    """Draw without replacement: the n-th row is one of those that are left."""
+    """Draw samples (trials, size) of rows without replacement, each ascending."""
     rows = np.empty((trials, 0), dtype=np.int64)
     for taken in range(size):
         row = random.integers(0, count - taken, trials)

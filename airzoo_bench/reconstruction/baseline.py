@@ -61,7 +61,7 @@ class TwoViews(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Features:
-    """Features of all photos, those of photo n from row ``starts[n]`` on; places at full size."""
+    """Features of all photos; photo n begins at row ``starts[n]``; places at full size."""
 
     starts: Ints
     places: Floats

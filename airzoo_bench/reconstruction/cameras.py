@@ -1,4 +1,4 @@
-"""Cameras of a prediction: poses by image from npz files, and which photo each of them is of."""
+"""Cameras of a prediction: poses by image from npz files, matched to the photos of the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users do wrong with a reconstruction and cannot see: a function a check.
+"""Checks for mistakes that users make and cannot see, a function each.
 
 A check raises an error where the prediction cannot be meant as it stands, or returns a note, a
 sentence for whoever reads the numbers, where it may be. `scene_notes` collects them.
@@ -64,7 +64,7 @@ def scene_notes(
     found: Comparison,
     protocol: ReconstructionProtocol,
 ) -> list[str]:
-    """Say what looks odd about a prediction, what was left out of it, and how it was aligned."""
+    """Collect the notes on a prediction: oddities, points left out, the alignment."""
     scale = found.alignment.transform.scale
     notes = [
         *prediction.notes,
@@ -294,7 +294,7 @@ def _check_views(
             "which their poses fit"
         )
     if isinstance(maps, DepthMaps):
-        yield _check_far_depths(_some_depths(maps).astype(np.float64) * scale, fusion.max_depth_m)
+        yield _check_far_depths(_sample_depths(maps).astype(np.float64) * scale, fusion.max_depth_m)
     if fusion.least_confidence is not None and maps.confidence is None:
         yield "has no confidence: all of it was taken"
 
@@ -308,7 +308,7 @@ def _check_far_depths(seen: Floats, farthest: float) -> str | None:
     )
 
 
-def _some_depths(maps: DepthMaps) -> NDArray[Any]:
+def _sample_depths(maps: DepthMaps) -> NDArray[Any]:
     """Return the depths of surfaces in the first views."""
     views = range(min(len(maps.depth), max(1, _LOOKED_AT // max(maps.depth[0].size, 1))))
     some = np.stack([maps.depth[row] for row in views])
@@ -347,7 +347,7 @@ def _check_pixel_centres(
     maps: DepthMaps, named: bool, scale: float, tolerance: float
 ) -> str | None:
     """Ask for the field `pixel_centres`, which is absent, where it would move points."""
-    seen = _some_depths(maps)
+    seen = _sample_depths(maps)
     off = float(np.hypot(*(0.5 / np.median(maps.cameras.focal, axis=0))))
     error = off * float(np.median(seen)) * scale if seen.size else 0.0
     taken = "half (the first pixel's is 0.5, 0.5)" if named else "integer (Depth Anything 3)"
@@ -420,7 +420,7 @@ def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[st
 
 
 def check_bounds(cloud: Floats, truth: Floats) -> str | None:
-    """Say what a cloud may be instead, by its bounds (2, 3) and those of the truth."""
+    """Guess from bounds (2, 3) in which other coordinates a cloud may be."""
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
         return None
     checks = (_check_degrees, _check_feet, _check_scale, _check_axes, _check_datum, _check_place)
@@ -428,7 +428,7 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
 
 
 def _check_degrees(cloud: Floats, truth: Floats) -> str | None:
-    """Look for longitude and latitude beside heights in metres."""
+    """Look for longitude and latitude with heights in metres."""
     span, true_span = np.ptp(cloud, axis=0), np.ptp(truth, axis=0)
     few = 0.0 < span[:2].max() < 5.0 and span[:2].max() * _FACTOR < true_span[:2].max()
     upright = span[2] > 0.0 and true_span[2] > 0.0 and 0.1 < span[2] / true_span[2] < 10.0

@@ -77,7 +77,7 @@ class TransformedCloud:
 
 
 def finite_rows(points: Floats) -> Bools:
-    """Say which of points (N, 3) have coordinates whose squares are numbers."""
+    """Mark the points (N, 3) that are finite, also when squared."""
     finite: Bools = np.all(np.abs(points) < _ENDLESS, axis=1)
     return finite
 
@@ -90,7 +90,7 @@ def finite_pieces(source: CloudSource, points: int) -> Iterator[Floats]:
 
 
 def concatenated(pieces: Iterable[Floats]) -> Floats:
-    """Put pieces (N, 3), of which there may be none, under each other."""
+    """Concatenate any number of pieces (N, 3)."""
     return np.concatenate([np.zeros((0, 3)), *pieces])
 
 

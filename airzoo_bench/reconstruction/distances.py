@@ -330,7 +330,7 @@ def _write(stream: IO[bytes], points: Floats) -> None:
 
 
 def _cuts(clouds: list[Floats], slab_points: int) -> tuple[int, Floats]:
-    """Return an axis, and where to cut it so that slabs of both clouds hold so many points."""
+    """Return an axis, and the cuts across it between slabs of about `slab_points` points."""
     sample = np.concatenate([points[:: max(1, len(points) // _SAMPLE)] for points in clouds])
     low, high = np.quantile(sample, (0.05, 0.95), axis=0)
     axis = int(np.argmax(high - low))

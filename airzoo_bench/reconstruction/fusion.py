@@ -235,7 +235,8 @@ def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> Floats:
         if depth.any():
             near = Poses(rotation=pose.rotation, centres=pose.centres - origin)
             volume.add(depth, maps.cameras.take(row), near)
-    return volume.surface() + origin
+    surface: Floats = volume.surface() + origin
+    return surface
 
 
 class _Volume:

@@ -39,7 +39,7 @@ class CloudFit:
     cost: float
 
     @classmethod
-    def of(cls, distances: Floats, limit: float) -> CloudFit:
+    def summarise(cls, distances: Floats, limit: float) -> CloudFit:
         """Summarise distances (N,), infinite beyond the limit."""
         near = distances[np.isfinite(distances)]
         squared = float((near * near).sum())
@@ -72,7 +72,7 @@ def refine(
     nearest = _Nearest(truth, origin, limit, in_memory=truth.count <= memory_points)
     transform = Similarity.identity()
     distances, partners = nearest(points)
-    before = fit = CloudFit.of(distances, limit)
+    before = fit = CloudFit.summarise(distances, limit)
     if np.isfinite(distances).sum() < 3:
         raise AlignmentError(
             f"ICP has {np.isfinite(distances).sum()} of {len(distances)} predicted points within "
@@ -86,7 +86,7 @@ def refine(
         near = np.isfinite(distances)
         step = _step(points[near], partners[near], transform, settings.icp_with_scale)
         distances, found = nearest(step.apply(points))
-        new = CloudFit.of(distances, limit)
+        new = CloudFit.summarise(distances, limit)
         if not new.cost < fit.cost:
             break
         gain, transform, fit, partners = fit.cost - new.cost, step, new, found

@@ -159,10 +159,10 @@ def exact_mean(distances: Floats, limit: float = math.inf) -> float:
     """
     if len(distances) == 0:
         return math.inf
-    return math.fsum(_one_by_one(distances, limit)) / len(distances)
+    return math.fsum(_clipped(distances, limit)) / len(distances)
 
 
-def _one_by_one(distances: Floats, limit: float) -> Iterator[float]:
+def _clipped(distances: Floats, limit: float) -> Iterator[float]:
     for start in range(0, len(distances), _CHUNK):
         yield from np.minimum(distances[start : start + _CHUNK], limit).tolist()
 

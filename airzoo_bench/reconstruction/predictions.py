@@ -70,7 +70,7 @@ _EXPECTED = (
 
 @dataclass(frozen=True, eq=False)
 class ScenePrediction:
-    """What a method wrote of a scene.
+    """The prediction of a scene, opened.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class ScenePrediction:
 
     @property
     def kind(self) -> str:
-        """What it holds: ``cloud``, ``mesh``, ``depth`` or ``points``."""
+        """``cloud``, ``mesh``, ``depth`` or ``points``."""
         if isinstance(self.geometry, FileCloud):
             return "mesh" if self.geometry.kind.endswith("mesh") else "cloud"
         return "depth" if isinstance(self.geometry, DepthMaps) else "points"
@@ -108,7 +108,7 @@ class ScenePrediction:
 
 @dataclass(frozen=True)
 class NativeScenes(ScenePredictions):
-    """What a method wrote of each scene: `read_scene` reads its place within so many bytes."""
+    """Scenes in a method's own files; `read_scene` takes a place and the bytes that it may hold."""
 
     path: Path
     places: Mapping[str, Path]

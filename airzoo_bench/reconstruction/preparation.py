@@ -236,7 +236,7 @@ def prepared(
     # Every n-th point, the same for any pieces.
     sample, every = [np.zeros((0, 3))], max(1, source.count // _SAMPLE)
     for piece in source.pieces(block_points):
-        finite, within = _kept(piece.points, region)
+        finite, within = _masks(piece.points, region)
         sample.append(piece.points[-seen % every :: every].copy())
         seen += len(piece)
         counts += [np.count_nonzero(which) for which in (~finite, finite & ~within, within)]
@@ -261,10 +261,10 @@ class _Cropped:
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         for piece in self.source.pieces(points):
-            yield Cloud(piece.points[_kept(piece.points, self.region)[1]])
+            yield Cloud(piece.points[_masks(piece.points, self.region)[1]])
 
 
-def _kept(points: Floats, region: Box | Columns | None) -> tuple[Bools, Bools]:
+def _masks(points: Floats, region: Box | Columns | None) -> tuple[Bools, Bools]:
     """Say which points are finite, and which lie in the region too."""
     finite = finite_rows(points)
     if region is None:

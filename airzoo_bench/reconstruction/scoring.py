@@ -104,7 +104,7 @@ RECORDED = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A prediction beside the truth of its scene: both clouds as they were compared.
+    """A prediction compared with the truth of its scene, both clouds as they were compared.
 
     `recalled` are the distances of the true points that recall is over, `distrusted` counts the
     predicted points of too little confidence.
@@ -238,7 +238,7 @@ def _aligned(
 ) -> tuple[CloudSource, Alignment]:
     """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
     stated = protocol.alignment
-    found = align(stated.method, cameras, truth.posed, RansacSettings.of(stated))
+    found = align(stated.method, cameras, truth.posed, RansacSettings.from_protocol(stated))
     cloud = _as_cloud(geometry, found.transform, protocol.fusion)
     if found.method != "sim3+icp" or cameras is None:
         return cloud, found
@@ -266,7 +266,7 @@ def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> Clou
 def _count_distrusted(
     geometry: Geometry, transform: Similarity, fusion: Fusion, points: int
 ) -> int:
-    """Count the points whose confidence is not above the protocol's."""
+    """Count the points at or below the protocol's confidence."""
     least = fusion.least_confidence
     if least is None:
         return 0
@@ -317,7 +317,7 @@ def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
 
 
 def _score_failed(scene: str, settings: ReconstructionScores) -> Scored:
-    """Score a scene whose prediction cannot be aligned: as a missing one, with failed poses."""
+    """Score a scene that cannot be aligned as a missing one with failed poses."""
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings) | worst_poses(settings)
     record = {"scene": scene, "answered": True, "points": 0, **worst}
     return _scored(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
@@ -365,7 +365,7 @@ def pose_scores(
     truth: PosedCameras,
     settings: ReconstructionScores,
 ) -> dict[str, float]:
-    """Score camera poses against those of all true cameras."""
+    """Score predicted camera poses against all true cameras."""
     if predicted is None or predicted.rotation is None or truth.rotation is None:
         return {}
     scores = worst_poses(settings)
@@ -392,7 +392,7 @@ def pose_scores(
 
 
 def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
-    """Return the pose scores of a prediction whose poses have failed."""
+    """Return the scores of poses that have all failed."""
     aucs = {f"pose_auc_{limit:g}deg": 0.0 for limit in settings.pose_auc_below_deg}
     return {**aucs, "cameras_placed": 0.0, "ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
 
@@ -419,7 +419,7 @@ def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> P
 
 
 def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:
-    """Return the scores that a protocol asks for; records lack those of poses without cameras."""
+    """Return the scores of a protocol; without cameras, records lack the pose scores."""
     main = settings.headline_below_m
     scores = [
         _distance("chamfer_m", "Chamfer", headline=True),

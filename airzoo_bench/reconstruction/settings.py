@@ -1,4 +1,4 @@
-"""What a protocol of the reconstruction track states."""
+"""The settings in a protocol of the reconstruction track."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Meshes(Strict):
 
 
 class Preparation(Strict):
-    """What is done to both clouds before distances are taken."""
+    """How both clouds are prepared before distances are measured."""
 
     crop: Literal["covered", "box", "none"]
     crop_margin_m: Distance
@@ -125,7 +125,7 @@ class ReconstructionScores(Strict):
 
     @property
     def clip_m(self) -> float | None:
-        """What a larger distance counts as in means; None clips nothing."""
+        """The most that a distance counts in means; None clips nothing."""
         return None if isinstance(self.max_distance_m, str) else self.max_distance_m
 
 

@@ -142,7 +142,7 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
 def fit_strips(
     source: Floats, target: Floats, turns: Floats, *, axis_share: float
 ) -> tuple[list[Similarity], Bools]:
-    """Fit many sets of cameras on a line, whose turns (S, N, 3, 3) fix the rotation about it."""
+    """Fit many sets of cameras on a line; turns (S, N, 3, 3) fix the rotation about it."""
     (origin, a), (goal, b) = _centred(source), _centred(target)
     squares = (a * a).sum(axis=(1, 2)), (b * b).sum(axis=(1, 2))
     weight = axis_share**2 * np.sqrt(squares[0] * squares[1]) / source.shape[1]

@@ -132,7 +132,7 @@ class ReconstructionTrack(Track):
         return Scored(notes=read_through(predictions, scene, protocol, run.memory_bytes))
 
     def scores(self, protocol: ReconstructionProtocol) -> list[Score]:
-        """Return all scores; those of poses are in no record where no scene has cameras."""
+        """Return all scores; without cameras, records lack the pose scores."""
         return reconstruction_scores(protocol.scores)
 
     def template(

@@ -39,7 +39,7 @@ _NOT_CHOSEN = "not among the photos of the reconstruction"
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionTruth:
-    """What a reconstruction of a scene is made from and compared with.
+    """The truth of a scene: its photos, which a reconstruction is made from, and its cloud.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
-    """Read a scene's truth, as far as it is not sealed, and hold the cloud to its checksum."""
+    """Read a scene's truth, without poses and cloud where sealed, and verify the cloud."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     table = folder / "reconstruction" / "photos.csv"
     excluded = read_excluded(benchmark, scene, "reconstruction")
