@@ -37,20 +37,6 @@ from airzoo_bench.reconstruction.similarity import (
     point_rank,
 )
 
-__all__ = [
-    "LEAST_CAMERAS",
-    "Alignment",
-    "CameraFit",
-    "PosedCameras",
-    "RansacSettings",
-    "Residuals",
-    "align",
-    "alignment_values",
-    "fit_cameras",
-    "partners",
-    "with_residuals",
-]
-
 LEAST_CAMERAS = 3
 _BLOCK = 50  # trials that are judged at once; how many are made depends on it
 _LEAST_LIMIT = 1e-9  # of the width of the true centres: a residual below it is rounding

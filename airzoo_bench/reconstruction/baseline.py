@@ -36,8 +36,6 @@ from airzoo_bench.reconstruction.info import SfmSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import read_truth
 
-__all__ = ["Model", "photo_pairs", "predict", "sparse_reconstruction"]
-
 _LEAST_PHOTOS = 3
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 

@@ -27,18 +27,6 @@ from airzoo_bench.reconstruction.metrics import pair_errors
 from airzoo_bench.reconstruction.similarity import AlignmentError
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
-__all__ = [
-    "BYTES_A_CAMERA",
-    "CAMERA_FIELDS",
-    "ImagePoses",
-    "camera_fault",
-    "check_count",
-    "field_fault",
-    "image_poses",
-    "match_cameras",
-    "read_image_poses",
-]
-
 BYTES_A_CAMERA = 1200
 """What a camera takes while poses are checked and compared: matrices, names, dictionaries."""
 

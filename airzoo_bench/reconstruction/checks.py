@@ -33,17 +33,6 @@ if TYPE_CHECKING:
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol, ReconstructionScores
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
-__all__ = [
-    "Inversion",
-    "check_bounds",
-    "check_digits",
-    "check_image_size",
-    "check_mirror",
-    "check_resolution",
-    "refuse_camera_to_world",
-    "refuse_shifted_names",
-    "scene_notes",
-]
 
 _MOST_CAMERAS = 64
 _LEAST_CAMERAS, _LINE_SHARE = 5, 0.05  # fewer, or cameras on a line, are noted, not refused

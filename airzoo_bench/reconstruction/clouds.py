@@ -18,16 +18,6 @@ from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.similarity import Similarity
 
-__all__ = [
-    "InMemoryCloud",
-    "TransformedCloud",
-    "VoxelGrid",
-    "concatenated",
-    "finite_pieces",
-    "finite_rows",
-    "grid_origin",
-]
-
 _ENDLESS = 1e150
 _OFF_GRID = 0.3819660112501052
 _UNIT = 2.0**32  # 2^31 points of one voxel fit into a signed 64-bit sum

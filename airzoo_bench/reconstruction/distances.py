@@ -41,17 +41,6 @@ from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.clouds import concatenated, finite_pieces
 
-__all__ = [
-    "CloudDistances",
-    "NeighbourSearch",
-    "block_distances",
-    "bound_squared",
-    "cloud_distances",
-    "gather",
-    "morton_order",
-    "mutual_distances",
-]
-
 _LEAF = 16
 _CHUNK, _SORTING_CHUNK = 1 << 17, 1 << 15
 # A bound gathers less than 8 roundings (2^-53 each) a level of the tree; this covers more than

@@ -29,16 +29,6 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.settings import Fusion
 from airzoo_bench.reconstruction.similarity import Similarity
 
-__all__ = [
-    "DepthCloud",
-    "DepthMaps",
-    "FloatMaps",
-    "LazyMaps",
-    "PointMapCloud",
-    "PointMaps",
-    "fuse",
-]
-
 # Views are worked through in parts of this many pixels, whatever pieces are asked for.
 _BLOCK_PIXELS = 1 << 18
 _BLOCK = 8  # voxels along a side of a block, Open3D's unit of memory

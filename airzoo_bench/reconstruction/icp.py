@@ -21,8 +21,6 @@ from airzoo_bench.reconstruction.clouds import finite_pieces, finite_rows
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
 
-__all__ = ["CloudFit", "IcpReport", "draw_points", "refine"]
-
 _PART = 1 << 18
 
 

@@ -10,8 +10,6 @@ from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInf
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
 
-__all__ = ["INFO", "SfmSettings"]
-
 
 @dataclass(frozen=True)
 class SfmSettings:

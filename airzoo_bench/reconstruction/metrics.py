@@ -34,26 +34,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 
-__all__ = [
-    "CloudScores",
-    "Curve",
-    "PairErrors",
-    "angle_deg",
-    "auc_of_depth_anything_3",
-    "centre_errors",
-    "counts_below",
-    "curve",
-    "even_thresholds",
-    "exact_mean",
-    "f1_score",
-    "pair_errors",
-    "pose_auc",
-    "relative_poses",
-    "rms_of_placed",
-    "score_distances",
-    "step_errors",
-]
-
 _CHUNK = 1 << 18
 _BLOCK_PAIRS = 1 << 17
 # A predicted baseline below this share of the largest coordinate is rounding, and has no direction.

@@ -47,14 +47,6 @@ from airzoo_bench.reconstruction.cameras import (
 from airzoo_bench.reconstruction.checks import check_resolution
 from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 
-__all__ = [
-    "ListedFiles",
-    "NativeScenes",
-    "ScenePrediction",
-    "maps_of",
-    "open_reconstruction",
-]
-
 _PROTOCOL, _CAMERAS, _SHARDS = "protocol.txt", "cameras.npz", "shards"
 _PROTOCOL_BYTES, _LONGEST_PROTOCOL = 1024, 64
 _POINTS = ("world_points", "points")
@@ -212,7 +204,10 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
         else:
             kind = cameras if is_camera else texts_beside if _is_text(name) else clouds
             kind.setdefault(scene, []).append(member)
-    _refuse_two_entries(path, cameras, texts_beside, clouds, shards)
+    for scene, (first, *_) in shards.items():
+        clouds.setdefault(scene, []).append(first)
+    for kind in (cameras, texts_beside, clouds):
+        _refuse_two_entries(path, kind)
     # A text may as well be a remark: beside another cloud of its scene it is not read.
     unknown_files += [texts_beside[scene][0].name for scene in texts_beside if scene in clouds]
     geometry = texts_beside | clouds | shards
@@ -226,23 +221,15 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
 
 
-def _refuse_two_entries(
-    path: Path,
-    cameras: dict[str, list[Member]],
-    texts_beside: dict[str, list[Member]],
-    clouds: dict[str, list[Member]],
-    shards: dict[str, list[Member]],
-) -> None:
-    sharded = {scene: [*clouds.get(scene, ()), one] for scene, (one, *_) in shards.items()}
-    for kind in (cameras, texts_beside, clouds, sharded):
-        for scene, members in kind.items():
-            if len(members) > 1:
-                raise PredictionError(
-                    f"scene {scene!r} has two entries: {members[0].name} and {members[1].name}",
-                    where=path,
-                    expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
-                    fix="keep one of the two",
-                )
+def _refuse_two_entries(path: Path, by_scene: dict[str, list[Member]]) -> None:
+    for scene, members in by_scene.items():
+        if len(members) > 1:
+            raise PredictionError(
+                f"scene {scene!r} has two entries: {members[0].name} and {members[1].name}",
+                where=path,
+                expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
+                fix="keep one of the two",
+            )
 
 
 def _wrapper(members: tuple[Member, ...]) -> str:

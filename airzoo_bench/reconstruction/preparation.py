@@ -28,20 +28,6 @@ from airzoo_bench.reconstruction.clouds import (
 )
 from airzoo_bench.reconstruction.settings import Preparation
 
-__all__ = [
-    "Box",
-    "CellSet",
-    "Columns",
-    "PreparedCloud",
-    "box_of",
-    "covered_columns",
-    "cropped_region",
-    "observed_cells",
-    "occupied_cells",
-    "prepared",
-    "seen_by",
-]
-
 _MOST_CELLS = 1 << 62
 _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000

@@ -22,6 +22,7 @@ from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction import metrics, preparation
 from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
     Alignment,
@@ -43,26 +44,7 @@ from airzoo_bench.reconstruction.fusion import (
     fuse,
 )
 from airzoo_bench.reconstruction.icp import refine
-from airzoo_bench.reconstruction.metrics import (
-    Curve,
-    auc_of_depth_anything_3,
-    centre_errors,
-    curve,
-    even_thresholds,
-    pair_errors,
-    pose_auc,
-    rms_of_placed,
-    score_distances,
-    step_errors,
-)
 from airzoo_bench.reconstruction.predictions import ScenePrediction
-from airzoo_bench.reconstruction.preparation import (
-    PreparedCloud,
-    box_of,
-    cropped_region,
-    observed_cells,
-    prepared,
-)
 from airzoo_bench.reconstruction.settings import (
     Fusion,
     ReconstructionProtocol,
@@ -71,19 +53,6 @@ from airzoo_bench.reconstruction.settings import (
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, open_true_cloud
 from airzoo_bench.results.scores import Score
-
-__all__ = [
-    "RECORDED",
-    "Comparison",
-    "compare",
-    "pose_scores",
-    "read_through",
-    "reconstruction_scores",
-    "score_comparison",
-    "score_missing",
-    "score_scene",
-    "worst_poses",
-]
 
 Geometry = CloudSource | DepthMaps | PointMaps
 
@@ -111,11 +80,11 @@ class Comparison:
     """
 
     alignment: Alignment
-    clouds: tuple[PreparedCloud, PreparedCloud]
+    clouds: tuple[preparation.PreparedCloud, preparation.PreparedCloud]
     distances: CloudDistances
     recalled: Floats
     distrusted: int
-    curve: Curve
+    curve: metrics.Curve
 
 
 def score_scene(
@@ -208,10 +177,10 @@ def compare(
     settings, scores = protocol.preparation, protocol.scores
     block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     progress = Headed(truth.scene, run.progress)
-    box = box_of(true_cloud)
+    box = preparation.box_of(true_cloud)
     cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
-    region = cropped_region(true_cloud, box, settings, block)
-    prepare = partial(prepared, settings=settings, region=region, block_points=block)
+    region = preparation.cropped_region(true_cloud, box, settings, block)
+    prepare = partial(preparation.prepared, settings=settings, region=region, block_points=block)
     predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
     true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
     distances = cloud_distances(
@@ -219,12 +188,14 @@ def compare(
     )
     recalled = distances.to_prediction
     if settings.region == "observed":
-        seen = observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
+        seen = preparation.observed_cells(
+            true.source, box, truth.cameras, truth.poses, settings, block
+        )
         rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
         recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
     distrusted = _count_distrusted(geometry, alignment.transform, protocol.fusion, block)
-    steps = even_thresholds(scores.curve_up_to_m, scores.curve_steps)
-    found = curve(distances.to_truth, recalled, steps)
+    steps = metrics.even_thresholds(scores.curve_up_to_m, scores.curve_steps)
+    found = metrics.curve(distances.to_truth, recalled, steps)
     return Comparison(alignment, (predicted, true), distances, recalled, distrusted, found)
 
 
@@ -332,7 +303,7 @@ def _cloud_columns(
     to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores
 ) -> dict[str, float]:
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
-    found = score_distances(
+    found = metrics.score_distances(
         to_truth, to_prediction, thresholds=limits, max_distance=settings.clip_m
     )
     columns = {
@@ -384,10 +355,10 @@ def pose_scores(
         centres = given.centres[placed], true.centres[placed]
         ((transform,), _) = fit_many(centres[0][None], centres[1][None], with_scale=True)
     aligned = transform.apply_poses(given)
-    translation, rotation_deg = step_errors(aligned, true)
-    scores["ate_m"] = rms_of_placed(centre_errors(aligned, true))
-    scores["rpe_m"] = rms_of_placed(translation)
-    scores["rpe_deg"] = rms_of_placed(rotation_deg)
+    translation, rotation_deg = metrics.step_errors(aligned, true)
+    scores["ate_m"] = metrics.rms_of_placed(metrics.centre_errors(aligned, true))
+    scores["rpe_m"] = metrics.rms_of_placed(translation)
+    scores["rpe_deg"] = metrics.rms_of_placed(rotation_deg)
     return scores
 
 
@@ -400,10 +371,10 @@ def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
 def _pose_aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
     limits = settings.pose_auc_below_deg
     if settings.pose_auc_rule == "depth-anything-3":
-        values = auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
+        values = metrics.auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
     else:
-        errors = pair_errors(given, true, least_baseline=settings.least_baseline_m)
-        values = [pose_auc(errors, limit) for limit in limits]
+        errors = metrics.pair_errors(given, true, least_baseline=settings.least_baseline_m)
+        values = [metrics.pose_auc(errors, limit) for limit in limits]
     return {f"pose_auc_{limit:g}deg": value for limit, value in zip(limits, values, strict=True)}
 
 

@@ -9,15 +9,6 @@ from pydantic import Field, model_validator
 from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = [
-    "Alignment",
-    "Fusion",
-    "Meshes",
-    "Preparation",
-    "ReconstructionProtocol",
-    "ReconstructionScores",
-]
-
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
 Share = Annotated[float, Field(gt=0, le=1)]
 Distance = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]

@@ -10,16 +10,6 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = [
-    "RANK_TOLERANCE",
-    "AlignmentError",
-    "Similarity",
-    "fit_many",
-    "fit_strips",
-    "point_rank",
-    "umeyama",
-]
-
 # A width below this share of the largest is rounding: single precision keeps 6e-8 of it.
 RANK_TOLERANCE = 1e-6
 

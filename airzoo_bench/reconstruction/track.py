@@ -34,8 +34,6 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from airzoo_bench.results.scores import Score
 
-__all__ = ["TRACK", "ReconstructionTrack", "write_alignments"]
-
 _UNPACKED_BYTES = 1 << 40
 _TEMPLATE_PX = 32  # the longer side of its maps
 _TEMPLATE_DEPTH_M = (20.0, 120.0)

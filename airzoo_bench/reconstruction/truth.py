@@ -32,8 +32,6 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import PosedCameras
 
-__all__ = ["ReconstructionTruth", "build_truth", "open_true_cloud", "read_truth", "write_truth"]
-
 _NOT_CHOSEN = "not among the photos of the reconstruction"
 
 

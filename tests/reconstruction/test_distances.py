@@ -21,7 +21,6 @@ from airzoo_bench.reconstruction.distances import (
     block_distances,
     bound_squared,
     cloud_distances,
-    morton_order,
     mutual_distances,
 )
 from tests.geometry.support import quick, seeds
@@ -194,39 +193,6 @@ def test_bounds_of_boxes_hold_to_the_last_bit(points: Floats, others: Floats) ->
     assert (np.sqrt(bounds) <= all_pairs(points, others)).all()
 
 
-def test_bounds_by_hand() -> None:
-    low, high = np.zeros(3), np.array((1.0, 2.0, 3.0))
-    points = np.array([(0.5, 1.0, 3.0), (4.0, 6.0, 3.0), (-1.0, -2.0, -2.0)])
-    assert bound_squared(points, low, high).tolist() == [0.0, 25.0, 9.0]
-
-
-@given(clouds())
-@quick
-def test_order_is_a_permutation(points: Floats) -> None:
-    assert sorted(morton_order(points).tolist()) == list(range(len(points)))
-
-
-def test_corners_of_a_cube_come_x_first_then_y_then_z() -> None:
-    corners = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-    ordered = corners[morton_order(corners)]
-    expected = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
-    assert ordered.tolist() == [list(corner) for corner in expected]
-
-
-@pytest.mark.parametrize("scale", [0.0, 10.0, 1e6, 1e30, 1e300])
-def test_neighbours_in_the_order_are_near_however_far_some_points_are(scale: float) -> None:
-    points = surface(20_000, 0)
-    points[::20] *= 1.0 + scale
-    core = points[np.arange(len(points)) % 20 != 0]
-    order = morton_order(points)
-    ordered = points[order[order % 20 != 0]]
-    steps = np.linalg.norm(np.diff(ordered, axis=0), axis=1)
-    unordered = np.linalg.norm(np.diff(core, axis=0), axis=1)
-    # A point in a hundred metres square has its neighbour within a metre.
-    assert np.median(steps) < 2.0
-    assert np.median(unordered) > 30.0
-
-
 def in_blocks(first: Floats, second: Floats, block_points: int) -> tuple[Floats, Floats]:
     found = block_distances(Pieces(first), Pieces(second), block_points=block_points, jobs=1)
     return found.to_truth, found.to_prediction
@@ -257,11 +223,6 @@ def test_surfaces_with_far_points(seed: int, block_points: int) -> None:
 def test_clouds_that_lie_apart(shift: tuple[float, float, float]) -> None:
     # Here a halo of any fixed width is too small, and most points reach into many blocks.
     assert_same_bits(surface(3000, 0) + np.array(shift), surface(3000, 1), 200)
-
-
-def test_copies_fill_a_cell_however_it_is_cut() -> None:
-    same = np.tile((1.0, 2.0, 3.0), (3000, 1))
-    assert_same_bits(same, np.vstack((same, surface(100, 0))), 100)
 
 
 def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:

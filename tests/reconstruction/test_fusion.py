@@ -203,14 +203,6 @@ def test_tsdf_finds_a_ground_at_a_round_height() -> None:
     assert len(cells) >= 60 * 44
 
 
-def test_tsdf_of_nothing() -> None:
-    maps = slope_maps(1)
-    found = fused(replace(maps, depth=maps.depth * np.nan))
-    assert len(found) == 0
-    distrusted = replace(maps, confidence=np.zeros(maps.depth.shape))
-    assert len(fused(distrusted, confidence_above=0.5)) == 0
-
-
 def test_tsdf_outliers_do_not_allocate_the_world() -> None:
     maps = slope_maps(2)
     maps.depth[:, ::7, ::7] = 1e9

@@ -17,8 +17,6 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import open_arrays
 from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.formats.clouds.shards import shards_in
-from airzoo_bench.reconstruction.cameras import read_image_poses
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
 from airzoo_bench.reconstruction.truth import open_true_cloud
@@ -107,11 +105,6 @@ def test_a_file_alone_is_a_scene(folder: Path) -> None:
     with predictions.opened("school", limit_bytes=LIMIT, sampling=None) as given:
         assert isinstance(given.geometry, FileCloud)
     assert listed(folder / "plaza.npz").scenes == ("plaza",)
-
-
-def test_a_folder_around_all_scenes_is_stepped_over(folder: Path) -> None:
-    (folder / "protocol.txt").unlink()
-    assert listed(archive_of(folder, ".zip", "preds/")).scenes == listed(folder).scenes
 
 
 def test_a_folder_of_one_scene_is_not_stepped_over(folder: Path) -> None:
@@ -208,24 +201,6 @@ def test_pixel_centres_that_are_integers_are_shifted(tmp_path: Path) -> None:
     assert read_maps(written(tmp_path)).pixel_centres is None
 
 
-@pytest.mark.parametrize("value", ["corner", "", 0.5, ["half", "half"], [["a"]]])
-def test_other_pixel_centres_are_refused(value: object, tmp_path: Path) -> None:
-    with refused("'half'.*or 'integer'") as caught:
-        read_maps(written(tmp_path, pixel_centres=np.array(value)))
-    assert "field 'pixel_centres'" in str(caught.value)
-
-
-def test_views_without_names_are_numbered(tmp_path: Path) -> None:
-    views = read_maps(written(tmp_path, image_names=None))
-    assert views.images is not None
-    assert not views.images.named
-    assert views.images.names.tolist() == ["view 0", "view 1", "view 2", "view 3"]
-    np.testing.assert_allclose(views.images.poses.centres, poses().centres, atol=1e-9)
-    named = read_maps(written(tmp_path)).images
-    assert named is not None
-    assert named.named
-
-
 @pytest.mark.parametrize("name", ["points", "world_points"])
 def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
     points = np.random.default_rng(2).random((N, H, W, 3))
@@ -238,19 +213,6 @@ def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
     views = read_maps(written(tmp_path, **bare, **{name: points}))
     assert views.images is None
     assert views.kind == "points"
-
-
-def test_what_is_a_cloud_and_what_are_views(tmp_path: Path) -> None:
-    cases = (
-        {"points": (5, 3)},
-        {"points": (1, 2, 2, 3)},
-    )
-    found = []
-    for shapes in cases:
-        np.savez(tmp_path / "a.npz", **{name: np.zeros(shape) for name, shape in shapes.items()})
-        with listed(tmp_path / "a.npz").opened("a", limit_bytes=LIMIT, sampling=None) as one:
-            found.append(one.kind)
-    assert found == ["cloud", "points"]
 
 
 def test_a_pose_that_was_not_found_is_all_nan(tmp_path: Path) -> None:
@@ -298,22 +260,6 @@ def test_wrong_views(changes: dict[str, Any], message: str, tmp_path: Path) -> N
     assert "v.npz" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "likely"),
-    [(7.72, "about 62 x 46"), (2.0, "about 16 x 12"), (0.5, "about 4 x 3"), (1 / W, "normalised")],
-)
-def test_intrinsics_of_another_resolution(ratio: float, likely: str, tmp_path: Path) -> None:
-    scale = np.diag([ratio, ratio, 1.0])
-    if likely == "normalised":
-        scale = np.diag([1 / W, 1 / H, 1.0])
-    path = written(tmp_path, intrinsics=scale @ made_views()["intrinsics"])
-    with refused(likely) as caught:
-        read_maps(path)
-    assert "times the centre of the maps in 4 (first 3: DJI_0000" in str(caught.value).replace(
-        "4 of 4", "4"
-    )
-
-
 def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
     K = made_views()["intrinsics"].copy()
     K[1, 0, 2] *= 1.8
@@ -321,14 +267,6 @@ def test_a_principal_point_off_the_centre_is_noted(tmp_path: Path) -> None:
     assert "1 of 4 (DJI_0001.JPG)" in views.notes[0]
     K[1, 0, 2] = W / 2 * 1.3
     assert read_maps(written(tmp_path, intrinsics=K)).notes == ()
-
-
-def test_cameras_beside_a_cloud(tmp_path: Path) -> None:
-    path = written(tmp_path, depth=None, conf=None, intrinsics=None)
-    images = read_image_poses(path, LIMIT)
-    np.testing.assert_allclose(images.poses.centres, poses().centres, atol=1e-9)
-    with refused("'depth'"):
-        read_image_poses(written(tmp_path), LIMIT)
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".laz", ".las"])
@@ -360,18 +298,6 @@ def test_an_entry_in_shards(tmp_path: Path) -> None:
             assert isinstance(found.geometry, FileCloud)
             np.testing.assert_array_equal(points_in(found.geometry), points)
             assert found.kind == "cloud"
-
-
-def test_shards_of_other_scales_are_fine_and_of_another_crs_are_not(tmp_path: Path) -> None:
-    points = np.rint(surface(10, 0))
-    write_laz(tmp_path / "a.laz", points, crs="EPSG:32633")
-    write_laz(tmp_path / "b.laz", points, crs="EPSG:32633", scale=0.5)
-    write_laz(tmp_path / "c.laz", points)
-    np.testing.assert_array_equal(points_in(opened(tmp_path)), np.tile(points, (3, 1)))
-    write_laz(tmp_path / "d.laz", points, crs="EPSG:32632")
-    with refused("states another CRS than a.laz") as caught:
-        opened(tmp_path)
-    assert "d.laz" in str(caught.value)
 
 
 def truncated(path: Path) -> None:
@@ -417,21 +343,6 @@ def test_no_shard_counts_twice(copy: str, says: str, tmp_path: Path) -> None:
         write_laz(folder / copy, surface(150, 0))
     with pytest.raises(PredictionError, match=re.escape(says)):
         opened(folder)
-
-
-def test_a_shard_that_goes_away_while_the_run_takes(tmp_path: Path) -> None:
-    folder = in_shards(tmp_path / "shards", surface(300, 0), 3, write_parquet, ".parquet")
-    cloud = opened(folder)
-    (folder / "tile-02.parquet").unlink()
-    with refused("is not there any more") as caught:
-        points_in(cloud)
-    assert "tile-02" in str(caught.value)
-
-
-def test_a_folder_without_shards(tmp_path: Path) -> None:
-    (tmp_path / "readme.md").write_text("none")
-    with refused("holds no shard"):
-        shards_in(tmp_path)
 
 
 @pytest.mark.parametrize(

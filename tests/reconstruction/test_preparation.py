@@ -19,7 +19,6 @@ from airzoo_bench.reconstruction.clouds import (
     InMemoryCloud,
     TransformedCloud,
     VoxelGrid,
-    finite_rows,
 )
 from airzoo_bench.reconstruction.preparation import (
     Box,
@@ -97,20 +96,6 @@ def test_one_point_however_far_changes_no_other(far: float) -> None:
     assert with_far[-1] == pytest.approx((far, -far, far), rel=1e-3 if far < 1e4 else 1e-12)
 
 
-def test_a_million_metres_from_the_origin() -> None:
-    points, shift = surface(3000, 0), np.array((1_000_000.0, 4_000_000.0, 0.0))
-    near = voxel_downsample(points, size=0.5, origin=ORIGIN)
-    far = voxel_downsample(points + shift, size=0.5, origin=ORIGIN)
-    assert np.abs(far - shift - near).max() < 5e-9
-
-
-def test_points_whose_squares_are_no_numbers_are_not_finite() -> None:
-    points = np.arange(21.0).reshape(7, 3)
-    for row, value in enumerate((np.nan, np.inf, -np.inf, 1e200)):
-        points[row, row % 3] = value
-    assert finite_rows(points).tolist() == [False] * 4 + [True] * 3
-
-
 def test_regions_have_their_borders() -> None:
     box = box_of(Pieces(np.array([(0.0, 1.0, 2.0), (3.0, 0.0, 5.0)])))
     assert (box.low.tolist(), box.high.tolist()) == ([0.0, 0.0, 2.0], [3.0, 1.0, 5.0])
@@ -153,13 +138,6 @@ def test_points_that_are_not_finite_are_counted_and_left_out() -> None:
     cloud = prepare(Pieces(points), settings(), 2)
     assert (cloud.not_finite, cloud.outside, cloud.thinned) == (3, 0, 0)
     np.testing.assert_array_equal(points_of(cloud), points[[0, 3]])
-
-
-def test_the_crop_includes_its_border() -> None:
-    points = np.array([[1.5, 0, 0], [1.5000001, 0, 0], [-0.5, -0.5, -0.5], [0, 0, np.nan]])
-    cloud = prepare(Pieces(points), settings(crop="box", crop_margin_m=0.5), 10)
-    assert (cloud.not_finite, cloud.outside) == (1, 1)
-    np.testing.assert_array_equal(points_of(cloud), points[[0, 2]])
 
 
 def test_voxels_thin_what_the_crop_has_left() -> None:
@@ -214,14 +192,6 @@ def test_moving_keeps_the_more_confident_points() -> None:
     assert len(kept) == 2
     # Without confidences nothing is asked of them.
     assert len(next(TransformedCloud(InMemoryCloud(points), transform, 0.9).pieces(10))) == 3
-
-
-def test_the_box_of_a_cloud() -> None:
-    points = np.array([[0, 5, 0], [np.nan, 9, 9], [-1, 2, 7.0]])
-    box = box_of(Pieces(points))
-    np.testing.assert_array_equal([box.low, box.high], [[-1, 2, 0], [0, 5, 7]])
-    with pytest.raises(BenchmarkError, match="holds no finite point"):
-        box_of(Pieces(np.full((3, 3), np.nan)))
 
 
 UTM = np.array((500_000.0, 5_200_000.0, 100.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -78,24 +77,6 @@ def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
     assert record["chamfer_m"] == pytest.approx(1.0, abs=1e-8)
 
 
-@pytest.mark.parametrize(("part", "said"), [(1000, None), (4, "20%"), (0.5, "67%")])
-def test_the_share_outside_the_scored_region_is_printed(
-    part: float, said: str | None, world: World, tmp_path: Path
-) -> None:
-    """Thinned by voxels inside, where four points become one; the share is of points as given."""
-    points = true_points("lot")
-    far = np.tile(points[:1] + np.array((0, 0, 900.0)), (int(len(points) / part), 1))
-    path = predict_clouds(world, tmp_path / "p", {"lot": np.concatenate([points, far])})
-    chosen = world.protocol(
-        tmp_path / "c.toml",
-        preparation={"crop": "covered", "voxel_m": 1.0},
-        scores={"f1_below_m": (2.0,)},
-    )
-    found = [n for n in notes_of(world, path, str(chosen)) if "scored region" in n]
-    assert [n.startswith(f"scene lot: {said} ") for n in found] == [True] * (said is not None)
-    assert ["F1" in n for n in found] == [said == "67%"] * len(found)
-
-
 def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -> None:
     path = predict_clouds(world, tmp_path / "p", {"lot": np.zeros((0, 3))})
     evaluation = world.score(path)
@@ -140,14 +121,6 @@ def test_a_failed_scene_scores_its_worst_and_is_named(
     assert notes_of(world, path) == list(result.notes)
 
 
-def test_the_average_is_unweighted(world: World, tmp_path: Path) -> None:
-    clouds = {"lot": true_points("lot") + np.array((0, 0, 20.0)), "yard": true_points("yard")}
-    path = predict_clouds(world, tmp_path / "p", clouds, cameras=False)
-    result = world.score(path).result
-    assert result.overall["f1_10m"] == 0.5
-    assert result.overall["chamfer_m"] == 10.0
-
-
 def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     corners = np.array([[0, 0], [SIDE, 0], [SIDE, SIDE], [0, SIDE]])
     lines = [f"v {x + ORIGIN[0]} {y + ORIGIN[1]} {ORIGIN[2]}" for x, y in corners]
@@ -160,20 +133,6 @@ def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     assert record["points"] == 20_000
     assert record["f1_1m"] > 0.999
     assert any("20,000 points sampled" in note for note in evaluation.result.notes)
-
-
-def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: Path) -> None:
-    points = true_points("lot")[::7] + np.array((0.0, 0.0, 0.25))
-    folder = predict_clouds(world, tmp_path / "ply", {"lot": points}, cameras=False)
-    save(tmp_path / "npz" / "lot.npz", {"points": points})
-    (tmp_path / "npy" / "lot").mkdir(parents=True)
-    np.save(tmp_path / "npy" / "lot" / "cloud.npy", points)
-    with zipfile.ZipFile(tmp_path / "p.zip", "w") as archive:
-        archive.write(folder / "lot.ply", "preds/lot.ply")
-        archive.write(folder / "protocol.txt", "preds/protocol.txt")
-    paths = [folder, tmp_path / "npz", tmp_path / "npy", tmp_path / "p.zip", folder / "lot.ply"]
-    records = [world.record("lot", path) for path in paths]
-    assert all(record == records[0] for record in records)
 
 
 def test_the_command_scores_in_blocks_as_in_memory(world: World, tmp_path: Path) -> None:
@@ -215,34 +174,6 @@ def test_sim3_brings_back_a_cloud_of_any_frame(world: World, tmp_path: Path) -> 
     homogeneous = np.append(points[7], 1.0)
     back = matrix @ homogeneous
     np.testing.assert_allclose(back[:3], true_points("lot")[7], atol=1e-5)
-
-
-def test_depth_maps_of_any_scale(world: World, tmp_path: Path) -> None:
-    fields = world.views("lot") | moved_cameras(world, "lot", 0.1)
-    fields["depth"] = fields["depth"] * 0.1
-    record = world.record("lot", save(tmp_path / "p" / "lot.npz", fields).parent)
-    # All pixels see the ground, within half a diagonal of the true cloud's grid.
-    assert record["accuracy_m"] < STEP / 2
-    assert record["precision_0.5m"] == 1.0
-    assert record["scale"] == pytest.approx(10.0, rel=1e-9)
-
-
-def test_point_maps_are_the_same_points(world: World, tmp_path: Path) -> None:
-    depth = world.views("yard")
-    poses, size = camera_poses("yard"), depth["depth"].shape
-    v, u = np.mgrid[: size[1], : size[2]] + 0.5
-    K = depth["intrinsics"][0]
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1)
-    local = rays[None] * depth["depth"][..., None]
-    points = np.einsum("nji,nhwj->nhwi", poses.rotation, local) + poses.centres[:, None, None]
-    given = {"world_points": points, **world.cameras("yard")}
-    records = [
-        world.record("yard", save(tmp_path / name / "yard.npz", fields).parent)
-        for name, fields in (("depth", depth), ("points", given))
-    ]
-    assert records[0]["points"] == records[1]["points"] == 6 * 36 * 48
-    for column in ("chamfer_m", "f1_0.2m", "f1_0.5m", "pose_auc_3deg"):
-        assert records[0][column] == pytest.approx(records[1][column], abs=1e-3)
 
 
 @pytest.mark.parametrize("method", ["back-projection", "tsdf"])
@@ -394,17 +325,6 @@ def test_alignment_json_brings_a_cloud_to_its_place(world: World, tmp_path: Path
         assert set(found[residuals]) == {"rms", "median", "largest"}
         assert found[residuals]["largest"] < 1e-6
     np.testing.assert_allclose(np.array(found["matrix"])[:3, 3], centre, atol=1e-6)
-
-
-def test_alignment_json_with_icp(world: World, tmp_path: Path) -> None:
-    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
-    chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "sim3+icp"})
-    arguments = ("--protocol", chosen, "--out", tmp_path / "out")
-    assert run_main("eval", "reconstruction", path, *arguments) == 0
-    icp = json.loads((tmp_path / "out" / "alignment.json").read_text())["yard"]["icp"]
-    assert set(icp) == {"before", "after", "iterations", "points"}
-    assert set(icp["after"]) == {"fitness", "rmse", "cost"}
-    assert icp["after"]["fitness"] == 1.0
 
 
 def test_cameras_may_be_required(
