@@ -40,7 +40,7 @@ _OPENGL = np.diag((1.0, -1.0, -1.0))
 _FACTOR = 80.0  # a little below a hundred, so that outliers do not hide centimetres
 _UNITS = ((1000.0, "millimetres"), (100.0, "centimetres"), (0.001, "kilometres"))
 _FOOT_M = 0.3048
-_LARGEST_UNDULATION_M = 110.0
+_UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _PIECE, _LOOKED_AT, _TRIED = 1 << 14, 1 << 22, 2000
 _FEWEST_DIGITS = 6  # what C's and C++'s streams write unless told otherwise
 _BETWEEN = "about the middle between it and the truth"
@@ -284,6 +284,10 @@ def _check_views(
         )
     if isinstance(maps, DepthMaps):
         yield _check_far_depths(_sample_depths(maps).astype(np.float64) * scale, fusion.max_depth_m)
+        if images is not None and not images.found.all():
+            lost, every = int(np.count_nonzero(~images.found)), len(images.found)
+            have = agreeing(lost, "has", "have")
+            yield f"{lost} of {counted(every, 'depth map')} {have} no pose: left out"
     if fusion.least_confidence is not None and maps.confidence is None:
         yield "has no confidence: all of it was taken"
 
@@ -397,8 +401,10 @@ def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[st
         what = "with coordinates that are NaN, infinite or too large to compute with"
         yield f"left out: {counted(cloud.not_finite, 'point')} {what}"
     transform = found.alignment.transform
-    yield check_bounds(cloud.bounds, true.bounds) or check_mirror(
-        cloud.sample, true.sample, transform, scores.f1_below_m
+    yield (
+        check_bounds(cloud.bounds, true.bounds)
+        or check_mirror(cloud.sample, true.sample, transform, scores.f1_below_m)
+        or check_datum(cloud.bounds, true.bounds)
     )
     share = cloud.outside / max(cloud.source.count + cloud.thinned + cloud.outside, 1)
     if share >= 0.005:  # less is 0 %
@@ -412,7 +418,7 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     """Guess from bounds (2, 3) in which other coordinates a cloud may be."""
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
         return None
-    checks = (_check_degrees, _check_feet, _check_scale, _check_axes, _check_datum, _check_place)
+    checks = (_check_degrees, _check_feet, _check_scale, _check_axes, _check_place)
     return next((note for check in checks if (note := check(cloud, truth))), None)
 
 
@@ -456,12 +462,14 @@ def _check_axes(cloud: Floats, truth: Floats) -> str | None:
     )
 
 
-def _check_datum(cloud: Floats, truth: Floats) -> str | None:
+def check_datum(cloud: Floats, truth: Floats) -> str | None:
     """Look for ellipsoidal heights where the truth has heights above the sea, or the reverse."""
+    if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
+        return None
     apart = float(np.mean(cloud[:, 2]) - np.mean(truth[:, 2]))
     if not _overlap(cloud[:, :2], truth[:, :2]) or _overlap(cloud[:, 2:], truth[:, 2:]):
         return None
-    if not abs(apart) < _LARGEST_UNDULATION_M:
+    if not _UNDULATIONS_M[0] < abs(apart) < _UNDULATIONS_M[1]:
         return None
     where = "above" if apart > 0 else "below"
     return f"the cloud lies {abs(apart):.3g} m {where} the truth: are its heights of another datum?"

@@ -17,6 +17,7 @@ from airzoo_bench.reconstruction.alignment import PosedCameras
 from airzoo_bench.reconstruction.checks import (
     Inversion,
     check_bounds,
+    check_datum,
     check_digits,
     check_image_size,
     check_mirror,
@@ -58,13 +59,19 @@ def test_a_cloud_that_lies_about_right_raises_none(scale: float, shift: float) -
         (LOCAL, TRUTH, "away from the truth"),
         (TRUTH[:, [1, 0, 2]], TRUTH, "x and y exchanged"),
         (TRUTH / 0.3048, TRUTH, "feet"),
-        (TRUTH + np.array((0, 0, 42.0)), TRUTH, "lies 42 m above the truth"),
-        (TRUTH - np.array((0, 0, 31.5)), TRUTH, "heights of another datum"),
         (np.array([[-92.0, 46.7, 150.0], [-91.9985, 46.7012, 166.0]]), TRUTH, "longitude"),
     ],
 )
 def test_what_it_looks_like(cloud: np.ndarray, truth: np.ndarray, message: str) -> None:
     assert message in str(check_bounds(cloud, truth))
+
+
+def test_heights_of_another_datum() -> None:
+    assert "lies 42 m above the truth" in str(check_datum(TRUTH + np.array((0, 0, 42.0)), TRUTH))
+    assert "another datum" in str(check_datum(TRUTH - np.array((0, 0, 31.5)), TRUTH))
+    for heights in (4.0, 150.0):
+        assert check_datum(TRUTH + np.array((0, 0, heights)), TRUTH) is None
+    assert check_datum(np.full((2, 3), np.nan), TRUTH) is None
 
 
 SCENE = TRUTH[0] + np.random.default_rng(0).uniform(0, 90, (500, 3))
