@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.reconstruction.icp import IcpReport
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.similarity import (

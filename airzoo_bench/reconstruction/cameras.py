@@ -14,9 +14,8 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import FARTHEST, Poses
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import pose_errors_m
-from airzoo_bench.geometry.rotations import check_rotations
 from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, PosedCameras
 from airzoo_bench.reconstruction.checks import (
     Inversion,

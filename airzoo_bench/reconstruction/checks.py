@@ -20,8 +20,7 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.metrics import angle_deg, relative_poses

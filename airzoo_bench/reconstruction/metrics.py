@@ -31,8 +31,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 _CHUNK = 1 << 18
 _BLOCK_PAIRS = 1 << 17

@@ -18,7 +18,7 @@ from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.formats.clouds.shards import shards_in
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.parts import hold_crops, hold_tiles
