@@ -27,11 +27,7 @@ from airzoo_bench.reconstruction.truth import open_true_cloud
 from tests.formats.cloud_support import LIMIT, SAMPLING
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import all_pairs, surface
-from tests.reconstruction.shard_support import (
-    in_shards,
-    opened,
-    write_parquet,
-)
+from tests.reconstruction.shard_support import in_shards, opened, points_in, write_laz
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,
@@ -245,13 +241,13 @@ def test_shards_score_what_one_cloud_scores(
         some - 50.0 + ORIGIN for some in (surface(2000, 0, far=0.05), surface(1500, 1))
     )
     first = np.vstack((first, first[::3] + 0.01, first[::7] + 0.003))  # shards share voxels
-    first[::50] = np.nan
     used = protocol(alignment={"method": "none", "cameras": "optional"}, preparation=steps)
-    whole, there = compared(first, second, used)
+    shards = in_shards(tmp_path / "shards", first, 6, write_laz, ".laz")
+    write_laz(shards / "tile-021.laz", np.zeros((0, 3)))
+    truth = in_shards(tmp_path / "truth", second, 4, write_laz, ".laz")
+    plain = [points_in(opened(folder)) for folder in (shards, truth)]
+    whole, there = compared(*plain, used)
     assert (whole["thinned"] > 500) == (steps["voxel_m"] == 0.1)
-    shards = in_shards(tmp_path / "shards", first, 6, write_parquet, ".parquet")
-    write_parquet(shards / "tile-021.parquet", np.zeros((0, 3)))
-    truth = in_shards(tmp_path / "truth", second, 4, write_parquet, ".parquet")
     true_cloud = open_true_cloud(truth, LIMIT, SAMPLING)
     record, found = compared(opened(shards), true_cloud, used, block_points=0)
     assert str(record) == str(whole)
