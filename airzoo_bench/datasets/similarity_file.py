@@ -10,7 +10,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import check_rotations
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.similarity import Similarity
 
 __all__ = ["read_matrix", "similarity_of"]
 

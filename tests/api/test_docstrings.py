@@ -28,7 +28,6 @@ from airzoo_bench.evaluation.track import Track
 ROOT = Path(ab.__file__).parent
 FORMULAS = [
     "matching.metrics",
-    *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
 ]
 CONTRACTS = (Track,)
 # No summary; parameters missing, unknown, in another order, without type or description; the same

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.report.hardest import hardest_rows, order_said
 from airzoo_bench.report.labels import meaning
 from airzoo_bench.report.packing import json_value

@@ -10,7 +10,7 @@ import pytest
 from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.sampling import is_hit

@@ -54,9 +54,8 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.prepared import grid_origin
+from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.voxels import VoxelGrid
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 P = TypeVar("P", bound=Protocol)

@@ -15,8 +15,7 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, depth_to_points
-from airzoo_bench.reconstruction.prepared import grid_origin
-from airzoo_bench.reconstruction.voxels import VoxelGrid
+from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 
 __all__ = ["DepthFrames"]
 

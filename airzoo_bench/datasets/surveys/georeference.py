@@ -19,9 +19,14 @@ from airzoo_bench.datasets.surveys.names import match_names
 from airzoo_bench.datasets.surveys.options import ColmapOptions
 from airzoo_bench.datasets.surveys.survey import given
 from airzoo_bench.geometry.crs import from_lonlat
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, Residuals, align
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.alignment import (
+    Alignment,
+    PosedCameras,
+    RansacSettings,
+    Residuals,
+    align,
+)
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 
 __all__ = ["PlacedPhotos", "georeferenced"]
 
@@ -112,16 +117,7 @@ def _fitted(
 ) -> tuple[Similarity, tuple[str, ...], float | None]:
     where = options.georeference or options.images
     limit = options.inlier_m
-    ransac = RansacSettings(
-        min_trials=1000,
-        max_trials=100_000,
-        confidence=0.9999,
-        sample_share=None,
-        inlier_limit=limit,
-        inlier_limit_deg=10.0,
-        line_ratio=0.1,
-        seed=0,
-    )
+    ransac = RansacSettings(inlier_limit=limit)
     if len(positions) < _LEAST_POSITIONS:
         raise BenchmarkError(
             f"there are {counted(len(positions), 'position')} for a model",

@@ -1,4 +1,4 @@
-"""Similarity transforms, and the one that brings points nearest to their partners."""
+"""Similarity transforms, and those that bring points or cameras nearest to their partners."""
 
 from __future__ import annotations
 
@@ -10,20 +10,8 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = [
-    "RANK_TOLERANCE",
-    "AlignmentError",
-    "Similarity",
-    "fit_many",
-    "fit_strips",
-    "local",
-    "point_rank",
-    "umeyama",
-]
-
 # A width below this share of the largest is rounding: single precision keeps 6e-8 of it.
 RANK_TOLERANCE = 1e-6
-_EPSILON = float(np.finfo(np.float64).eps)
 
 
 class AlignmentError(PredictionError):
@@ -36,16 +24,6 @@ class Similarity:
 
     With the origin amid the points what is multiplied is small, so that projected coordinates of
     millions of metres keep their last bits.
-
-    Attributes
-    ----------
-    scale : float
-        Above 0.
-    rotation : (3, 3) array
-    translation : (3,) array
-        Where the origin goes.
-    origin : (3,) array
-        Of the source; zero where left out, which makes the usual form.
     """
 
     scale: float
@@ -96,44 +74,44 @@ def point_rank(points: Floats, tolerance: float) -> int:
     A dimension counts where its singular value, about the mean, is above a share (the tolerance) of
     the largest. The largest itself counts where it is above the rounding of the coordinates.
     """
-    _, offset = local(points)
+    _, offset = _centred(points)
     # Roots of eigenvalues keep half the digits of a decomposition, and need no BLAS.
     scatter = np.einsum("ni,nj->ij", offset, offset)
     values = np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[::-1], 0.0))
-    rounding = 8.0 * _EPSILON * np.abs(points).max() * np.sqrt(len(points))
-    if values[0] <= rounding:
-        return 0
-    return int((values > tolerance * values[0]).sum())
+    rounding = 8.0 * float(np.finfo(np.float64).eps) * np.abs(points).max() * np.sqrt(len(points))
+    return 0 if values[0] <= rounding else int((values > tolerance * values[0]).sum())
 
 
 def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
     """Return the similarity that brings points (N, 3) nearest to their partners, in least squares.
 
-    The points are finite; the scale is 1 where it is not fitted.
-
-    Raises
-    ------
-    AlignmentError
-        Fewer than 3 points; points that are one, or on one line, in the source, in the target, or
-        in what the two have in common: a rotation is then left free.
+    The points are finite; the scale is 1 where it is not fitted. Fewer than 3 points are refused,
+    and points on one line, in either set or in what both have in common: a rotation is left free.
 
     References
     ----------
     Umeyama, Least-squares estimation of transformation parameters between two point patterns,
     PAMI 13(4), 1991, equations 34 to 42.
     """
-    _check_partners(source, target)
-    for name, points in (("source", source), ("target", target)):
-        _require_plane(point_rank(points, RANK_TOLERANCE), name)
-    found, determined = fit_many(source[None], target[None], with_scale=with_scale)
-    _require_plane(2 if determined[0] else 1, "what source and target have in common")
-    return found[0]
+    if source.ndim != 2 or source.shape[1] != 3 or source.shape != target.shape:
+        raise ValueError(f"points have shapes {source.shape} and {target.shape}")
+    if len(source) < 3:
+        raise AlignmentError(f"a similarity needs 3 points, not {len(source)}")
+    (found,), (determined,) = fit_many(source[None], target[None], with_scale=with_scale)
+    ranks = [point_rank(points, RANK_TOLERANCE) for points in (source, target)]
+    for rank, name in zip((*ranks, 1 + determined), ("source", "target", "both"), strict=True):
+        if rank < 2:
+            raise AlignmentError(
+                f"the points of {name} lie on one {'line' if rank else 'point'}, which leaves a "
+                "rotation free",
+                expected="points that span at least a plane",
+            )
+    return found
 
 
 def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[Similarity], Bools]:
-    """Fit many sets of points (S, N, 3) at once, as `umeyama` does, without its refusals."""
-    origin, a = local(source)
-    goal, b = local(target)
+    """Fit many sets of points (S, N, 3) as `umeyama` does; say which sets determine their fit."""
+    (origin, a), (goal, b) = _centred(source), _centred(target)
     # Not by BLAS, whose sums depend on its threads.
     covariance = np.einsum("sni,snj->sij", b, a) / source.shape[1]
     u, values, vt = np.linalg.svd(covariance)
@@ -148,19 +126,14 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
         scalable = (numerator > 0.0) & (variance > 0.0)
         scale[scalable] = numerator[scalable] / variance[scalable]
         determined &= scalable
-    fits = [
-        Similarity(float(s), r, g, o)
-        for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)
-    ]
-    return fits, determined
+    return _similarities(scale, rotation, goal, origin), determined
 
 
 def fit_strips(
     source: Floats, target: Floats, turns: Floats, *, axis_share: float
 ) -> tuple[list[Similarity], Bools]:
-    """Fit many sets of cameras on a line, whose orientations give the turn about it."""
-    origin, a = local(source)
-    goal, b = local(target)
+    """Fit many sets of cameras on a line; turns (S, N, 3, 3) fix the rotation about it."""
+    (origin, a), (goal, b) = _centred(source), _centred(target)
     squares = (a * a).sum(axis=(1, 2)), (b * b).sum(axis=(1, 2))
     weight = axis_share**2 * np.sqrt(squares[0] * squares[1]) / source.shape[1]
     axes = weight[:, None, None] * turns.sum(axis=1)
@@ -168,36 +141,18 @@ def fit_strips(
     u[:, :, 2] *= (np.sign(np.linalg.det(u)) * np.sign(np.linalg.det(vt)))[:, None]
     rotation = u @ vt
     numerator = (b * apply_matrix(rotation[:, None], a)).sum(axis=(1, 2))
-    determined = (numerator > 0.0) & (squares[0] > 0.0)
+    determined = np.asarray((numerator > 0.0) & (squares[0] > 0.0))
     scale = np.ones(len(a))
     scale[determined] = numerator[determined] / squares[0][determined]
-    fits = [
-        Similarity(float(s), r, g, o)
-        for s, r, g, o in zip(scale, rotation, goal, origin, strict=True)
-    ]
-    return fits, np.asarray(determined)
+    return _similarities(scale, rotation, goal, origin), determined
 
 
-def local(points: Floats) -> tuple[Floats, Floats]:
+def _similarities(scale: Floats, *parts: Floats) -> list[Similarity]:
+    return [Similarity(float(s), *rest) for s, *rest in zip(scale, *parts, strict=True)]
+
+
+def _centred(points: Floats) -> tuple[Floats, Floats]:
     """Split points (..., N, 3) into their mean (..., 3) and the offsets from it."""
     first = points[..., :1, :]
     mean = first + (points - first).mean(axis=-2, keepdims=True)
     return mean[..., 0, :], points - mean
-
-
-def _check_partners(source: Floats, target: Floats) -> None:
-    if source.ndim != 2 or source.shape[1] != 3 or source.shape != target.shape:
-        raise ValueError(f"points have shapes {source.shape} and {target.shape}")
-    if len(source) < 3:
-        raise AlignmentError(
-            f"a similarity cannot be had from {len(source)} points", expected="at least 3"
-        )
-
-
-def _require_plane(rank: int, name: str) -> None:
-    if rank < 2:
-        where = "one point" if rank == 0 else "one line"
-        raise AlignmentError(
-            f"the points of {name} lie on {where}, which leaves a rotation free",
-            expected="points that span at least a plane",
-        )

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction import scenes
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud
-from airzoo_bench.reconstruction.regions import bounding_box
-from airzoo_bench.reconstruction.scenes import score_geometry
-from airzoo_bench.reconstruction.scoring import ScoredScene
+from airzoo_bench.reconstruction import scoring
+from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.clouds import InMemoryCloud
+from airzoo_bench.reconstruction.preparation import box_of, observed_cells
+from airzoo_bench.reconstruction.scoring import (
+    Comparison,
+    compare,
+    pose_scores,
+    score_comparison,
+)
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.visibility import observed_cells
+from airzoo_bench.reconstruction.truth import open_true_cloud
+from tests.formats.cloud_support import LIMIT, SAMPLING
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.cloud_support import all_pairs
+from tests.reconstruction.cloud_support import all_pairs, surface
+from tests.reconstruction.shard_support import in_shards, opened, points_in, write_laz
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,
-    STEP,
     Array,
     camera_poses,
     ground,
@@ -39,22 +43,30 @@ from tests.reconstruction.world import (
 TRUTH = made_truth("yard")
 
 
-def scored(
-    points: Array,
-    truth: Array,
+def compared(
+    points: Any,
+    truth: Any,
     used: ReconstructionProtocol,
     *,
     block_points: int = 1 << 20,
     jobs: int = 1,
-) -> ScoredScene:
+) -> tuple[dict[str, Any], Comparison]:
     poses = camera_poses("yard")
     cameras = PosedCameras(TRUTH.posed.names, poses.centres, poses.rotation)
-    predicted, true = (InMemoryCloud(cloud) for cloud in (points, truth))
-    resources = Run(memory_bytes=block_points * scenes._BYTES_A_POINT, jobs=jobs)
-    return score_geometry(predicted, cameras, TRUTH, true, used, resources)
+    run = Run(memory_bytes=block_points * scoring._BYTES_A_POINT, jobs=jobs)
+    sources = [
+        InMemoryCloud(cloud) if isinstance(cloud, np.ndarray) else cloud
+        for cloud in (points, truth)
+    ]
+    found = compare(sources[0], cameras, TRUTH, sources[1], used, run)
+    posed = pose_scores(cameras, found.alignment.transform, TRUTH.posed, used.scores)
+    scored = score_comparison("yard", found, posed, used.scores)
+    record: dict[str, Any] = scored.records.iloc[0].to_dict()
+    return record, found
 
 
-# What cannot be bought: the shipped preparation against clouds that know nothing of the scene.
+def scored(points: Any, truth: Any, used: ReconstructionProtocol, **run: int) -> dict[str, Any]:
+    return compared(points, truth, used, **run)[0]
 
 
 def bought(points: Array, **sections: Any) -> dict[str, Any]:
@@ -66,7 +78,7 @@ def bought(points: Array, **sections: Any) -> dict[str, Any]:
     given |= {"alignment": {"method": "none"}}
     for name, changes in sections.items():
         given[name] = given[name] | changes
-    return scored(points, true_points("yard"), protocol(**given)).record
+    return scored(points, true_points("yard"), protocol(**given))
 
 
 PLAIN = {
@@ -127,23 +139,8 @@ def observed_part(points: Array) -> Array:
     poses = camera_poses("yard")
     settings = protocol(preparation={"observed_cell_m": 1.0, "hidden_beyond_m": 5.0}).preparation
     cloud, cameras = InMemoryCloud(points), lenses(len(poses))
-    cells = observed_cells(cloud, bounding_box(points), cameras, poses, settings, 1 << 20)
+    cells = observed_cells(cloud, box_of(cloud), cameras, poses, settings, 1 << 20)
     return cells.holds(points)
-
-
-def test_rounded_coordinates_do_not_lie_on_borders_of_voxels() -> None:
-    points = np.round(noisy()[60:], 2)
-    exact, shaken = bought(points), bought(points + 1e-7)
-    assert exact["points"] == shaken["points"]
-    assert exact["chamfer_m"] == pytest.approx(shaken["chamfer_m"], abs=1e-6)
-
-
-def test_voxels_wider_than_half_of_a_threshold_are_refused() -> None:
-    with pytest.raises(ValidationError, match="must be at least two voxels"):
-        protocol(preparation={"voxel_m": 0.5})
-
-
-# A naive version of everything.
 
 
 @quick
@@ -152,7 +149,7 @@ def test_the_naive_version_finds_the_same(seed: int, spread: float) -> None:
     random = np.random.default_rng(seed)
     counts = random.integers(1, 60, 2)
     points, truth = (random.uniform(0, spread, (count, 3)) + ORIGIN for count in counts)
-    record = scored(points, truth, protocol(alignment={"method": "none"})).record
+    record = scored(points, truth, protocol(alignment={"method": "none"}))
     there, back = all_pairs(points, truth), all_pairs(truth, points)
     assert record["accuracy_m"] == pytest.approx(there.mean(), rel=1e-12)
     assert record["completeness_median_m"] == pytest.approx(np.median(back), rel=1e-12)
@@ -160,8 +157,6 @@ def test_the_naive_version_finds_the_same(seed: int, spread: float) -> None:
         assert record[f"precision_{limit:g}m"] == (there < limit).mean()
         assert record[f"recall_{limit:g}m"] == (back < limit).mean()
 
-
-# The same to the last bit.
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "sim3": {},
@@ -186,34 +181,24 @@ def noisy(seed: int = 0) -> Array:
 def test_the_same_for_any_block_size_and_number_of_threads(
     variant: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scenes, "_LEAST_BLOCK", 1)
+    monkeypatch.setattr(scoring, "_LEAST_BLOCK", 1)
     used = protocol(**VARIANTS[variant])
     runs = [
-        scored(noisy(), true_points("yard"), used, block_points=block, jobs=jobs)
+        compared(noisy(), true_points("yard"), used, block_points=block, jobs=jobs)
         for block, jobs in ((1 << 20, 1), (1 << 20, 2), (3000, 1), (3001, 3))
     ]
-    pd.testing.assert_frame_equal(  # exact, NaN equal to NaN
-        pd.DataFrame([run.record for run in runs[1:]]),
-        pd.DataFrame([runs[0].record] * 3),
-        check_exact=True,
-    )
-    for run in runs[1:]:
-        assert run.curve is not None
-        assert runs[0].curve is not None
-        np.testing.assert_array_equal(run.curve.f1, runs[0].curve.f1)
-        assert run.counts == runs[0].counts
+    for record, found in runs[1:]:
+        assert str(record) == str(runs[0][0])
+        np.testing.assert_array_equal(found.curve.f1, runs[0][1].curve.f1)
 
 
 @pytest.mark.parametrize("variant", ["sim3", "none", "box", "covered", "observed", "voxels"])
 def test_the_same_for_any_order_of_points(variant: str) -> None:
     used, truth, points = protocol(**VARIANTS[variant]), true_points("yard"), noisy()
     random = np.random.default_rng(1)
-    one = scored(points, truth, used).record
-    other = scored(random.permutation(points), random.permutation(truth), used).record
-    pd.testing.assert_frame_equal(pd.DataFrame([one]), pd.DataFrame([other]), check_exact=True)
-
-
-# Errors fall as predictions get better.
+    one = scored(points, truth, used)
+    other = scored(random.permutation(points), random.permutation(truth), used)
+    assert str(one) == str(other)
 
 
 def test_scores_fall_with_noise_holes_and_scale() -> None:
@@ -228,7 +213,7 @@ def test_scores_fall_with_noise_holes_and_scale() -> None:
     }
     used = protocol(alignment={"method": "none"})
     for name, clouds in series.items():
-        records = [scored(points, exact, used).record for points in clouds]
+        records = [scored(points, exact, used) for points in clouds]
         chamfer = [record["chamfer_m"] for record in records]
         f1 = [record["f1_1m"] for record in records]
         assert chamfer[0] == 0.0
@@ -237,7 +222,35 @@ def test_scores_fall_with_noise_holes_and_scale() -> None:
         assert (np.diff(f1) < 0).all(), name
 
 
-def test_the_ground_of_the_made_world_is_a_grid() -> None:
-    points = ground()
-    assert len(points) == (SIDE / STEP) ** 2
-    assert (np.unique(np.diff(np.unique(points[:, 0]))) == STEP).all()
+PREPARATIONS: list[dict[str, Any]] = [
+    {"crop": "none", "voxel_m": "none"},
+    {"crop": "covered", "voxel_m": "none"},
+    {"crop": "box", "voxel_m": 0.1},
+    {"crop": "box", "voxel_m": "none", "region": "observed", "observed_cell_m": 2.0},
+    {"crop": "covered", "voxel_m": 0.1},
+]
+
+
+@pytest.mark.parametrize("steps", PREPARATIONS)
+@pytest.mark.parametrize("block", [300, 1 << 20])
+def test_shards_score_what_one_cloud_scores(
+    steps: dict[str, Any], block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scoring, "_LEAST_BLOCK", block)
+    first, second = (
+        some - 50.0 + ORIGIN for some in (surface(2000, 0, far=0.05), surface(1500, 1))
+    )
+    first = np.vstack((first, first[::3] + 0.01, first[::7] + 0.003))  # shards share voxels
+    used = protocol(alignment={"method": "none", "cameras": "optional"}, preparation=steps)
+    shards = in_shards(tmp_path / "shards", first, 6, write_laz, ".laz")
+    write_laz(shards / "tile-021.laz", np.zeros((0, 3)))
+    truth = in_shards(tmp_path / "truth", second, 4, write_laz, ".laz")
+    plain = [points_in(opened(folder)) for folder in (shards, truth)]
+    whole, there = compared(*plain, used)
+    assert (whole["thinned"] > 500) == (steps["voxel_m"] == 0.1)
+    true_cloud = open_true_cloud(truth, LIMIT, SAMPLING)
+    record, found = compared(opened(shards), true_cloud, used, block_points=0)
+    assert str(record) == str(whole)
+    for way in ("to_truth", "to_prediction"):
+        expected = getattr(there.distances, way)
+        np.testing.assert_array_equal(getattr(found.distances, way), expected)
