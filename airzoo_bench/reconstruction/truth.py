@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
@@ -15,6 +14,7 @@ from airzoo_bench.benchmark.queries import (
     SceneInputs,
     cameras_of,
     poses_of,
+    read_excluded,
     read_queries,
     with_unposed,
 )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import read_queries
+from airzoo_bench.benchmark.queries import read_excluded, read_queries
 from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.truth import (
     FOOTPRINT_COLUMNS,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
+from airzoo_bench.evaluation.evaluate import accuracy_notes
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.protocol.model import Protocol
 from tests.support import make_place, run_main

@@ -12,8 +12,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.sandbox import Limits
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.evaluate import check, evaluate
 from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
 from tests.readers.samples import cut3r

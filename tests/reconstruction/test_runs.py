@@ -16,7 +16,7 @@ import trimesh
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import check
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.reconstruction.camera_names import match_cameras
 from airzoo_bench.reconstruction.image_poses import ImagePoses
