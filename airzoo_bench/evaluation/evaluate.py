@@ -299,18 +299,16 @@ def _count_notes(protocol: Protocol, counts: Mapping[str, Mapping[str, int]]) ->
 
 def accuracy_notes(protocol: Protocol, accuracy_m: Mapping[str, float | None]) -> list[str]:
     """Say which thresholds are finer than three times the stated accuracy of the truth."""
-    wanted = {scene.id for scene in protocol.scenes}
-    stated = {name: m for name, m in accuracy_m.items() if m is not None and name in wanted}
+    stated = {one.id: m for one in protocol.scenes if (m := accuracy_m.get(one.id)) is not None}
     worst = max(stated.values(), default=0.0)
     fine = sorted({m for m in _lengths(protocol.settings()) if m < FACTOR * worst})
     if not fine:
         return []
     scenes = first_of([name for name, m in stated.items() if FACTOR * m > fine[0]], noun="scene")
     return [
-        f"the truth of {scenes} is stated to be good to {worst:g} m: "
+        f"the truth of {scenes} is stated to be good to {worst:g} m: below {FACTOR:g} times that, "
         f"{agreeing(len(fine), 'the threshold', 'the thresholds')} "
         f"{', '.join(f'{m:g}' for m in fine)} m of {protocol.name} "
-        f"{agreeing(len(fine), 'is', 'are')} finer than {FACTOR:g} times that, and "
         f"{agreeing(len(fine), 'measures', 'measure')} errors of the truth too"
     ]
 
@@ -321,8 +319,8 @@ def _lengths(settings: Mapping[str, Any]) -> Iterator[float]:
         if isinstance(value, Mapping):
             yield from _lengths(value)
         elif key in _THRESHOLDS:
-            for one in value if isinstance(value, list | tuple) else [value]:
-                yield float(one[0] if isinstance(one, list | tuple) else one)
+            for one in value if isinstance(value, list) else [value]:
+                yield float(one[0] if isinstance(one, list) else one)
 
 
 def run_baseline(

@@ -82,10 +82,12 @@ def open_predictions(
     _refuse_special(path)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
-    in_file = protocol_name(open_arrays(path, run.memory_bytes)) if path.suffix == ".npz" else None
-    chosen = _find_protocol(path, protocol, in_file, data)
+    arrays = open_arrays(path, run.memory_bytes) if path.suffix == ".npz" else None
+    fields = arrays.names() if arrays else set[str]()
+    chosen = _find_protocol(path, protocol, protocol_name(arrays) if arrays else None, data)
     asked = track or (None if chosen is None else chosen.track)
-    name = read_by.reader or (None if _is_own(path) else find_reader(path, asked))
+    is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
+    name = read_by.reader or (None if is_own else find_reader(path, asked))
     if name is not None:
         return _open_native(path, reader_named(name), name, data, track, chosen, run, read_by)
     for option, value in (("--names", read_by.names), ("--image-size", read_by.image_size)):
@@ -95,7 +97,7 @@ def open_predictions(
                 where=path,
                 fix="leave it out, or say which reader: --reader NAME",
             )
-    info = _track_of(path, asked)
+    info = _track_of(path, asked, fields)
     if chosen is not None:
         _check_track(path, chosen, info.name)
     predictions: Predictions = load_track(info.name).open(path, run.memory_bytes)
@@ -144,14 +146,7 @@ def _check_track(path: Path, chosen: Protocol, track: str) -> None:
         )
 
 
-def _is_own(path: Path) -> bool:
-    """Tell whether predictions are in the suite's own layout, so that no reader is asked."""
-    if path.suffix == ".npz":
-        return "query_ids" in open_arrays(path, 0).names()
-    return path.suffix == ".parquet" or (path / "protocol.txt").is_file()
-
-
-def _track_of(path: Path, asked: str | None) -> TrackInfo:
+def _track_of(path: Path, asked: str | None, fields: set[str]) -> TrackInfo:
     """Return the track that was asked for, or find it; a kind of file that it lacks is refused."""
     tracks: dict[str, TrackInfo] = {name: TRACKS.get(name) for name in TRACKS.names()}
     kind = path.name.lower()
@@ -172,7 +167,6 @@ def _track_of(path: Path, asked: str | None) -> TrackInfo:
             expected="; ".join(f"{one.name}: {one.kinds}" for one in tracks.values()),
             fix=f"airzoo-bench eval {other} {path}" if other else _EXAMPLE,
         )
-    fields = open_arrays(path, 0).names() if path.suffix == ".npz" else set[str]()
     return ([one for one in fitting if fields & {*one.fields}] or fitting)[0]
 
 
