@@ -12,7 +12,7 @@ from PIL.Image import Resampling
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.colours import read_rgb
+from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.storage.mirror import fetched
 
 __all__ = ["photo_size", "read_grey", "read_rgb_photo", "read_tile"]

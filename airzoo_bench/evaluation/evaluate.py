@@ -165,17 +165,10 @@ def _run_fingerprint(
     given: Given, sha256: str, truths: Sequence[Truth], read_by: ReadBy, run: Run
 ) -> str:
     """Return a fingerprint of all that scores of scenes depend on."""
-    return fingerprint(
-        {
-            "predictions": sha256,
-            "reader": None if given.reader is None else given.reader.model_dump(mode="json"),
-            "names": None if read_by.names is None else sha256_of(read_by.names),
-            "protocol": given.protocol.fingerprint,
-            "truth": {truth.scene: truth.fingerprint for truth in truths},
-            "versions": versions(),
-            "memory": run.memory_bytes,  # how queries and clouds are cut
-        }
-    )
+    reader = None if given.reader is None else given.reader.model_dump(mode="json")
+    names = None if read_by.names is None else sha256_of(read_by.names)
+    parts = sha256, reader, names, given.protocol.fingerprint, truth_fingerprint(truths)
+    return fingerprint([*parts, versions(), run.memory_bytes])  # memory cuts queries and clouds
 
 
 def _join_records(
@@ -255,11 +248,12 @@ def _check_scenes(
     except BenchmarkError as error:
         notes.append(f"predictions were not compared with the benchmark: {error.what}")
     assignment = track.assign(predictions, truths, protocol)
-    errors: list[UserError] = list(assignment.errors)
+    faults = list(track.find_faults(predictions, protocol))
+    errors: list[UserError] = [*assignment.errors, *faults]
     scored = []
     for part, truth in zip(assignment.parts, truths or [None] * len(protocol.scenes), strict=False):
         try:
-            if part is not None:
+            if part is not None and not faults:
                 scored.append(track.check(part, truth, protocol, run))
         except PredictionError as error:
             errors.append(error)

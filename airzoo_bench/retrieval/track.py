@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.results.result import Reference
@@ -57,9 +58,6 @@ class RetrievalTrack(Track):
     ) -> Assignment:
         """See `Track.assign`."""
         errors = list(validation_errors(predictions))
-        if not (errors or truths):  # ranking, which would find these, needs a gallery
-            metric, scenes = protocol.scores.descriptor_metric, [one.id for one in protocol.scenes]
-            errors += deep_validation_errors(predictions, metric, scenes)
         if errors:
             return Assignment(errors=errors)
         return assign_queries(predictions, truths, protocol)
@@ -83,6 +81,13 @@ class RetrievalTrack(Track):
             return Scored()
         ranked = _ranked(part, truth, protocol, run)
         return Scored(counts=ranked.counts, facts=list_facts(ranked, protocol.scores))
+
+    def find_faults(
+        self, predictions: RetrievalPredictions, protocol: RetrievalProtocol
+    ) -> Iterator[PredictionError]:
+        """See `Track.find_faults`."""
+        metric, scenes = protocol.scores.descriptor_metric, [one.id for one in protocol.scenes]
+        yield from deep_validation_errors(predictions, metric, scenes)
 
     def scores(self, protocol: RetrievalProtocol) -> list[Score]:
         """See `Track.scores`."""
