@@ -34,7 +34,7 @@ from airzoo_bench.datasets.scene_parts import (
 from airzoo_bench.datasets.scene_run import SceneRun
 from airzoo_bench.datasets.scene_tasks import faults_of_writing
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
+from airzoo_bench.evaluation.evaluate import accuracy_notes
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["chosen_scenes", "is_prepared", "prepare_scenes"]

@@ -26,8 +26,8 @@ from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
 from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.evaluate import check
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Known, Limits, Place
 from airzoo_bench.leaderboard.fetching import fetch, parse_address

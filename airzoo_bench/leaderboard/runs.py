@@ -20,7 +20,7 @@ from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Strict, validation_message
 from airzoo_bench.core.version import __version__
 from airzoo_bench.evaluation.evaluate import truth_fingerprint
-from airzoo_bench.evaluation.given import read_truths
+from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.leaderboard.answer import SealedAnswer
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, submission_text

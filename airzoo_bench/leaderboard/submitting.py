@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, toml_value, validation_message
-from airzoo_bench.evaluation.given import ReadBy, open_predictions
+from airzoo_bench.evaluation.opening import ReadBy, open_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.leaderboard.checks import size_of_tree

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
@@ -19,6 +18,7 @@ from airzoo_bench.benchmark.queries import (
     cameras_of,
     conditions_of,
     poses_of,
+    read_excluded,
     read_queries,
 )
 from airzoo_bench.benchmark.tables import read_table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import check
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
 from tests.matching.evaluated import evaluated
