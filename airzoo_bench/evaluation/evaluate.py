@@ -20,8 +20,13 @@ from airzoo_bench.evaluation.untrusted import open_as_trusted
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result, score_columns
+from airzoo_bench.results.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    TruthUsed,
+    score_columns,
+)
 from airzoo_bench.results.scores import summarise
 
 if TYPE_CHECKING:

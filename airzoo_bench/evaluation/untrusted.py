@@ -20,7 +20,7 @@ from airzoo_bench.evaluation.given import AnyTrack, Given, ReadBy, open_predicti
 from airzoo_bench.evaluation.near_places import refuse_special
 from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.protocol.lookup import choose_protocol
-from airzoo_bench.results.provenance import ReaderUsed
+from airzoo_bench.results.result import ReaderUsed
 
 __all__ = ["Request", "open_as_trusted"]
 

@@ -16,10 +16,12 @@ from airzoo_bench.leaderboard.site.api import API, Pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
 from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values, resamples_for
-from airzoo_bench.statistics.rank_ranges import (
+from airzoo_bench.statistics.pair_tests import (
     correct_pairs,
+    pair_limits,
+    pair_p_values,
     rank_ranges,
+    resamples_for,
     told_apart,
     unpaired_p_values,
 )
