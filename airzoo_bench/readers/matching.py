@@ -11,7 +11,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.readers.names import ImageNames, names_in
 
 if TYPE_CHECKING:
-    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.geometry.arrays import Bools, Floats
     from airzoo_bench.matching.maps import ReferenceMap
@@ -65,7 +65,7 @@ def posed(
     """Make predictions of poses whose names are those of photos; count those of others."""
     import numpy as np
 
-    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.queries import QueryPredictions
 
     scenes = scenes_of(reading, path)
     known = ImageNames.of(
@@ -87,9 +87,8 @@ def posed(
 def _content(given: NamedPoses, path: Path) -> GivenPoses:
     import numpy as np
 
-    from airzoo_bench.geometry.poses import Poses
+    from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
     from airzoo_bench.geometry.precision import centre_errors_m, pose_errors_m
-    from airzoo_bench.geometry.rotations import quaternion_to_matrix
     from airzoo_bench.matching.pose_list import NO_POSE, refused_in
     from airzoo_bench.matching.predictions import GivenPoses
 
@@ -140,7 +139,7 @@ def _map_centre(reference: ReferenceMap) -> Floats:
     """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
     import numpy as np
 
-    from airzoo_bench.geometry.frames import change_of_plane
+    from airzoo_bench.geometry.crs import change_of_plane
     from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 
     dom = reference.dom

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.plurals import plural
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.comparable import check_same_column
@@ -93,7 +93,7 @@ def is_condition(name: str, track: str) -> bool:
 def _recorded(track: str) -> frozenset[str]:
     if track not in TRACKS:  # its package is not installed here
         return frozenset(("scene", "query", "answered"))
-    return frozenset(TRACKS.get(track).recorded)
+    return frozenset(load_track(track).recorded)
 
 
 def condition_names(method: Scored) -> list[str]:

@@ -11,8 +11,6 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import find_reader
-from airzoo_bench.formats import npz_rows
-from airzoo_bench.formats.npz import NpzFile
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import vggt
 from tests.readers.samples.true_views import TrueViews, true_views
@@ -28,7 +26,9 @@ def one(world: World, folder: Path, **changes: Any) -> Path:
 
 
 def f1(world: World, path: Path, **options: Any) -> float:
-    return float(scored(world, path, **options).scored["yard"].record["f1_0.2m"])
+    return float(
+        scored(world, path, **options).scored["yard"].records.to_dict("records")[0]["f1_0.2m"]
+    )
 
 
 def test_exact_depth_is_perfect(world: World, tmp_path: Path) -> None:
@@ -67,12 +67,12 @@ def test_the_models_own_output_has_a_batch_axis(world: World, tmp_path: Path) ->
 def test_poses_are_decoded_where_they_are_coded_only(world: World, tmp_path: Path) -> None:
     """The code has the principal point in the middle of the integer grid, half a pixel off here."""
     path = one(world, tmp_path, extrinsic=None, intrinsic=None)
-    found = scored(world, path).scored["yard"].record
+    found = scored(world, path).scored["yard"].records.to_dict("records")[0]
     assert found["ate_m"] < 1e-4
     assert found["f1_0.5m"] == 1.0
     batched = vggt.fields(true_views(world, "yard"))["pose_enc"][None]
     path = one(world, tmp_path / "b", extrinsic=None, intrinsic=None, pose_enc=batched)
-    assert scored(world, path).scored["yard"].record["f1_0.5m"] == 1.0
+    assert scored(world, path).scored["yard"].records.to_dict("records")[0]["f1_0.5m"] == 1.0
 
 
 def test_names_are_of_images_beside_it_or_listed(world: World, tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_wrong_conventions_are_named(world: World, tmp_path: Path) -> None:
 
 def test_a_scene_that_is_missing_scores_zero(world: World, tmp_path: Path) -> None:
     found = scored(world, one(world, tmp_path))
-    assert found.scored["lot"].record["f1_0.2m"] == 0.0
+    assert found.scored["lot"].records.to_dict("records")[0]["f1_0.2m"] == 0.0
     assert "scenes that the predictions lack" in " ".join(found.result.notes)
     alone = tmp_path / "out" / "yard"
     assert row(scored(world, alone)) == row(found)
@@ -115,31 +115,12 @@ def test_a_scene_that_is_missing_scores_zero(world: World, tmp_path: Path) -> No
         scored(world, tmp_path / "output")
 
 
-def count_streams(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return a list that the names of fields come to that are unpacked row by row."""
-    found: list[str] = []
-
-    class Counted(npz_rows.RowStream):
-        def __init__(self, file: NpzFile, name: str, shape: tuple[int, ...]) -> None:
-            found.append(name)
-            super().__init__(file, name, shape)
-
-    monkeypatch.setattr(npz_rows, "RowStream", Counted)
-    return found
-
-
-def test_compressed_files_give_the_same(
-    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compressed_files_give_the_same(world: World, tmp_path: Path) -> None:
     path = one(world, tmp_path)
     plain = scored(world, path).result.overall
     file = path / "yard" / "predictions.npz"
     np.savez_compressed(file, **vggt.fields(true_views(world, "yard")))
     assert scored(world, path).result.overall == plain
-    # So little memory that each map is unpacked by itself.
-    streams = count_streams(monkeypatch)
-    assert scored(world, path, memory_bytes=300_000).result.overall == plain
-    assert streams == ["depth", "depth_conf"]
 
 
 def test_maps_without_views_are_refused(world: World, tmp_path: Path) -> None:
