@@ -8,9 +8,14 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations, permutations
 
-from airzoo_bench.audit.counts import check_counts, decimal_text, resolve_queries
-from airzoo_bench.audit.findings import Audit, Conclusion, Finding, Grade, Outcome
-from airzoo_bench.audit.precision import check_average_precision, define_average_precision
+from airzoo_bench.audit.counts import (
+    check_counts,
+    check_precision,
+    decimal_text,
+    define_precision,
+    resolve_queries,
+)
+from airzoo_bench.audit.findings import Audit, Finding, Grade, Outcome
 from airzoo_bench.audit.sums import check_averages, check_gains
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import counted
@@ -24,44 +29,39 @@ Cells = Sequence[PrintedValue]
 _LOWER = (Family.ACCURACY, Family.COMPLETENESS, Family.CHAMFER, Family.MEDIAN, Family.ERROR)
 # What is within a distance is within a larger one.
 _GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1, Family.CURVE)
+_LENGTHS = ("mm", "cm", "m", "km")
 _FEWEST_SCORES = 3  # a whole row of fewer says nothing: two scores may agree by chance
 _MOST_NAMES = 10
-_HALF, _ZERO = Fraction(1, 2), Fraction(0)
+_ZERO = Fraction(0)
 
 
 def audit(
     published: Published, counts: Mapping[str, int] | None = None, variant: str | None = None
 ) -> Audit:
-    """Check published tables by arithmetic, with what is known of their scenes' queries and of AP.
-
-    Numbers of queries from recalls alone tell which average precision it is, so that nothing is
-    proved by itself; that then tells more of the numbers of queries.
-    """
+    """Check published tables by arithmetic, with the queries of scenes and the AP that is meant."""
     published = replace(published, cells=_settled(published.cells))
-    within_rows = [f(published) for f in (_check_ranges, _check_order, _check_medians, _check_f1)]
+    within_rows = [check(published) for check in (_check_ranges, _check_order, _check_f1)]
     doubtful = {
         finding.cell.row
         for outcome in within_rows
         for finding in outcome.findings
         if finding.grade is Grade.IMPOSSIBLE
     }
-    by_recalls, _ = resolve_queries(published, counts or {}, {}, doubtful)
-    definitions = define_average_precision(published, by_recalls, variant, doubtful)
-    variants = {name: d.variant for name, d in definitions.items() if d.variant}
-    queries, conclusions = resolve_queries(published, counts or {}, variants, doubtful)
+    # Recalls alone tell whether AP@K is mean precision, so that nothing is proved by itself; that
+    # then tells more of the numbers of queries.
+    by_recalls, _ = resolve_queries(published, counts or {}, (), doubtful)
+    precise = define_precision(published, by_recalls, variant, doubtful)
+    queries, conclusions = resolve_queries(published, counts or {}, precise, doubtful)
     counted_shares = check_counts(published, queries)
-    averages = check_averages(published, queries, variants)
+    averages = check_averages(published, queries, precise)
     off = {id(finding.cell) for finding in averages.findings}
-    ranges, order, medians, f1 = within_rows
+    ranges, order, f1 = within_rows
     outcomes = (
         ranges,
-        _check_units(published),
         replace(counted_shares, conclusions=(*conclusions, *counted_shares.conclusions)),
-        *check_average_precision(published, queries, definitions, doubtful),
+        check_precision(published, queries, precise, variant),
         order,
-        medians,
         f1,
-        _check_chamfer(published),
         averages,
         _check_agreement(published, off),
         _check_misplaced_rows(published, off),
@@ -81,11 +81,7 @@ def audit(
 
 
 def _settled(cells: Cells) -> tuple[PrintedValue, ...]:
-    """Settle by the whole file which recalls are of clouds, and what accuracy is."""
-    families = {cell.score.family for cell in cells}
-    # Next to F1, accuracy and completeness without a unit may be precision and recall.
-    both = {Family.ACCURACY, Family.COMPLETENESS} <= families
-    distances = both and Family.F1 not in families
+    """Settle by the whole file which recalls are of clouds, and whether accuracy is a distance."""
     of_clouds = {
         (cell.table, *cell.group, cell.score.thresholds)
         for cell in cells
@@ -93,18 +89,13 @@ def _settled(cells: Cells) -> tuple[PrintedValue, ...]:
     }
     settled = []
     for cell in cells:
-        score, family = cell.score, cell.score.family
-        cloud = _of_cloud(score)
+        score, cloud = cell.score, _of_cloud(cell.score)
         if cloud and (cell.table, *cell.group, cloud.thresholds) in of_clouds:
             score = cloud
-        elif family in (Family.ACCURACY, Family.COMPLETENESS):
-            # Accuracy of a cloud is a distance; a lone one, or one in percent, is anybody's.
-            percent = cell.unit.casefold() in ("%", "percent")
-            if percent or not (distances or cell.unit):
-                better = True if percent else None
-                score = replace(score, family=Family.OTHER, higher_is_better=better)
-        elif distances and family is Family.OTHER and score.name.casefold() == "overall":
-            score = replace(score, family=Family.CHAMFER, higher_is_better=False)
+        elif score.family in (Family.ACCURACY, Family.COMPLETENESS) and cell.unit not in _LENGTHS:
+            # In percent more is better; without a unit it may be anything.
+            better = True if cell.unit.casefold() in ("%", "percent") else None
+            score = replace(score, family=Family.OTHER, higher_is_better=better)
         settled.append(replace(cell, score=score))
     return tuple(settled)
 
@@ -134,34 +125,6 @@ def _check_ranges(published: Published) -> Outcome:
     unknown = len(published.cells) - len(known)
     left = f"{counted(unknown, 'value')} of scores that are not known" if unknown else ""
     return Outcome("range", len(known), what, left, tuple(findings))
-
-
-def _check_units(published: Published) -> Outcome:
-    """Find rows of shares from 0 to 1 among rows of percent, printed with two decimals less."""
-    shares = [c for c in published.cells if c.score.is_share and c.full == 100]
-    columns = grouped(shares, lambda c: (c.table, *c.group, c.score.name))
-    findings: list[Finding] = []
-    for row in grouped(shares, lambda cell: cell.row).values():
-        printed = [cell for cell in row if cell.number.value]
-        others: list[PrintedValue | None] = []
-        for cell in printed:
-            column = columns[cell.table, *cell.group, cell.score.name]
-            fewer = cell.number.decimals - 2
-            sure = (c for c in column if c.number.value > 1 and c.number.decimals <= fewer)
-            others.append(next(sure, None) if 0 < cell.number.value <= 1 else None)
-        for cell, other in zip(printed, others, strict=True):
-            if other is None or not all(others):
-                continue
-            why = (
-                f"{cell.number.text} next to {other.number.text} of {other.method} looks like a "
-                f"share from 0 to 1 among percent, and is read as {cell.number.text} %; give such "
-                "rows in percent, or the table with a column 'unit'"
-            )
-            findings.append(Finding(Grade.INCONSISTENT, "units", cell, why))
-    rivals = sum(len(cells) for cells in columns.values() if len(cells) > 1)
-    what = "shares, whether those of one score are all in percent or all from 0 to 1"
-    left = "" if rivals else "no share is printed of two methods or scenes"
-    return Outcome("units", rivals, what, left, tuple(findings))
 
 
 def _pairs(published: Published) -> Iterator[tuple[PrintedValue, PrintedValue]]:
@@ -214,38 +177,6 @@ def _disordered(first: PrintedValue, second: PrintedValue) -> Finding | None:
     return Finding(Grade.IMPOSSIBLE, "order", first, why) if exceeds else None
 
 
-def _check_medians(published: Published) -> Outcome:
-    """Find medians on the wrong side of a threshold within which more, or less, than half lie."""
-    pairs = [
-        (median, recall)
-        for median, recall in _pairs(published)
-        if median.score.family is Family.MEDIAN and not median.is_summary
-        if recall.score.family is Family.HITS and len(recall.score.thresholds) == 1
-        if median.unit and recall.score.thresholds[0][1] == median.unit
-    ]
-    what = "medians next to shares of errors within a threshold, whether both can be"
-    none = "no row of a scene has a median and a recall within so many of its unit"
-    return _of_pairs("median", what, none, pairs, (_contradiction(*pair) for pair in pairs))
-
-
-def _contradiction(median: PrintedValue, recall: PrintedValue) -> Finding | None:
-    threshold, unit = recall.score.thresholds[0]
-    # One half more than rounding allows: digits may have been cut off.
-    errors = median.number.span.widened(median.number.half)
-    share = recall.share.widened(recall.number.half / recall.full)
-    limit = f"{float(threshold):g} {unit}"
-    printed = f"printed is {median.number.text} {unit}"
-    said = f"{recall.score.name} = {recall.number.text}"
-    if share.low > _HALF and errors.low > threshold:
-        why = f"{said}: more than half of the errors lie below {limit}, so the median does too"
-        return Finding(Grade.IMPOSSIBLE, "median", median, f"{why}; {printed}")
-    if share.high < _HALF and errors.high < threshold:
-        why = f"{said}: fewer than half of the errors lie below {limit}, so the median does not"
-        why += f"; {printed}. Both can be only where the median leaves out queries that failed"
-        return Finding(Grade.INCONSISTENT, "median", median, why)
-    return None
-
-
 def _rows_with(published: Published, *needed: Family) -> list[list[PrintedValue]]:
     """Return the values of several families that stand in one row, with one threshold."""
     rows = published.by(lambda cell: (*cell.row, cell.score.thresholds))
@@ -293,43 +224,6 @@ def _judge_f1(cell: PrintedValue, precision: PrintedValue, recall: PrintedValue)
     if cell.share.widened(slack).meets(possible):
         return Finding(Grade.ROUNDING, "F1", cell, why + ": off by the last digit")
     return Finding(Grade.IMPOSSIBLE, "F1", cell, why)
-
-
-def _check_chamfer(published: Published) -> Outcome:
-    """Find Chamfer distances that are not the mean, or the sum, of accuracy and completeness."""
-    rows = _rows_with(published, Family.CHAMFER, Family.ACCURACY, Family.COMPLETENESS)
-    what = "Chamfer distances against accuracy and completeness next to them"
-    if not rows:
-        left = "no row has accuracy, completeness and Chamfer distance"
-        return Outcome("Chamfer", 0, what, left)
-    judged = {n: [_judge_chamfer(*row, parts=n) for row in rows] for n in (2, 1)}
-    fits = {parts: found.count(None) for parts, found in judged.items()}
-    parts = max(fits, key=lambda key: fits[key])
-    name, number = {2: "mean", 1: "sum"}[parts], counted(len(rows), "row")
-    text = f"Chamfer distance is the {name} of accuracy and completeness in {fits[parts]} of "
-    said = (Conclusion("Chamfer", "", text + number),)
-    if 2 * fits[parts] <= len(rows):
-        left = f"it is neither mean nor sum of both in more than half of {number}"
-        return Outcome("Chamfer", 0, what, left, (), said)
-    cells = tuple(cell for row in rows for cell in row)
-    return Outcome("Chamfer", len(rows), what, "", tuple(filter(None, judged[parts])), said, cells)
-
-
-def _judge_chamfer(
-    cell: PrintedValue, accuracy: PrintedValue, completeness: PrintedValue, *, parts: int
-) -> Finding | None:
-    one, two = accuracy.number, completeness.number
-    exact, half = (one.value + two.value) / parts, (one.half + two.half) / parts
-    expected = Span(exact - half, exact + half)
-    if cell.number.span.meets(expected):
-        return None
-    total = f"{one.text} + {two.text}"
-    formula = f"({total}) / 2" if parts == 2 else total
-    why = f"{formula} = {decimal_text(exact, cell.number.decimals)}, printed is {cell.number.text}"
-    # Where all three digits were cut off, or two were rounded before.
-    if cell.number.span.widened(cell.number.half + half).meets(expected):
-        return Finding(Grade.ROUNDING, "Chamfer", cell, why + ": off by the last digit")
-    return Finding(Grade.INCONSISTENT, "Chamfer", cell, why)
 
 
 def _scene(cell: PrintedValue) -> str:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+from scipy.special import bdtrc
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.core.errors import ResultError, UsageError, first_of
@@ -19,7 +20,15 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed import Family, Rounded, Span
 from airzoo_bench.tables.published import PrintedValue, Published, grouped
 
-__all__ = ["Key", "Queries", "Share", "check_counts", "parse_counts", "resolve_queries"]
+__all__ = [
+    "Key",
+    "Queries",
+    "check_counts",
+    "check_precision",
+    "define_precision",
+    "parse_counts",
+    "resolve_queries",
+]
 
 Key = tuple[str, str, str]
 """What has one number of queries: benchmark, track and scene."""
@@ -31,6 +40,9 @@ _LARGEST = 100_000  # from 10^(decimals + 2) on every percentage is a count
 _MISPRINT = 1e-3
 _FEWEST_CUTS = 3  # of one scene, so that its digits were cut off for certain
 _SHOWN = 3
+_RARE = 1e-4  # so rarely may so many values be whole numbers by chance
+_MOST_MISFITS = 0.1
+_FEWEST = 3  # from so many values on one may be a misprint
 
 
 @dataclass(frozen=True)
@@ -44,6 +56,11 @@ class Queries:
 def key_of(cell: PrintedValue) -> Key:
     """Return what has one number of queries."""
     return *cell.group, cell.scene
+
+
+def score_of(cell: PrintedValue) -> Key:
+    """Return what has one definition: benchmark, track and score."""
+    return *cell.group, cell.score.name
 
 
 def decimal_text(number: Fraction, decimals: int) -> str:
@@ -100,13 +117,13 @@ def is_average(published: Published) -> Callable[[PrintedValue], bool]:
 def resolve_queries(
     published: Published,
     counts: Mapping[str, int],
-    variants: Mapping[Key, str],
+    precise: Collection[Key],
     doubtful: AbstractSet[tuple[str, ...]],
 ) -> tuple[dict[Key, Queries], list[Conclusion]]:
     """Return the number of queries of each scene that has shares of queries, where it is known.
 
-    `variants` are the definitions of average precision; rows that hold something impossible are
-    doubtful.
+    `precise` are the benchmarks, tracks and names of scores that are mean precision; rows that hold
+    something impossible are doubtful.
     """
     groups = published.by(key_of)
     scenes = {scene for _, _, scene in groups}
@@ -124,7 +141,7 @@ def resolve_queries(
     for key, cells in groups.items():
         given = _given(cells, counts)
         own = [cell for cell in cells if not averaged(cell)]
-        implied = _implied([cell for cell in own if cell.row not in doubtful], variants)
+        implied = _implied([cell for cell in own if cell.row not in doubtful], precise)
         if given is not None:
             queries[key] = Queries(given, True)
         elif implied and implied.probability >= _SURE:
@@ -163,7 +180,7 @@ class _Implied:
     as_good: tuple[int, ...]
 
 
-def _implied(cells: Sequence[PrintedValue], variants: Mapping[Key, str]) -> _Implied | None:
+def _implied(cells: Sequence[PrintedValue], precise: Collection[Key]) -> _Implied | None:
     """Weigh all totals by Bayes' rule: out of how many queries several printed shares are counts.
 
     A value that fits is one of as many as there are counts, one that does not is a misprint, and
@@ -172,11 +189,10 @@ def _implied(cells: Sequence[PrintedValue], variants: Mapping[Key, str]) -> _Imp
     hits = [cell for cell in cells if cell.score.family is Family.HITS]
     if not hits:  # average precision alone would take its definition on trust
         return None
-    precise = [c for c in cells if variants.get((*c.group, c.score.name)) == "precision"]
     told = sorted(
         {
             (cell.number.value, cell.number.decimals, cell.full, cell.score.cutoff or 1)
-            for cell in [*hits, *precise]
+            for cell in [*hits, *(c for c in cells if score_of(c) in precise)]
             if 0 < cell.number.value < cell.full
         }
     )
@@ -205,11 +221,6 @@ def _chance(totals: np.ndarray, values: int) -> np.ndarray:
     """Return what part of so many printed values are counts of each total."""
     halves = np.gcd(totals, 2 * values) - np.gcd(totals, values)
     return np.asarray(np.minimum(1.0, (totals + halves) / values))
-
-
-def chance_of_fit(cell: PrintedValue, total: int) -> float:
-    """Return the chance that a number of so many digits, taken blindly, is a count of the total."""
-    return float(_chance(np.array(total), cell.full * 10**cell.number.decimals))
 
 
 def _implied_text(implied: _Implied, given: int | None, own: Sequence[PrintedValue]) -> str:
@@ -307,6 +318,95 @@ def check_counts(published: Published, queries: Mapping[Key, Queries]) -> Outcom
         )
     outcome = "; ".join(left), tuple(findings), tuple(conclusions), tuple(known)
     return Outcome("counts", len(shares), what, *outcome)
+
+
+def define_precision(
+    published: Published,
+    queries: Mapping[Key, Queries],
+    variant: str | None,
+    doubtful: AbstractSet[tuple[str, ...]],
+) -> set[Key]:
+    """Tell which average precisions are mean precision: by name, as given, or by whole numbers.
+
+    Mean precision at K is a whole number of positives out of K for each query.
+    """
+    found = set()
+    for name, cells in _precisions(published).items():
+        told = cells[0].score.variant or variant
+        shares = _places([cell for cell in cells if cell.row not in doubtful], queries, False)
+        fits, by_chance = sum(share.fits for share in shares), _fits_by_chance(shares)
+        misfits = len(shares) - fits
+        # One misprint of several values must not hide what all others are.
+        tolerated = max(len(shares) >= _FEWEST, int(len(shares) * _MOST_MISFITS))
+        luck = float(bdtrc(fits - 1, len(shares), by_chance / len(shares))) if fits else 1.0
+        if told == "precision" or (told is None and misfits <= tolerated and luck < _RARE):
+            found.add(name)
+    return found
+
+
+def _precisions(published: Published) -> dict[Key, list[PrintedValue]]:
+    cells = [c for c in published.cells if c.score.family is Family.AVERAGE_PRECISION]
+    return grouped(cells, score_of)
+
+
+def _places(
+    cells: Iterable[PrintedValue], queries: Mapping[Key, Queries], is_given: bool
+) -> list[Share]:
+    """Return values of one scene, whose number of queries is known, as shares of K places each."""
+    known = [(cell, queries[key_of(cell)]) for cell in cells if key_of(cell) in queries]
+    return [
+        Share(cell, n, cell.score.cutoff, n.is_given and is_given)
+        for cell, n in known
+        if not cell.is_summary
+    ]
+
+
+def _fits_by_chance(shares: Sequence[Share]) -> float:
+    """Return how many of shares would be a whole number by chance; of no positives at all, each."""
+    values = [share.cell.full * 10**share.cell.number.decimals for share in shares]
+    return sum(
+        float(_chance(np.array(share.total), n)) if share.cell.number.value else 1.0
+        for share, n in zip(shares, values, strict=True)
+    )
+
+
+def check_precision(
+    published: Published,
+    queries: Mapping[Key, Queries],
+    precise: Collection[Key],
+    variant: str | None,
+) -> Outcome:
+    """Find mean precisions that are no whole number of positives."""
+    shares, conclusions, scenes = [], [], 0
+    for name, cells in _precisions(published).items():
+        told = cells[0].score.variant or variant
+        own = _places(cells, queries, told is not None)
+        text = "it cannot be told which"
+        if name in precise or told:
+            what = "mean precision" if name in precise else f"that of {told}"
+            text = f"the definition is {what} ({'given' if told else 'concluded'})"
+        if own:
+            text += (
+                f"; {sum(share.fits for share in own)} of {len(own)} values in scenes are whole "
+                "numbers of positives, as mean precision must be, and by chance "
+                f"{_fits_by_chance(own):.1f} would be"
+            )
+        conclusions.append(Conclusion("AP", ", ".join(filter(None, name)), text))
+        shares += own if name in precise else []
+        scenes += sum(not cell.is_summary for cell in cells)
+    findings, cut = judge_shares("AP counts", shares)
+    unknown = scenes - len(shares)
+    left = f"{unknown} that are not mean precision, or of queries of unknown number"
+    none = "no average precision such as AP@5 is printed in a scene"
+    return Outcome(
+        "AP counts",
+        len(shares),
+        "mean precisions, whether each is a whole number of positives",
+        left if unknown else none * (not scenes),
+        tuple(findings),
+        (*conclusions, *cut),
+        tuple(share.cell for share in shares),
+    )
 
 
 def judge_shares(check: str, shares: Sequence[Share]) -> tuple[list[Finding], list[Conclusion]]:

@@ -5,14 +5,21 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 from scipy.optimize import linprog
 
-from airzoo_bench.audit.counts import Key, Queries, counted_share, decimal_text, key_of
+from airzoo_bench.audit.counts import (
+    Key,
+    Queries,
+    counted_share,
+    decimal_text,
+    key_of,
+    score_of,
+)
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.tables.printed import Family, Rounded, Span
@@ -60,7 +67,7 @@ class _Averaged:
 
 
 def check_averages(
-    published: Published, queries: Mapping[Key, Queries], variants: Mapping[Key, str]
+    published: Published, queries: Mapping[Key, Queries], precise: Collection[Key]
 ) -> Outcome:
     """Tell over what a table averages, and find the averages that the scenes do not give."""
     scenes: dict[tuple[str, ...], dict[str, dict[str, PrintedValue]]] = {}
@@ -76,7 +83,7 @@ def check_averages(
     compared: list[PrintedValue] = []
     tested = loose = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
-        made = [_averaged(cell, scenes, queries, variants) for cell in cells]
+        made = [_averaged(cell, scenes, queries, precise) for cell in cells]
         known = [average for average in made if average is not None]
         if not known:
             continue
@@ -120,13 +127,13 @@ def _averaged(
     cell: PrintedValue,
     scenes: Mapping[tuple[str, ...], Mapping[str, Mapping[str, PrintedValue]]],
     queries: Mapping[Key, Queries],
-    variants: Mapping[Key, str],
+    precise: Collection[Key],
 ) -> _Averaged | None:
     by_scene = scenes.get((*cell.group, cell.score.name), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
     if len(parts) < 2 or len(parts) < len(by_scene):
         return None
-    values = [_exact(part, queries, variants) for part in parts]
+    values = [_exact(part, queries, precise) for part in parts]
     counts = [queries[key_of(part)].number for part in parts if key_of(part) in queries]
     is_of_queries = cell.score.family in (Family.HITS, Family.AVERAGE_PRECISION)
     is_weighed = is_of_queries and len(counts) == len(parts)
@@ -142,12 +149,12 @@ def _averaged(
     )
 
 
-def _exact(cell: PrintedValue, queries: Mapping[Key, Queries], variants: Mapping[Key, str]) -> Span:
+def _exact(cell: PrintedValue, queries: Mapping[Key, Queries], precise: Collection[Key]) -> Span:
     """Return where the true value lies: at a count, where it is one and counts are known."""
     known = queries.get(key_of(cell))
     if known is not None and cell.score.family is Family.HITS:
         return counted_share(cell.number, known.number, cell.full)
-    if known is not None and variants.get((*cell.group, cell.score.name)) == "precision":
+    if known is not None and score_of(cell) in precise:
         return counted_share(cell.number, known.number * cell.score.cutoff, cell.full)
     return cell.number.span
 

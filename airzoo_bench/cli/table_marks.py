@@ -20,20 +20,7 @@ __all__ = ["in_digits", "marked"]
 
 
 def marked(made: Table, asked: TableRequest, results: Sequence[Result]) -> Table:
-    """Sort a table, mark its best values, and add gains and citations.
-
-    Parameters
-    ----------
-    made : Table
-    asked : TableRequest
-    results : sequence of Result
-        Whose scores may be sorted by; of a protocol without results, its own are.
-
-    Raises
-    ------
-    UsageError
-        The request names a score, row or method that the table has not.
-    """
+    """Sort a table, mark its best values, and add gains and citations."""
     from airzoo_bench.tables.marks import add_gains, highlight, mark_best, parse_baselines
 
     made = in_digits(_sorted(made, asked, results), asked)

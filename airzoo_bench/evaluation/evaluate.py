@@ -36,17 +36,7 @@ __all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "truth_fi
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A result, the records it was made from, and what figures need besides.
-
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query or cloud.
-    truths : list
-        Of each scene.
-    scored : dict
-        `Scored` scenes by id.
-    """
+    """A result, the records it was made from, and the truths and scored scenes that figures need."""
 
     result: Result
     records: pd.DataFrame

@@ -252,7 +252,7 @@ def rename(table: Table, given: Sequence[str]) -> Table:
 
 def _parse_name(text: str, known: Sequence[str]) -> tuple[str, str]:
     where, splits = f"--rename {text[:80]}", [(old, new.strip()) for old, new in _splits(text)]
-    if not splits or not all(new for _, new in splits):
+    if not splits:
         raise UsageError("there is no new name", where=where, expected="OLD=NEW")
     old, new = next((pair for pair in splits if pair[0] in known), splits[0])
     if old not in known:
@@ -261,6 +261,8 @@ def _parse_name(text: str, known: Sequence[str]) -> tuple[str, str]:
             where=where,
             expected="one of " + ", ".join(known[:30]),
         )
+    if not new:
+        raise UsageError("the new name is empty", where=where, expected="OLD=NEW")
     return old, new
 
 

@@ -38,26 +38,6 @@ class TestOrder:
         assert told(found, "order") == [("impossible", "order", "A", "recall@(5m,1deg)")]
 
 
-class TestMedian:
-    def made(self, median: str, recall: str, scene: str = "East") -> Rows:
-        scores = {"median error": median, "recall@5m": recall}
-        rows = rows_of({"A": {scene: scores}})
-        return [{**r, "unit": "m" if "median" in str(r["metric"]) else "%"} for r in rows]
-
-    @pytest.mark.parametrize(
-        ("median", "recall", "grade"),
-        [
-            ("5.02", "50.10", "impossible"),
-            ("9.00", "99.00", "impossible"),
-            # Unless queries that failed are left out of the median.
-            ("4.90", "49.00", "inconsistent"),
-        ],
-    )
-    def test_the_wrong_side(self, tmp_path: Path, median: str, recall: str, grade: str) -> None:
-        found = audited(tmp_path, self.made(median, recall))
-        assert told(found, "median") == [(grade, "median", "A", "median error")]
-
-
 class TestCounts:
     def test_given(self, tmp_path: Path) -> None:
         found = audited(tmp_path, row(R_1="96.21", R_5="96.23"), East=264)

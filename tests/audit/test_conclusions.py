@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.audit.findings import Audit
 from tests.audit.support import published, rows_of_wide, told
@@ -27,9 +25,6 @@ MegaLoc,Rural,27.37,58.42,70.00,24.74
 
 def test_one_bad_value_does_not_hide_the_definition(tmp_path: Path) -> None:
     assert not typed(tmp_path, RETRIEVAL).findings
-    found = typed(tmp_path, RETRIEVAL.replace("24.74", "12.47"))
-    assert ("inconsistent", "AP bounds", "MegaLoc", "AP@5") in told(found)
-    assert "14.00 to" in next(f.why for f in found.findings if f.check == "AP bounds")
     digit = typed(tmp_path, RETRIEVAL.replace("8.94", "8.98"), City=161, Rural=190)
     assert told(digit) == [("inconsistent", "AP counts", "MegaLoc", "AP@5")]
 
@@ -40,22 +35,6 @@ def test_nothing_is_concluded_from_an_impossible_row(tmp_path: Path) -> None:
     assert told(found) == [("impossible", "order", "B", "R@1")]
     (text,) = (c.text for c in found.conclusions if c.check == "AP")
     assert text.startswith("it cannot be told which")
-
-
-@pytest.mark.parametrize(
-    ("rows", "odd"),
-    [
-        ("A,0.1950,0.3882\nB,28.64,53.74\n", ["0.1950", "0.3882"]),
-        ("A,0.87,0.95\nB,87,95\nC,8.70,24.84\n", ["0.87", "0.95"]),
-        ("A,0.00,0.3882\nB,28.64,53.74\n", ["0.3882"]),
-        ("A,0.62,0.98\nB,28.64,53.74\n", []),
-        ("A,0.6,0.9\nB,28,53\n", []),
-        ("A,0.1950,1.3882\nB,28.64,53.74\n", []),
-    ],
-)
-def test_shares_among_percent(tmp_path: Path, rows: str, odd: list[str]) -> None:
-    found = typed(tmp_path, "method,R@1,R@5\n" + rows)
-    assert [f.cell.number.text for f in found.findings if f.check == "units"] == odd
 
 
 def test_scores_of_clouds_grow_with_the_distance(tmp_path: Path) -> None:

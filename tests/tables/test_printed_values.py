@@ -36,7 +36,7 @@ def test_the_simple_layout(tmp_path: Path) -> None:
 def test_units(tmp_path: Path) -> None:
     rows = [{**r, "unit": "share"} for r in row(R_1="0.5")]
     (cell,) = published(tmp_path, rows).cells
-    assert (cell.full, cell.share.low) == (1, cell.number.interval.low)
+    assert (cell.full, cell.share.low) == (1, cell.number.span.low)
 
 
 def test_a_byte_order_mark_and_quoted_names(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_a_byte_order_mark_and_quoted_names(tmp_path: Path) -> None:
 
 
 BAD = {
-    "empty": ("", ["'method'"]),
+    "empty": ("", ["method"]),
     "no rows": (HEAD, []),
     "only dashes": (HEAD + "A,East,R@1,-\n", []),
     "missing column": ("method,scene,value\nA,E,5\n", ["metric", "docs/audit.md"]),

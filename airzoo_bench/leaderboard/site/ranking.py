@@ -32,15 +32,9 @@ __all__ = ["Ranked", "check_alike", "headline_first", "rank", "rank_sealed"]
 
 @dataclass(frozen=True)
 class Ranked:
-    """One score of a table's methods, in their order.
+    """One score of a table's methods, in their order: rank ranges (V, 2), which two differ (V, V).
 
-    Attributes
-    ----------
-    ranges : (V, 2) int64
-    apart : (V, V) bool
-        Which two methods are significantly different.
-    pairs : Pairs or None
-        None of a sealed table, and of one method.
+    A sealed table, and one method, have no pairs.
     """
 
     ranges: NDArray[np.int64]
