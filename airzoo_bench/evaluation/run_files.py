@@ -14,7 +14,7 @@ from airzoo_bench.core.only_run import only_run
 from airzoo_bench.core.places import check_output_folder
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.results.records_csv import write_csv
+from airzoo_bench.results.records import write_csv
 from airzoo_bench.results.result import read_result, write_result
 from airzoo_bench.storage.mirror import cache_folder
 from airzoo_bench.storage.remote import find

@@ -8,37 +8,42 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import validation_message
-from airzoo_bench.results.provenance import (
-    Name,
-    PredictionsUsed,
-    ProtocolUsed,
-    ResultModel,
-    TruthUsed,
-)
 from airzoo_bench.results.scores import Score
 
 __all__ = [
     "SHARE_SLACK",
+    "PredictionsUsed",
+    "ProtocolUsed",
+    "ReaderUsed",
     "Reference",
     "Result",
     "ScoreColumn",
+    "TruthUsed",
     "read_result",
     "score_columns",
     "write_result",
 ]
 
-_ROUNDING = 1e-12  # of averages: sums depend on the order of what is added
 SHARE_SLACK = 1e-9
 """By how much rounding may lift a share above 1."""
 
@@ -52,6 +57,67 @@ def _refuse_nan(value: float) -> float:
 Value = Annotated[float, AfterValidator(_refuse_nan)]
 # The largest is that which JavaScript still counts with.
 Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
+
+
+def _make_printable(name: object) -> object:
+    """Replace what does not print: names of files may hold bytes that are no text."""
+    if not isinstance(name, str):
+        return name
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+
+
+Name = Annotated[str, BeforeValidator(_make_printable)]
+
+
+class ResultModel(BaseModel):
+    """Settings of all parts of a result."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, ser_json_inf_nan="strings", allow_inf_nan=True
+    )
+
+
+class ProtocolUsed(ResultModel):
+    """The protocol that a result was made with."""
+
+    name: str
+    version: int
+    fingerprint: str
+    settings: dict[str, Any]
+
+
+class TruthUsed(ResultModel):
+    """The truth that predictions were compared with."""
+
+    benchmark: str
+    version: int
+    fingerprint: str
+    scene_titles: dict[str, str]
+
+
+class ReaderUsed(ResultModel):
+    """What read a method's own files, and what it took to be so."""
+
+    name: Name
+    conventions: tuple[Name, ...]
+
+
+class PredictionsUsed(ResultModel):
+    """The predictions; the name is the file's, without its folder.
+
+    Files of the suite's own layout have no reader, and results of them no such key.
+    """
+
+    file: Name
+    sha256: str
+    kind: str
+    method: Name
+    reader: ReaderUsed | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_reader(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = write(self)
+        return fields if self.reader else {k: v for k, v in fields.items() if k != "reader"}
 
 
 class ScoreColumn(ResultModel):
@@ -119,7 +185,6 @@ class Result(ResultModel):
             raise ValueError("a scene has no count of queries")
         if "airzoo-bench" not in self.versions:
             raise ValueError("the version of airzoo-bench is not given")
-        _check_averages(self, self.columns)
         for name, reference in self.references.items():
             _check_reference(name, reference, columns, set(self.scenes))
         return self
@@ -165,24 +230,6 @@ def _check_reference(
         if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
             raise ValueError(f"scores of the reference {name!r} do not fit the columns")
         _check_ranges(part, columns)
-    _check_averages(reference, [columns[key] for key in reference.overall])
-
-
-def _check_averages(part: Result | Reference, columns: Collection[ScoreColumn]) -> None:
-    """Hold averages to the scenes that they are of, as far as these tell."""
-    for column in columns:
-        key = column.key
-        values = [scores[key] for scores in part.scenes.values()]
-        mean = sum(values) / len(values)
-        if not math.isclose(part.overall[key], mean, rel_tol=_ROUNDING):
-            raise ValueError(f"overall {key} is {part.overall[key]!r}, its scenes give {mean!r}")
-        low, high, pooled = min(values), max(values), part.pooled[key]
-        if isinstance(part, Result) and column.average == "mean":
-            numbers = [part.counts[scene]["queries"] for scene in part.scenes]
-            sums = (number * value for number, value in zip(numbers, values, strict=True))
-            low = high = sum(sums) / max(sum(numbers), 1)
-        if not low * (1 - _ROUNDING) <= pooled <= high * (1 + _ROUNDING):
-            raise ValueError(f"pooled {key} is {pooled!r}, its scenes give {low!r} to {high!r}")
 
 
 def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:

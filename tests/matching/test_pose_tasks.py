@@ -15,7 +15,7 @@ from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching import solving
 from airzoo_bench.matching.solving import PoseQueries, solve_queries
-from airzoo_bench.results.records_csv import csv_blocks
+from airzoo_bench.results.records import csv_blocks
 from tests.engines.scattered import Scattered
 from tests.matching.pose_support import SETTINGS, make_scene
 from tests.matching.world import World

@@ -10,13 +10,14 @@ import pytest
 from scipy import stats
 
 from airzoo_bench.statistics.intervals import bootstrap
-from airzoo_bench.statistics.resampling import (
+from airzoo_bench.statistics.samples import (
+    ResamplingConfig,
+    Sample,
     resample_counts,
     sign_flips,
     stream_key,
     weighted_averages,
 )
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import mcnemar, paired_permutation
 
 SIZES = (40, 61, 25)

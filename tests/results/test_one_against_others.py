@@ -7,14 +7,11 @@ from dataclasses import replace
 import pytest
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.results.comparable import choose_scores
 from airzoo_bench.results.comparison import compare
-from airzoo_bench.results.selection import choose_scores
-from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.tables.blocks import as_asked, by_count
-from airzoo_bench.tables.comparison_layout import comparison_table
-from airzoo_bench.tables.verdicts import verdict
+from airzoo_bench.tables.comparison import comparison_table, verdict
 from tests.statistics.support import ERROR, HIT, random_methods
-from tests.tables.comparisons import FAST, PAIR, against
+from tests.tables.comparisons import FAST
 
 
 class TestOfOne:
@@ -57,40 +54,6 @@ class TestOfOne:
             assert len(values) == 3
         assert len({row[3] for row in table.texts()}) == len(scores)
 
-    def test_words(self) -> None:
-        found = compare(
-            methods := random_methods(4, {"east": 60}, (HIT,)),
-            choose_scores(methods, []),
-            method="method02",
-            resampling=FAST,
-        )
-        sure, unsure = replace(PAIR, p_holm=0.01, wins=30), replace(PAIR, p_holm=0.3, wins=30)
-        changes = [
-            replace(sure, method="method02", reference="method00"),
-            replace(sure, method="method02", reference="method01", difference=-0.1),
-            replace(unsure, method="method02", reference="method03", interval=Interval(0, 1)),
-        ]
-        notes = comparison_table(replace(found, pairs=changes)).notes
-        assert notes[0] == (
-            "R@1 of method02: better than method00; worse than method01; unclear against method03"
-        )
-        equal = [replace(pair, difference=0.0, wins=0, losses=0) for pair in changes]
-        notes = comparison_table(replace(found, pairs=equal)).notes
-        assert notes[0] == "R@1 of method02: equal to method00, method01, method03"
-        doubtful = [replace(pair, interval=Interval(-1, 1)) for pair in changes]
-        notes = comparison_table(replace(found, pairs=doubtful)).notes
-        assert "R@1 against method00: better, but the interval holds 0" in notes
-        few = [replace(pair, wins=1, losses=1) for pair in changes]
-        assert "R@1: too few to tell; only 2 queries differ" in " ".join(
-            comparison_table(replace(found, pairs=few)).notes
-        )
-
-    def test_two_methods(self) -> None:
-        methods = random_methods(2, {"east": 60}, (HIT, ERROR))
-        scores = choose_scores(methods, [])
-        table = comparison_table(compare(methods, scores, method="method00", resampling=FAST))
-        assert table.title == "method00 against method01, all scenes, 60 queries"
-
     def test_what_p_is_corrected_for(self) -> None:
         methods = random_methods(4, {"east": 60}, (HIT,))
         scores = choose_scores(methods, [])
@@ -112,8 +75,3 @@ class TestOfOne:
             assert error.value.what.endswith("(did you mean 'MegaLoc (Ours)'?)")
         with pytest.raises(UsageError, match="exclude each other"):
             compare(methods, [HIT], resampling=FAST, method="method00", reference="method00")
-
-
-def test_a_pair_stands_in_one_line() -> None:
-    table = comparison_table(against(*random_methods(3, {"east": 60}, (HIT, ERROR))))
-    assert as_asked(table) == by_count(table) == [table]

@@ -12,14 +12,13 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.results.sampling import is_hit
 from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.comparison import comparison_table, disagreement, sentence, verdict
 from airzoo_bench.tables.render import render
-from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method
 from tests.tables.comparisons import FAST, PAIR, against
 

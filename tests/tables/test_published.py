@@ -9,10 +9,9 @@ import pytest
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.layouts import methods_layout
-from airzoo_bench.tables.method_table import MethodTable
+from airzoo_bench.tables.method_table import MethodTable, with_published
 from airzoo_bench.tables.published import published_sources, read_source
 from airzoo_bench.tables.render import render
-from airzoo_bench.tables.reported_rows import with_published
 
 SOURCE = """
 schema = 1
