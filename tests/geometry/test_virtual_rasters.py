@@ -12,7 +12,7 @@ import rasterio
 from rasterio.enums import Resampling
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.datasets.map_copies import copy_map
+from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry import raster_files
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import opened
