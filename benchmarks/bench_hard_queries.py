@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.solving import PoseProblem, PoseQueries, QueryPoses, solve_queries
 from tests.matching.pose_support import SETTINGS, make_scene
@@ -92,10 +92,10 @@ def joined_queries(scenes: Sequence[PoseProblem]) -> PoseQueries:
     )
 
 
-def timed(queries: PoseQueries, resources: Resources) -> tuple[float, QueryPoses]:
+def timed(queries: PoseQueries, run: Run) -> tuple[float, QueryPoses]:
     """Return wall seconds and answers."""
     begin = time.perf_counter()
-    found = solve_queries(queries, SETTINGS, resources)
+    found = solve_queries(queries, SETTINGS, run)
     return time.perf_counter() - begin, found
 
 
@@ -121,13 +121,13 @@ def run(queries: PoseQueries, workers: Sequence[int]) -> None:
     """Solve in every way and print."""
     print(f"  {'':40}{'tasks':>7}{'wall s':>9}   {'busy':24}{'outside':>8}")
     for count in workers:
-        wall, reference = timed(queries, Resources(jobs=count))
+        wall, reference = timed(queries, Run(jobs=count))
         print(f"  {f'this process, {count} threads':40}{1:7}{wall:9.2f}")
         with local_cluster(count, 2 << 30) as engine:
-            timed(queries[: 4 * count], Resources(engine=Watched(engine, 4 * count)))  # imports
+            timed(queries[: 4 * count], Run(engine=Watched(engine, 4 * count)))  # imports
             for label, blocks in (("tasks as cut", None), ("one block a worker", count)):
                 watched = Watched(engine, blocks)
-                wall, found = timed(queries, Resources(engine=watched))
+                wall, found = timed(queries, Run(engine=watched))
                 report(f"Dask, {count} workers, {label}", wall, watched, count)
                 if not same(found, reference):
                     raise SystemExit("other answers")
@@ -145,7 +145,7 @@ def main() -> None:
         if not last:
             is_hard = np.random.default_rng(0).permutation(is_hard)
         queries = make_queries(is_hard)
-        _, found = timed(queries, Resources())
+        _, found = timed(queries, Run())
         usual, slow = (np.median(found.seconds[some]) for some in (~is_hard, is_hard))
         place = "after all others" if last else "among the others"
         print(

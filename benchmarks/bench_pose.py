@@ -23,7 +23,7 @@ import rasterio
 from rasterio import Affine
 
 from airzoo_bench.benchmark.queries import query_table
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, world_to_pixel
@@ -174,8 +174,8 @@ def track(n_queries: int) -> None:
         bare = bare_calls(problems)
         ways: list[Callable[[], object]] = [
             bare,
-            lambda: score_scene(truth, predicted, protocol, Resources(jobs=1)),
-            lambda: score_scene(truth, predicted, protocol, Resources(jobs=2)),
+            lambda: score_scene(truth, predicted, protocol, Run(jobs=1)),
+            lambda: score_scene(truth, predicted, protocol, Run(jobs=2)),
         ]
         idle = idle_share()
         times = np.array([[seconds(way) for way in ways] for _ in range(ROUNDS)]).min(axis=0)

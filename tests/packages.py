@@ -16,9 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 _METADATA = "import setuptools.build_meta as b; b.build_sdist('dist')"
 
 
-def run_python(
-    *arguments: object, path: Path | None = None, cwd: Path = ROOT
-) -> tuple[int, str]:
+def run_python(*arguments: object, path: Path | None = None, cwd: Path = ROOT) -> tuple[int, str]:
     """Run Python with the checkout and a package on its path; return exit code and output."""
     places = [str(place) for place in (path, ROOT) if place is not None]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(places), "COLUMNS": "200"}

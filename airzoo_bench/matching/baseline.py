@@ -10,8 +10,8 @@ import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.core.progress import Headed
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
+from airzoo_bench.evaluation.queries import check_npz, write_predictions
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import to_lonlat
@@ -34,7 +34,7 @@ def predict(
     benchmark: Benchmark,
     settings: SiftSettings,
     out: Path,
-    resources: Resources,
+    run: Run,
     note: Callable[[str], None],
 ) -> None:
     """Match every query of a benchmark to its crop and write a prediction file."""
@@ -45,8 +45,8 @@ def predict(
         truth = read_truth(benchmark, scene.id)
         ids += truth.queries["id"].tolist()
         tasks = _tasks(benchmark, truth)
-        progress = Headed(scene.id, resources.progress)
-        matches += match_photos(tasks, settings, engine=resources.processes, progress=progress)
+        progress = Headed(scene.id, run.progress)
+        matches += match_photos(tasks, settings, engine=run.processes, progress=progress)
     offsets = np.concatenate([[0], np.cumsum([len(query_xy) for query_xy, _ in matches])])
     arrays = {
         "query_ids": np.array(ids, dtype=str),

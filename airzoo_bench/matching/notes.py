@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M
 from airzoo_bench.matching.conventions import suspect_inverted, suspect_turned
@@ -23,9 +25,7 @@ from airzoo_bench.matching.scoring import NEAR_DEG, NEAR_M, NOT_GIVEN, ScoredSce
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = ["lifting_notes", "plausibility_warnings", "scored_notes"]
-
-_Scene = tuple[MatchingTruth, ScenePredictions]
+__all__ = ["all_notes", "lifting_facts", "plausibility_warnings", "scored_facts"]
 
 # Pixels that all lie within this share of the photo are suspected, if there are enough of them.
 _ENOUGH_MATCHES, _MANY_MATCHES = 100, 2000
@@ -46,100 +46,97 @@ _DOUBTS = {
 
 
 def plausibility_warnings(
-    predictions: MatchingPredictions,
-    truths: Sequence[MatchingTruth],
-    scene_predictions: Sequence[ScenePredictions],
+    content: Correspondences | GivenPoses, truth: MatchingTruth, predicted: ScenePredictions
 ) -> list[str]:
-    """Return what `check` and `eval` both note, before any pose is solved."""
-    scenes = list(zip(truths, scene_predictions, strict=True))
+    """Return what `check` and `eval` both note of a scene, before any pose is solved."""
     return [
-        *_lattice_notes(predictions.content, truths),
-        *_scale_notes(scenes),
-        *_crop_notes(scenes),
-        *_inverted_notes(scenes),
-        *(f"scene {truth.scene}: {one.doubt}" for truth, one in scenes if one.doubt),
+        *_scale_notes(truth, predicted),
+        *_inverted_notes(truth, predicted),
+        *([f"scene {truth.scene}: {predicted.doubt}"] if predicted.doubt else []),
     ]
 
 
-def lifting_notes(
-    predictions: MatchingPredictions,
-    truths: Sequence[MatchingTruth],
-    scene_predictions: Sequence[ScenePredictions],
-    protocol: MatchingProtocol,
-    jobs: int,
-) -> list[str]:
-    """Return what `eval` will note of given poses or of lifting, without solving."""
-    given = [one for one in scene_predictions if one.poses is not None]
-    if given:
-        centres = [one.poses.centres for one in given if one.poses is not None]
-        lost = sum(
-            int((one.answered & np.isnan(there).any(axis=1)).sum())
-            for one, there in zip(given, centres, strict=True)
-        )
+def lifting_facts(
+    truth: MatchingTruth, predicted: ScenePredictions, protocol: MatchingProtocol, jobs: int
+) -> dict[str, Any]:
+    """Return those of `scored_facts` that are known of given poses or of lifting alone."""
+    facts: dict[str, Any] = {"outside_crop": _outside_crop(truth, predicted)}
+    if predicted.poses is not None:
+        centres = predicted.poses.centres
+        lost = int((predicted.answered & np.isnan(centres).any(axis=1)).sum())
         near = 0
         if protocol.prior.is_measured:
-            near = sum(
-                count_near(one.poses, truth.priors, NEAR_M, NEAR_DEG)
-                for truth, one in zip(truths, given, strict=True)
-                if one.poses is not None
-            )
-        return [
-            *_failed_notes({NOT_GIVEN: lost}),
-            *_far_notes(truths, centres, predictions),
-            *_prior_notes(near, truths),
-        ]
-    became = np.zeros(len(LiftStatus), np.int64)
+            near = count_near(predicted.poses, truth.priors, NEAR_M, NEAR_DEG)
+        return facts | {
+            "reasons": {NOT_GIVEN: lost} if lost else {},
+            "near_prior": near,
+            **_far_facts(centres, truth),
+        }
+    _, status = lifted_points(truth, predicted, protocol.lift, jobs)
     blind = beyond = 0
-    for truth, predicted in zip(truths, scene_predictions, strict=True):
-        _, status = lifted_points(truth, predicted, protocol.lift, jobs)
-        for part in predicted.parts():
-            counts = np.bincount(status[part], minlength=len(LiftStatus))
-            blind += int(counts[LiftStatus.LIFTED] == 0 < counts[LiftStatus.NO_HEIGHT])
-            beyond += max(0, int(counts[LiftStatus.LIFTED]) - protocol.solver.max_matches)
-            became += counts
-    dropped = {why: int(became[status]) for status, why in _NOT_LIFTED.items()}
-    return _count_notes(int(became.sum()), dropped, blind, beyond)
+    for part in predicted.parts():
+        counts = np.bincount(status[part], minlength=len(LiftStatus))
+        blind += int(counts[LiftStatus.LIFTED] == 0 < counts[LiftStatus.NO_HEIGHT])
+        beyond += max(0, int(counts[LiftStatus.LIFTED]) - protocol.solver.max_matches)
+    lost_by = {one.name.lower(): int((status == one).sum()) for one in _NOT_LIFTED}
+    return facts | {"matches": len(status), "blind": blind, "beyond_limit": beyond, **lost_by}
 
 
-def scored_notes(
-    predictions: MatchingPredictions,
-    truths: Sequence[MatchingTruth],
-    scored: Sequence[ScoredScene],
+def scored_facts(
+    found: ScoredScene, truth: MatchingTruth, predicted: ScenePredictions
+) -> dict[str, Any]:
+    """Return what `all_notes` needs of a scene whose poses are solved, and the times it took."""
+    records, blind = found.records, 0
+    if "lifted" in records.columns:
+        blind = int(((records["no_height"] > 0) & (records["lifted"] == 0)).sum())
+    failed = records["status"][records["failed"] & records["answered"]]
+    return {
+        "outside_crop": _outside_crop(truth, predicted),
+        "reasons": {str(why): int(n) for why, n in failed.value_counts().sort_index().items()},
+        "blind": blind,
+        **found.counts,
+        **_far_facts(found.centres, truth),
+        "seconds": np.round(found.seconds, 6).tolist(),
+    }
+
+
+def _far_facts(centres: Floats, truth: MatchingTruth) -> dict[str, int]:
+    offsets = centres - truth.priors.centres
+    with np.errstate(over="ignore"):
+        far = int((np.linalg.norm(offsets, axis=1) > _FAR_M).sum())
+    return {"far": far, "posed": int((~np.isnan(offsets).any(axis=1)).sum())}
+
+
+def all_notes(
+    predictions: MatchingPredictions, truths: Sequence[MatchingTruth], scored: Sequence[Scored]
 ) -> list[str]:
-    """Return what is known once poses are solved: failures, lost matches, poses far away."""
-    kind = predictions.content.kind
-    reasons: Counter[str] = Counter()
+    """Return what there is to say of all scenes: failures, lost matches, poses far away."""
     sums: Counter[str] = Counter()
-    blind = 0
+    reasons: Counter[str] = Counter()
     for scene in scored:
-        records = scene.records
-        reasons.update(records["status"][records["failed"] & records["answered"]])
-        sums.update(scene.counts)
-        if "lifted" in records.columns:
-            blind += int(((records["no_height"] > 0) & (records["lifted"] == 0)).sum())
+        sums.update({key: n for key, n in scene.facts.items() if isinstance(n, int)})
+        reasons.update(scene.facts.get("reasons", {}))
     dropped = {why: sums[status.name.lower()] for status, why in _NOT_LIFTED.items()}
+    outside = counted(sums["outside_crop"], "map pixel lies", "map pixels lie")
     return [
-        f"scored from {kind}",
+        *([f"scored from {predictions.content.kind}"] if "seconds" in scored[0].facts else []),
         *_failed_notes(dict(sorted(reasons.items()))),
-        *_count_notes(sums["matches"], dropped, blind, sums["beyond_limit"]),
-        *_far_notes(truths, [scene.centres for scene in scored], predictions),
+        *_count_notes(sums["matches"], dropped, sums["blind"], sums["beyond_limit"]),
+        *_far_notes(sums["far"], sums["posed"], predictions),
         *_prior_notes(sums["near_prior"], truths),
+        *_lattice_notes(predictions.content, truths),
+        *([f"{outside} outside the query's crop"] if sums["outside_crop"] else []),
     ]
 
 
-def _far_notes(
-    truths: Sequence[MatchingTruth], centres: Sequence[Floats], predictions: MatchingPredictions
-) -> list[str]:
+def _far_notes(far: int, posed: int, predictions: MatchingPredictions) -> list[str]:
     """Suspect another frame or convention where poses lie beyond any GPS error."""
-    offsets = np.concatenate([c - t.priors.centres for t, c in zip(truths, centres, strict=True)])
-    with np.errstate(over="ignore"):
-        far = int((np.linalg.norm(offsets, axis=1) > _FAR_M).sum())
     if not far:
         return []
     content = predictions.content
     centred = isinstance(content, GivenPoses) and content.centred
     return [
-        f"{far:,} of {counted(int((~np.isnan(offsets).any(axis=1)).sum()), 'pose')} "
+        f"{far:,} of {counted(posed, 'pose')} "
         f"{agreeing(far, 'lies', 'lie')} more than {_FAR_M:,g} m from the "
         f"photo's GPS position: {_DOUBTS['centres' if centred else content.kind]}"
     ]
@@ -198,44 +195,34 @@ def _lattice_notes(
     ]
 
 
-def _inverted_notes(scenes: Sequence[_Scene]) -> list[str]:
-    notes = []
-    for truth, predicted in scenes:
-        if predicted.poses is not None:
-            found = np.isfinite(predicted.poses.centres).all(axis=1)
-            given, priors = predicted.poses.take(found), truth.priors.take(found)
-            said = suspect_turned(given, priors) or suspect_inverted(given, priors)
-            notes += [f"scene {truth.scene}: {said}"] if said else []
-    return notes
+def _inverted_notes(truth: MatchingTruth, predicted: ScenePredictions) -> list[str]:
+    if predicted.poses is None:
+        return []
+    found = np.isfinite(predicted.poses.centres).all(axis=1)
+    given, priors = predicted.poses.take(found), truth.priors.take(found)
+    said = suspect_turned(given, priors) or suspect_inverted(given, priors)
+    return [f"scene {truth.scene}: {said}"] if said else []
 
 
-def _crop_notes(scenes: Sequence[_Scene]) -> list[str]:
+def _outside_crop(truth: MatchingTruth, predicted: ScenePredictions) -> int:
     """Count matches that the query's crop could not have given."""
-    outside = 0
-    for truth, predicted in scenes:
-        if predicted.map_xy is not None:
-            crop = np.repeat(truth.crops, np.diff(predicted.offsets), axis=0)
-            local = predicted.map_xy - crop[:, :2]
-            outside += int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
-    lying = counted(outside, "map pixel lies", "map pixels lie")
-    return [f"{lying} outside the query's crop"] if outside else []
+    if predicted.map_xy is None:
+        return 0
+    crop = np.repeat(truth.crops, np.diff(predicted.offsets), axis=0)
+    local = predicted.map_xy - crop[:, :2]
+    return int(((local < -1) | (local > crop[:, 2:] + 1)).any(axis=1).sum())
 
 
-def _scale_notes(scenes: Sequence[_Scene]) -> list[str]:
+def _scale_notes(truth: MatchingTruth, predicted: ScenePredictions) -> list[str]:
     """Suspect pixels of a smaller image: they would all lie in a corner of the photos."""
-    notes = []
-    for truth, predicted in scenes:
-        count = len(predicted.query_xy)
-        if count < _ENOUGH_MATCHES:
-            continue
-        size = np.stack([truth.cameras.width, truth.cameras.height], axis=1)
-        reach = (predicted.query_xy / np.repeat(size, np.diff(predicted.offsets), axis=0)).max(
-            axis=0
-        )
-        if (reach < (_CORNER if count < _MANY_MATCHES else _CORNER_OF_MANY)).all():
-            notes.append(
-                f"scene {truth.scene}: no match lies beyond {reach[0]:.0%} of the photos' width "
-                f"and {reach[1]:.0%} of their height: are the matches in the size of a smaller "
-                "image?"
-            )
-    return notes
+    count = len(predicted.query_xy)
+    if count < _ENOUGH_MATCHES:
+        return []
+    size = np.stack([truth.cameras.width, truth.cameras.height], axis=1)
+    reach = (predicted.query_xy / np.repeat(size, np.diff(predicted.offsets), axis=0)).max(axis=0)
+    if not (reach < (_CORNER if count < _MANY_MATCHES else _CORNER_OF_MANY)).all():
+        return []
+    return [
+        f"scene {truth.scene}: no match lies beyond {reach[0]:.0%} of the photos' width "
+        f"and {reach[1]:.0%} of their height: are the matches in the size of a smaller image?"
+    ]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
+from airzoo_bench.evaluation.queries import QueryPredictions, errors_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m

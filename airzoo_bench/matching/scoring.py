@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.progress import Headed
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.lifting import LiftStatus, lift
@@ -77,14 +77,14 @@ def score_scene(
     truth: MatchingTruth,
     predicted: ScenePredictions,
     protocol: MatchingProtocol,
-    resources: Resources,
+    run: Run,
 ) -> ScoredScene:
     """Score every query of a scene."""
     of_matches: dict[str, Ints] = {}
     if predicted.poses is not None:
         found = _given_poses(predicted.poses)
     else:
-        found, of_matches = _solve(truth, predicted, protocol, resources)
+        found, of_matches = _solve(truth, predicted, protocol, run)
     records = _records(truth, predicted.answered, found, of_matches, protocol.scores)
     counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
     if protocol.prior.is_measured:
@@ -150,11 +150,11 @@ def _solve(
     truth: MatchingTruth,
     predicted: ScenePredictions,
     protocol: MatchingProtocol,
-    resources: Resources,
+    run: Run,
 ) -> tuple[QueryPoses, dict[str, Ints]]:
     """Lift matches and solve for poses; return these, and counts of each query's matches."""
     solver = protocol.solver
-    points, status = lifted_points(truth, predicted, protocol.lift, resources.jobs)
+    points, status = lifted_points(truth, predicted, protocol.lift, run.jobs)
     given = np.diff(predicted.offsets)
     lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
     queries = PoseQueries(
@@ -165,8 +165,8 @@ def _solve(
         points[lifted],
     )
     settings: Any = solver.model_dump(exclude={"name", "least_matches"}) | {"solver": solver.name}
-    progress = Headed(truth.scene, resources.progress)
-    found = solve_queries(queries, settings, replace(resources, progress=progress))
+    progress = Headed(truth.scene, run.progress)
+    found = solve_queries(queries, settings, replace(run, progress=progress))
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = found.inliers
     counts = {"matches": given}

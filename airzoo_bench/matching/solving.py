@@ -26,7 +26,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 
@@ -252,16 +252,16 @@ def solve_poses(
     return list(progress(_map_in_threads(solve, problems, jobs), "poses", len(problems)))
 
 
-def solve_queries(queries: PoseQueries, settings: PoseSettings, resources: Resources) -> QueryPoses:
+def solve_queries(queries: PoseQueries, settings: PoseSettings, run: Run) -> QueryPoses:
     """Solve for the poses of queries in blocks, wherever the engine has it done."""
-    size = _queries_a_task(len(queries), resources.jobs)
-    blocks = [queries[cut] for cut in resources.engine.cut(len(queries), size)]
+    size = _queries_a_task(len(queries), run.jobs)
+    blocks = [queries[cut] for cut in run.engine.cut(len(queries), size)]
     # Where all is one task, it shows how far it is; tasks are shown by the engine.
-    progress = resources.progress if len(blocks) == 1 else silent
-    found = resources.engine.map(
+    progress = run.progress if len(blocks) == 1 else silent
+    found = run.engine.map(
         _solve_block,
         blocks,
-        shared=(settings, resources.jobs, progress),
+        shared=(settings, run.jobs, progress),
         stage="blocks of queries",
         name=lambda block: block.name,
     )

@@ -13,7 +13,7 @@ from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import change_of_plane
@@ -142,9 +142,7 @@ def draw_queries_on_map(
 _LONG_SIDE_PX = 1200
 
 
-def draw_figures(
-    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
-) -> Iterator[str]:
+def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
     """Draw error curves of all scenes; for each scene a map, and the matches of every query."""
     if not wanted or out is None:
         return
@@ -153,15 +151,15 @@ def draw_figures(
     limits = protocol.scores.translation_below_m
     save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
     drawn, benchmark = 1, evaluation.benchmark
-    for truth, predicted in zip(evaluation.truths, evaluation.scene_predictions, strict=True):
-        scored = evaluation.scored[truth.scene]
+    for truth in evaluation.truths:
+        predicted, scored = evaluation.scored[truth.scene].details
         if truth.scene_map is not None:
             path = folder / f"{truth.scene}_map.png"
             _draw_map(truth, truth.scene_map, scored, titles[truth.scene], path)
             drawn += 1
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
         rows = range(len(truth.queries) if predicted.map_xy is not None else 0)
-        for row in resources.progress(rows, "pictures", len(rows)):
+        for row in run.progress(rows, "pictures", len(rows)):
             _draw_query(truth, predicted, scored, row, images, folder)
         drawn += len(rows)
     yield f"drew {drawn} pictures into {folder}"

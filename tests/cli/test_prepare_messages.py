@@ -13,7 +13,7 @@ import pytest
 
 from airzoo_bench.cli import common
 from airzoo_bench.core.progress import told
-from airzoo_bench.datasets import prepare
+from airzoo_bench.datasets import prepare as scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.track import Run
 from tests.matching.world import (
     World,
 )
@@ -16,7 +17,7 @@ from tests.matching.world import (
 
 def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
     path = world.write(folder / "method.npz", fields)
-    return evaluate(path, track="matching", data=world.root)
+    return evaluate(path, track="matching", data=world.root, run=Run(keep=True))
 
 
 def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:

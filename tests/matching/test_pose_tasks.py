@@ -12,7 +12,7 @@ import pytest
 
 from airzoo_bench.engines.engine import HERE
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching import solving
 from airzoo_bench.matching.solving import PoseQueries, solve_queries
 from airzoo_bench.results.records_csv import csv_blocks
@@ -60,7 +60,7 @@ def predictions(world: World, tmp_path: Path) -> Path:
 
 
 def evaluated(world: World, predictions: Path, **resources: Any) -> Evaluation:
-    return evaluate(predictions, data=world.root, resources=Resources(**resources))
+    return evaluate(predictions, data=world.root, run=Run(keep=True, **resources))
 
 
 def csv_of(evaluation: Evaluation) -> bytes:
@@ -81,8 +81,8 @@ def test_records_do_not_depend_on_the_cut(
     there = evaluated(world, predictions, engine=cut)
     assert csv_of(there) == csv_of(here)
     assert {"solved", "too few matches"} <= set(here.records["status"])
-    for name, scene in here.scored.items():
-        other = there.scored[name]
+    for name, whole in here.scored.items():
+        scene, other = whole.details[1], there.scored[name].details[1]
         assert np.array_equal(other.centres, scene.centres, equal_nan=True)
         assert list(map(len, scene.inliers)) == here.records["matches"].tolist()
         for mine, theirs in zip(scene.inliers, other.inliers, strict=True):
@@ -110,7 +110,7 @@ def test_a_scene_without_queries() -> None:
     nothing = np.zeros(1, np.int64), np.zeros((0, 2)), np.zeros((0, 3))
     none = PoseQueries("scene a", cameras, *nothing)
     for engine in (HERE, Scattered()):
-        found = solve_queries(none, SETTINGS, Resources(engine=engine))
+        found = solve_queries(none, SETTINGS, Run(engine=engine))
         assert found.rotations.shape == (0, 3, 3)
         assert found.status == []
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,8 @@ import pandas as pd
 import pytest
 from rasterio import Affine
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import match_scene
 from airzoo_bench.matching.scoring import ScoredScene, score_scene
@@ -52,32 +49,6 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
 
 
-class Careless(SceneStore):
-    """Somebody grids the surface model anew when its checksum has been taken."""
-
-    def __init__(self, dsm: Path) -> None:
-        super().__init__(dsm.with_suffix(".kept"))
-        self.dsm, self.forgotten = dsm, False
-
-    def begin(self, run: str) -> None:
-        os.utime(self.dsm, ns=(0, 0))
-
-    def remove(self) -> None:
-        self.forgotten = True
-
-
-def test_no_result_is_made_of_a_surface_model_that_changes(world: World, tmp_path: Path) -> None:
-    """The truth that it states would not be that which it was scored by."""
-    path = world.write(tmp_path / "method.npz", world.matches())
-    dsm = world.truth.maps[0].dsm
-    store = Careless(dsm)
-    with pytest.raises(BenchmarkError, match="changed while predictions were scored") as caught:
-        evaluate(path, track="matching", data=world.root, resources=Resources(scenes=store))
-    assert dsm.name in str(caught.value)
-    assert store.forgotten
-    evaluate(path, track="matching", data=world.root)
-
-
 def _fingerprint(world: World, folder: Path) -> str:
     return evaluated(world, folder, world.poses()).result.truth.fingerprint
 
@@ -108,8 +79,14 @@ def test_failures_stay_in_median_and_denominator(
         assert np.isposinf(rows[column][:3]).all()
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
     assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
-    assert np.isnan(run.scored["hills"].centres[:3]).all()
-    assert [int(inliers.sum()) for inliers in run.scored["hills"].inliers] == [0, 0, 0, 60, 60]
+    assert np.isnan(run.scored["hills"].details[1].centres[:3]).all()
+    assert [int(inliers.sum()) for inliers in run.scored["hills"].details[1].inliers] == [
+        0,
+        0,
+        0,
+        60,
+        60,
+    ]
     for values in (result.scenes["hills"], result.overall, result.pooled):
         assert values["error_m"] == np.inf
         assert values["within_20m"] == values["within_1m_1deg"] == 0.4
@@ -143,8 +120,9 @@ def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
     for xy in map_xy:
         xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
     run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
+    found = run.scored["hills"].details[1]
     assert run.records["error_m"].max() < 1e-6
-    for inliers in run.scored["hills"].inliers:
+    for inliers in found.inliers:
         assert inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
 
 
@@ -157,7 +135,7 @@ def on_surface(
     truth = replace(world.truth, maps=(replace(world.truth.maps[0], dsm=dsm),))
     read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
     predicted = match_scene(read, truth, np.arange(N_QUERIES), world.protocol.scores)
-    return score_scene(truth, predicted, world.protocol, Resources())
+    return score_scene(truth, predicted, world.protocol, Run())
 
 
 def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ from airzoo_bench.geometry.rasters import opened
 __all__ = [
     "FLOATING_BELOW",
     "MEDIAN_BELOW",
+    "OCCLUSION",
     "DepthConsistency",
     "Frame",
     "check_depth_consistency",

@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
-from airzoo_bench.datasets.metadata import PhotoPrior, read_dji_texts
 from airzoo_bench.datasets.lenses import (
     are_alike,
     cameras_of_lenses,
@@ -21,6 +20,7 @@ from airzoo_bench.datasets.lenses import (
     lens_of,
     read_camera_file,
 )
+from airzoo_bench.datasets.metadata import PhotoPrior, read_dji_texts
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.frames import geodesic_distance_m

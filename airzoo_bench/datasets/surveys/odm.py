@@ -30,8 +30,8 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.lenses import Lens, cameras_of_lenses
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.surface import grid_surface
 from airzoo_bench.datasets.surveys.survey import FoundPhotos, Survey, SurveyOptions, posed_scene
 from airzoo_bench.datasets.tables import match_names

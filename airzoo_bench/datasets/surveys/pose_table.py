@@ -18,9 +18,8 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.about import about_of
-from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
+from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.lenses import (
     LENS_KEYS,
     cameras_of_lenses,
@@ -28,6 +27,7 @@ from airzoo_bench.datasets.lenses import (
     lens_of,
     read_camera_file,
 )
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import (
     FoundPhotos,
     Survey,
