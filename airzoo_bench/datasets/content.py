@@ -29,13 +29,16 @@ from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, often_lowest, sce
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.blocks import HeightSurvey, median_height, survey_heights
-from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, horizontal_crs, same_plane
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.heightfield import metres_of
-from airzoo_bench.geometry.map_pixels import to_map_pixels
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
-from airzoo_bench.geometry.units import check_true_metres
+from airzoo_bench.geometry.crs import (
+    LOCAL_CRS,
+    check_true_metres,
+    describe_crs,
+    horizontal_crs,
+    same_plane,
+    to_lonlat,
+)
+from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, metres_of, survey_heights
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened, to_map_pixels
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.prepare import grouped_reasons
 from airzoo_bench.retrieval.settings import Gallery, StatedTruth

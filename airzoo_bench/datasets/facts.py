@@ -20,16 +20,18 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.metadata import PhotoPrior
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.blocks import HeightSurvey, blocked_heights
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
-from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.frames import from_lonlat, geodesic_distance_m, to_lonlat
-from airzoo_bench.geometry.map_pixels import to_map_pixels
-from airzoo_bench.geometry.missing_heights import nearest_heights
-from airzoo_bench.geometry.poses import rays_to_world
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, pixel_to_world
-from airzoo_bench.geometry.rays import intersect_plane
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.crs import LOCAL_CRS, from_lonlat, geodesic_distance_m, to_lonlat
+from airzoo_bench.geometry.heightfield import HeightSurvey, blocked_heights
+from airzoo_bench.geometry.poses import rays_to_world, rotation_angle_deg
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    gsd_m,
+    open_info,
+    pixel_to_world,
+    to_map_pixels,
+)
+from airzoo_bench.geometry.rays import intersect_plane, nearest_heights
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 

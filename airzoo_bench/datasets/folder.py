@@ -25,14 +25,13 @@ from airzoo_bench.datasets.facts import fact_lines
 from airzoo_bench.datasets.scene_warnings import scene_warnings
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
-from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
-from airzoo_bench.geometry.virtual_rasters import (
-    is_virtual,
+from airzoo_bench.geometry.raster_files import (
     place_source,
+    raster_sha256,
     source_elements,
     source_of,
 )
+from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
 from airzoo_bench.matching.crops import write_crop
 from airzoo_bench.matching.maps import own_map
 from airzoo_bench.matching.truth import MatchingTruth
@@ -165,7 +164,7 @@ def _copy(source: Path, target: Path) -> None:
 def copy_map(source: Path, target: Path) -> None:
     """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster."""
     with opened(source) as dataset:
-        files, virtual = [Path(name) for name in dataset.files], is_virtual(dataset)
+        files, virtual = [Path(name) for name in dataset.files], dataset.driver == "VRT"
     _copy(source, target)
     for file in files:
         if file != source and file.parent == source.parent and file.stem.startswith(source.stem):

@@ -11,10 +11,14 @@ from pyproj import CRS
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.datasets.metadata import PhotoPrior
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.units import vertical_m
-from airzoo_bench.geometry.vertical import changed_heights, heights_crs, stated_heights_crs
+from airzoo_bench.geometry.vertical import (
+    changed_heights,
+    heights_crs,
+    stated_heights_crs,
+    vertical_m,
+)
 
 __all__ = ["surface_altitudes", "surface_centres"]
 
@@ -109,12 +113,12 @@ def _changed(
     if source.equals(surface):
         return heights_m, ()
     try:
-        changed = changed_heights(heights_m, lonlat, source, surface)
+        changed, operation = changed_heights(heights_m, lonlat, source, surface)
     except UserError as error:
         raise error.inside(option) from error
-    by = changed.heights_m - heights_m
+    by = changed - heights_m
     by = by[np.isfinite(by)]
     if not (np.abs(by) > _SAME_M).any():
         return heights_m, ()
     note = f"{what} are converted to the surface model's, by {float(np.median(by)):+.2f} m (median)"
-    return changed.heights_m, (f"{note}, by PROJ's {changed.operation}",)
+    return changed, (f"{note}, by PROJ's {operation}",)

@@ -24,11 +24,13 @@ from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
-from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import (
+    describe_crs,
+    from_lonlat,
+    grid_convergence_deg,
+    horizontal_crs,
+)
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 
 __all__ = [
     "PRIOR_VALUES",

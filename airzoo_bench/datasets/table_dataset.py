@@ -18,9 +18,8 @@ from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import match_names, read_table
-from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
+from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.units import grid_convergence_deg
 from airzoo_bench.protocol.lookup import load_protocol
 
 __all__ = ["TableDataset"]

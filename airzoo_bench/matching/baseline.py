@@ -14,10 +14,9 @@ from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
+from airzoo_bench.geometry.crs import LONLAT_CRS, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, to_map_pixels
 from airzoo_bench.matching.baseline_settings import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.sift import Task, match_photos

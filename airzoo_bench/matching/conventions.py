@@ -9,11 +9,12 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import project
-from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.geometry.rotations import (
+from airzoo_bench.geometry.poses import (
+    Poses,
     matrix_to_quaternion,
     quaternion_to_matrix,
     rotation_angle_deg,
+    world_to_camera,
 )
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.truth import MatchingTruth

@@ -19,9 +19,9 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.crops import CropStatus, crop_windows
 from airzoo_bench.matching.maps import ReferenceMap, own_map
 from airzoo_bench.matching.settings import Crop, Prior

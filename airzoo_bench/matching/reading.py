@@ -13,9 +13,8 @@ from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.queries import Fields, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import FARTHEST, Poses
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
-from airzoo_bench.geometry.rotations import check_rotations
 from airzoo_bench.matching.pose_list import NO_POSE, read_pose_list, refused_in
 from airzoo_bench.matching.predictions import Correspondences, GivenPoses, MatchingPredictions
 

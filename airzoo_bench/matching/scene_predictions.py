@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 from airzoo_bench.geometry.rasters import gsd_m
-from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.conventions import (
     refuse_other_conventions,
     suspect_heights,

@@ -21,7 +21,7 @@ from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.colours import read_rgb
+from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.geometry.sift import Descriptors, Grey, extract, mutual_nearest
 from airzoo_bench.matching.baseline_settings import SiftSettings
 

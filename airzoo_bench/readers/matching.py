@@ -87,9 +87,8 @@ def posed(
 def _content(given: NamedPoses, path: Path) -> GivenPoses:
     import numpy as np
 
-    from airzoo_bench.geometry.poses import Poses
+    from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
     from airzoo_bench.geometry.precision import centre_errors_m, pose_errors_m
-    from airzoo_bench.geometry.rotations import quaternion_to_matrix
     from airzoo_bench.matching.pose_list import NO_POSE, refused_in
     from airzoo_bench.matching.predictions import GivenPoses
 
@@ -140,7 +139,7 @@ def _map_centre(reference: ReferenceMap) -> Floats:
     """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
     import numpy as np
 
-    from airzoo_bench.geometry.frames import change_of_plane
+    from airzoo_bench.geometry.crs import change_of_plane
     from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 
     dom = reference.dom

@@ -10,7 +10,7 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from tests.packages import ROOT, install, run_python
 from tests.support import NORTH_WEST, PLACE_CRS, make_place
 

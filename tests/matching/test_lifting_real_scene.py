@@ -7,10 +7,9 @@ import numpy as np
 from PIL import Image
 
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
-from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
-from airzoo_bench.geometry.rasters import open_info, world_to_pixel
+from airzoo_bench.geometry.rasters import open_info, read_rgb, world_to_pixel
 from airzoo_bench.geometry.rays import intersect_heightfield
 from airzoo_bench.matching.lifting import lift
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from airzoo_bench.matching.notes import plausibility_warnings
 from airzoo_bench.matching.reading import read_matching
 from airzoo_bench.matching.scene_predictions import match_scene

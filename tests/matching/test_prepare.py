@@ -11,7 +11,7 @@ import pytest
 
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, SceneInputs, poses_of
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.rotations import (
+from airzoo_bench.geometry.poses import (
     angles_to_rotations,
     matrix_to_quaternion,
     rotations_to_angles,

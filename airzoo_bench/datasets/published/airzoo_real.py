@@ -63,11 +63,10 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
-from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.retrieval.settings import RetrievalProtocol

@@ -23,7 +23,7 @@ from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.stated_truth import ImageSet, pairs_of_labels
 

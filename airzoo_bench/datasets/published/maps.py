@@ -19,8 +19,7 @@ from airzoo_bench.core.files import atomic_write, fingerprint
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.geometry.arrays import Ints
-from airzoo_bench.geometry.blocks import small_cache
-from airzoo_bench.geometry.heightfield import height_type, read_heights
+from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
 from airzoo_bench.geometry.rasters import opened, pixel_to_world, world_to_pixel
 
 __all__ = [

@@ -36,11 +36,9 @@ from airzoo_bench.datasets.tables import read_table
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
-from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["UAV_VISLOC", "UavVisLocOptions"]
 

@@ -29,8 +29,8 @@ from airzoo_bench.datasets.surveys.survey import (
 )
 from airzoo_bench.datasets.tables import match_names, read_matrix, read_native_text
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.rotations import check_rotations
+from airzoo_bench.geometry.crs import from_lonlat
+from airzoo_bench.geometry.poses import check_rotations
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
 from airzoo_bench.reconstruction.alignment.cameras import align
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity

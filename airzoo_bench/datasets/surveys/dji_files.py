@@ -23,8 +23,8 @@ from airzoo_bench.datasets.lenses import (
 from airzoo_bench.datasets.metadata import PhotoPrior, read_dji_texts
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import geodesic_distance_m
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
+from airzoo_bench.geometry.crs import geodesic_distance_m
+from airzoo_bench.geometry.poses import angles_to_rotations, rotation_angle_deg
 
 __all__ = [
     "FIXED",

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 import rasterio
 from affine import Affine
-from airzoo_bench.datasets.published.uav_visloc import UavVisLocOptions
 from numpy.typing import NDArray
 from PIL import Image
 from pyproj import Geod
 
 from airzoo_bench.core.progress import silent
-from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
+from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOptions
 from airzoo_bench.datasets.scenes import NativeScene
 
 PIXEL_DEG = 360 / 2**27
