@@ -23,7 +23,7 @@ from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from tests.datasets.parts import hold_crops, hold_tiles
-from tests.reconstruction.shard_support import write_parquet
+from tests.reconstruction.shard_support import write_laz
 from tests.support import (
     NORTH_WEST,
     PLACE_CRS,
@@ -236,9 +236,9 @@ def test_a_true_cloud_in_shards_makes_truth_for_reconstruction(tmp_path: Path) -
     centres = np.array([image["center"] for image in images])
     points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0)
     for number, part in enumerate(np.array_split(points, 3)):
-        write_parquet(cloud / f"{number}.parquet", part)
+        write_laz(cloud / f"{number}.laz", part)
     result = prepared(place, tmp_path / "park", cloud=cloud, copy=True)
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4
-    assert shards_in(truth.cloud) == [truth.cloud / f"{number}.parquet" for number in range(3)]
+    assert shards_in(truth.cloud) == [truth.cloud / f"{number}.laz" for number in range(3)]
