@@ -17,7 +17,7 @@ import rasterio
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.datasets.dataset import PrepareSettings
+from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.frames import IMAGE_SUFFIX, FrameList, render_frames
 from airzoo_bench.datasets.mini.prepare import SURVEY, Photos, mini_photos, seen_surface
@@ -25,7 +25,7 @@ from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, World
-from airzoo_bench.datasets.scene_content import SceneContent
+from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.rasters import open_info

@@ -39,9 +39,9 @@ class BuiltGroup(LightGroup):
     def command_of(self, thing: Any) -> tuple[Callable[..., None], *tuple[str, ...]]:
         """Return the function of a thing's subcommand, and its examples."""
 
-    def summary_of(self, thing: Any) -> str:
-        """Return what the list of subcommands says of a thing's."""
-        summary: str = thing.summary
+    def summary_of(self, name: str) -> str:
+        """Return the line of the list of subcommands."""
+        summary: str = self.registry.get(name).summary
         return summary
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -84,10 +84,9 @@ class BuiltGroup(LightGroup):
         """Return a subcommand."""
         if cmd_name not in self.registry:  # which does not look at all packages, as its names do
             return None
-        thing = self.registry.get(cmd_name)
         if self._listing:
-            return TyperCommand(cmd_name, help=self.summary_of(thing))
-        function, *calls = self.command_of(thing)
+            return TyperCommand(cmd_name, help=self.summary_of(cmd_name))
+        function, *calls = self.command_of(self.registry.get(cmd_name))
         app = typer.Typer(add_completion=False)
         grouped = in_panels(self.panels, self.own_panel)
         app.command(name=cmd_name, cls=grouped, epilog=examples(*calls))(function)

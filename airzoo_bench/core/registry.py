@@ -171,9 +171,9 @@ def load_track(name: str) -> Any:
 DATASETS = Registry(
     "airzoo_bench.datasets",
     {
-        "photos": "airzoo_bench.datasets.photos_dataset:PHOTOS",
+        "photos": "airzoo_bench.datasets.surveys.photos:PHOTOS",
         "airzoo-mini": "airzoo_bench.datasets.mini.dataset:AIRZOO_MINI",
-        "poses": "airzoo_bench.datasets.surveys.poses:POSES",
+        "poses": "airzoo_bench.datasets.surveys.pose_table:POSES",
         "odm": "airzoo_bench.datasets.surveys.odm:ODM",
         "dji": "airzoo_bench.datasets.surveys.dji:DJI",
         "colmap": "airzoo_bench.datasets.surveys.colmap:COLMAP",
@@ -184,9 +184,9 @@ DATASETS = Registry(
         "airzoo-real": "airzoo_bench.datasets.published.airzoo_real:AIRZOO_REAL",
         "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
         "ortholoc": "airzoo_bench.datasets.published.ortholoc:ORTHOLOC",
-        "university-1652": "airzoo_bench.datasets.published.university_1652:UNIVERSITY_1652",
-        "sues-200": "airzoo_bench.datasets.published.sues_200:SUES_200",
-        "denseuav": "airzoo_bench.datasets.published.denseuav:DENSEUAV",
+        "university-1652": "airzoo_bench.datasets.published.class_folders:UNIVERSITY_1652",
+        "sues-200": "airzoo_bench.datasets.published.class_folders:SUES_200",
+        "denseuav": "airzoo_bench.datasets.published.class_folders:DENSEUAV",
         "gta-uav": "airzoo_bench.datasets.published.gta_uav:GTA_UAV",
     },
 )

@@ -24,8 +24,7 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
-from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
+from airzoo_bench.datasets.geometry_checks.splits import compare_splits, read_footprints
 from airzoo_bench.evaluation.evaluate import check
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run

@@ -13,7 +13,7 @@ import pytest
 
 from airzoo_bench.cli import common
 from airzoo_bench.core.progress import told
-from airzoo_bench.datasets import scene_run
+from airzoo_bench.datasets import prepare as scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
 
@@ -86,11 +86,11 @@ def test_a_disk_that_cannot_be_written_is_named(
 
 
 SILENT = [
-    ("airzoo_bench.datasets.native_prepare.chosen_scenes", "getting ready"),
-    ("airzoo_bench.datasets.native_prepare.is_prepared", "getting ready"),
-    ("airzoo_bench.datasets.scene_run.scene_keys", "looking through the source"),
-    ("airzoo_bench.datasets.scene_run._is_as_written", "looking through earlier runs"),
-    ("airzoo_bench.datasets.native_prepare.write_folder_files", "writing the folder"),
+    ("airzoo_bench.datasets.dataset.chosen_scenes", "getting ready"),
+    ("airzoo_bench.datasets.dataset.is_prepared", "getting ready"),
+    ("airzoo_bench.datasets.prepare.scene_keys", "looking through the source"),
+    ("airzoo_bench.datasets.prepare._unchanged_parts", "looking through earlier runs"),
+    ("airzoo_bench.datasets.prepare.write_folder_files", "writing the folder"),
 ]
 
 

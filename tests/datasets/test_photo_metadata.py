@@ -11,7 +11,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
-from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from tests.datasets.xmp import packet
 

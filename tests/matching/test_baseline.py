@@ -10,7 +10,7 @@ from PIL import Image
 from rasterio import Affine
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.photo_metadata import priors_to_poses, read_prior
+from airzoo_bench.datasets.metadata import priors_to_poses, read_prior
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField

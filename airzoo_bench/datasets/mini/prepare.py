@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.progress import Progress, shown, silent
-from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.flights import (
     Airspace,
@@ -43,7 +43,7 @@ from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
-from airzoo_bench.datasets.scene_content import SceneContent
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -146,9 +146,11 @@ def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progre
 def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
     return BenchmarkProtocols(
-        _protocol("retrieval", RetrievalProtocol, seed),
-        _protocol("matching", MatchingProtocol, seed),
-        _protocol("reconstruction", ReconstructionProtocol, seed),
+        (
+            _protocol("retrieval", RetrievalProtocol, seed),
+            _protocol("matching", MatchingProtocol, seed),
+            _protocol("reconstruction", ReconstructionProtocol, seed),
+        )
     )
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
+from airzoo_bench.datasets.published.airzoo_real_sites import DAY, SITE_SCENES, SITES
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.downloads import of_scenes
-from airzoo_bench.datasets.hub import HubFile
-from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
-from airzoo_bench.datasets.published.airzoo_real_sites import DAY, SITE_SCENES, SITES
+from airzoo_bench.datasets.downloads import HubFile, of_scenes
 from tests.datasets.downloads.hub_place import FILES, parts, there
 from tests.datasets.downloads.hub_server import Hub
 from tests.support import run_main

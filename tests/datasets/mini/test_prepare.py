@@ -10,12 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
-
-from airzoo_bench.api.benchmark import load_benchmark
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.files import fingerprint
-from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene, scenes_of_benchmark
 from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
 from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
@@ -23,6 +17,12 @@ from airzoo_bench.datasets.geometry_checks.depth_report import (
     DepthConsistency,
     check_depth_consistency,
 )
+from PIL import Image
+
+from airzoo_bench.api.benchmark import load_benchmark
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.files import fingerprint
+from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.poses import Poses

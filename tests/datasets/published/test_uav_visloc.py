@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.published.options import UavVisLocOptions
 
 from airzoo_bench import evaluate
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import UavVisLocOptions
 from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import geodesic_distance_m

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
+from airzoo_bench.datasets.geometry_checks.splits import NamedFootprints
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard.checks import FETCHED
 from airzoo_bench.results.result import write_result
@@ -142,7 +142,7 @@ class TestTrainingData:
         [warning] = checked(home, data).warnings
         assert "training data 'drives' were not compared with the benchmark" in warning
         corners = np.array([[[0, 0], [0, 1], [1, 1], [1, 0]]]) * 1e-3
-        sets = [NamedFootprints(name, ("a",), corners, np.zeros(1, bool)) for name in "xy"]
+        sets = [NamedFootprints(("a",), corners, np.zeros(1, bool)) for _ in "xy"]
         with mock.patch("airzoo_bench.leaderboard.checks.read_footprints", side_effect=sets):
             [warning] = checked(home, data).warnings
         assert "see the ground of 1 test photo of 1: `airzoo-bench check-split drives made`" in (
