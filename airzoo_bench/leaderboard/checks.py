@@ -469,7 +469,7 @@ def _overlap_warnings(name: str, benchmark: str, data: Path) -> Iterator[str]:
         yield f"training data {name!r} were not compared with the benchmark: {error.what}"
         return
     found = compare_splits(train, test)
-    if found.pairs:
+    if len(found.pairs):
         yield (
             f"training data {name!r} see the ground of {counted(found.tainted, 'test photo')} of "
             f"{len(test.ids):,}: `airzoo-bench check-split {name} {benchmark}` lists them"

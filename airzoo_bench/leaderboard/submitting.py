@@ -20,7 +20,6 @@ from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, toml_value, validation_message
 from airzoo_bench.evaluation.opening import ReadBy, open_predictions
-from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.leaderboard.checks import size_of_tree
 from airzoo_bench.leaderboard.submission import (
@@ -80,7 +79,7 @@ def protocol_of(files: Files, data: Path) -> str | None:
             raise UsageError("no such file or folder", where=path)
     try:
         read_by = ReadBy(files.reader, files.names)
-        given = open_predictions(files.predictions, None, None, data, Run(), read_by)
+        given = open_predictions(files.predictions, data=data, read_by=read_by)
     except UserError:
         return None
     return given.protocol.name
