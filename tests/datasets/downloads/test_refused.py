@@ -117,8 +117,13 @@ def test_too_little_room_is_said_before_anything_is_fetched(
 
 def test_what_is_not_on_the_hub_is_listed(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     links = ("https://a/1.zip", "https://a/2.zip")
-    offer("far", About("Far", "https://far", "none stated", links=links))
-    offer("farther", About("Farther", "https://farther", "none stated"))
+    offer(
+        "far", About("Far", "A made-up dataset.", "far", "https://far", "none stated", links=links)
+    )
+    offer(
+        "farther",
+        About("Farther", "A made-up dataset.", "farther", "https://farther", "none stated"),
+    )
     try:
         assert run_main("download", "far") == 0
         said = capsys.readouterr()
