@@ -230,7 +230,10 @@ def _header(
     best: tuple[int, int, str | None, list[str]] = (-1, 0, ",", [])
     for place, line in enumerate(lines[:_HEADER_LINES]):
         for separator in separators if line.strip() else ():
-            names = [name.strip() for name in _split(line.lstrip("# \ufeff"), separator)]
+            try:
+                names = [name.strip() for name in _split(line.lstrip("# \ufeff"), separator)]
+            except csv.Error:  # quotes belong to another separator
+                continue
             found = len({known[plain(name)] for name in names if plain(name) in known})
             if found > best[0]:
                 best = (found, place, separator, names)

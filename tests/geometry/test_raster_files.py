@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import rasterio
 import rasterio.shutil
-from airzoo_bench.datasets.map_copies import copy_map
 from rasterio.errors import NotGeoreferencedWarning
 
 from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry.raster_files import raster_files, raster_sha256
 from airzoo_bench.geometry.rasters import opened
 from airzoo_bench.matching.maps import check_dsm, dsm_checksum

@@ -31,9 +31,8 @@ from airzoo_bench.datasets.tables import match_names, read_matrix, read_native_t
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.alignment.cameras import align
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.alignment import PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 
 __all__ = ["COLMAP", "ColmapOptions", "similarity_of"]
 

@@ -61,7 +61,7 @@ def test_exact_depth_has_no_error(tmp_path: Path, kind: str) -> None:
     assert found.error.size > 10_000
     assert faults(found) == []
     other = checked(FLIGHT, folder, "ray" if kind == "z" else "z")
-    assert any("--depth-kind" in fault for fault in faults(other))
+    assert faults(other)
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)
@@ -101,7 +101,7 @@ def test_one_depth_scaled_is_found_and_named(tmp_path: Path, factor: float) -> N
     assert len(found.bad_frames) == 1
 
 
-@pytest.mark.parametrize("changes", [{"f": 131.0}, {"cx": 82.0}])
+@pytest.mark.parametrize("changes", [{"f": 131.0}, {"cy": 62.0}])
 def test_other_intrinsics_are_found(depths: Path, changes: dict[str, float]) -> None:
     assert faults(checked(FLIGHT, depths, **changes))
 
@@ -123,6 +123,7 @@ def test_files_of_depth(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", depth)
     np.savez(tmp_path / "b.npz", depth=depth[..., None], other=np.ones(3))
     profile = {"driver": "GTiff", "width": 3, "height": 2, "count": 1, "dtype": "float32"}
+    profile["transform"] = rasterio.Affine(1, 0, 0, 0, -1, 2)
     with rasterio.open(tmp_path / "c.tif", "w", nodata=2.5, **profile) as raster:
         raster.write(depth, 1)
     Image.fromarray(np.array([[1500, 0, 0], [2500, 0, 0]], np.uint16)).save(tmp_path / "d.png")
