@@ -16,8 +16,6 @@ from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["default_style", "load_matplotlib", "load_open3d", "load_pycolmap"]
-
 # Pictures look alike whatever the person has set: a ``matplotlibrc`` in the working folder, the
 # person's own, or MPLBACKEND would rule fonts, sizes and whether a picture can be drawn at all.
 _BACKEND = "MPLBACKEND"

@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 from functools import cache
 
-__all__ = ["__version__", "versions"]
-
 __version__ = "0.1.0.dev0"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")

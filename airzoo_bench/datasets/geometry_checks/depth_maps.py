@@ -19,9 +19,9 @@ from airzoo_bench.core.errors import (
     PredictionError,
     RasterError,
     UsageError,
+    counted,
     first_of,
 )
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.npy import read_header
 from airzoo_bench.formats.npz import NpzFile
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
 from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,

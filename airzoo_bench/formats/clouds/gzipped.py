@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.files import temporary_folder
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 
 __all__ = ["Unpacked"]

@@ -19,8 +19,7 @@ import lazrs
 import numpy as np
 from laspy.errors import LaspyException
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.core.files import first_bytes, sha256_of
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.las import open_las, read_projection
 from airzoo_bench.formats.parquet import open_points

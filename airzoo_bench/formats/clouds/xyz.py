@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.columns import Columns, columns_by_name
 from airzoo_bench.formats.clouds.text_rows import lines_beyond, opened_text, parse_rows, shown
