@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["CLOUD_TRAJECTORY", "CloudTrajectory"]
 
 _TUM, _KITTI = 8, 12
-_CLOUDS = (".ply", ".pcd", ".las", ".laz", ".xyz", ".pts", ".ply.gz", ".pcd.gz")
+_CLOUDS = (".ply", ".pcd", ".las", ".laz", ".xyz", ".pts")
 _SURE = 0.55  # of a method that writes such files, its own reader is surer
 
 
