@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all, where they may stand, and their hashes.
+"""Files and folders that appear whole or not at all, checks of where to write, and hashes.
 
 What is being written lies beside its target under a temporary name, locked by the process that
 fills it; a lock ends with its process. The next writer of a target clears what a killed one left:
@@ -78,14 +78,14 @@ def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Ite
         with temporary_folder(path.parent, path.name) as temporary:
             yield temporary
             _give_usual_permissions(temporary, 0o777)
-            _put_in_place(temporary, path)
+            _replace_folder(temporary, path)
     except OSError as error:
         raise cannot_write(path, error) from error
 
 
 @contextmanager
 def atomic_entries(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Fill a folder whose entries replace those of another that have these names, all or none.
+    """Fill a folder and replace the entries of another with these names, all or none.
 
     The first name says that the others are complete: it is there only with all of its kind.
     """
@@ -99,7 +99,7 @@ def atomic_entries(folder: Path, names: Sequence[str]) -> Iterator[Path]:
         raise cannot_write(folder, error) from error
 
 
-def _put_in_place(new: Path, path: Path) -> None:
+def _replace_folder(new: Path, path: Path) -> None:
     """Rename a folder, and remove what stood there; a writer that is killed between leaves it."""
     if not path.exists():
         new.replace(path)
@@ -145,7 +145,7 @@ def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
 
 @contextmanager
 def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Make an empty folder in `parent`; whatever stands there is removed at the end."""
+    """Make an empty folder in `parent`, and remove what is left of it at the end."""
     name = Path(name).name
     _clear(parent, name, _parts(parent))
 
@@ -194,7 +194,7 @@ def only_run(folder: Path, what: str, where: object, otherwise: str) -> Iterator
 
 
 def clear_abandoned(target: Path) -> None:
-    """Remove what dead writers of a target left beside it, or put their old folder back."""
+    """Remove what killed writers of a target left beside it, or put their old folder back."""
     _clear(target.parent, target.name, _parts(target.parent))
     old = _old(target)
     if target.exists():
@@ -455,7 +455,7 @@ def write_npz(
 
 
 def first_bytes(path: Path, count: int) -> bytes:
-    """Return the first bytes of a regular file; none of what is no such file or is not readable."""
+    """Return the first bytes of a regular file, or none where it cannot be read."""
     try:
         if not path.is_file():  # opening a pipe would wait
             return b""

@@ -36,7 +36,7 @@ def with_endings(ids: Texts) -> bool:
 
 
 def check_ids(ids: Texts, where: str) -> None:
-    """Refuse ids without a scene or a name, and ids that stand more than once."""
+    """Refuse ids without a scene or a name, and repeated ids."""
     if not ids.size:
         raise PredictionError(
             "holds no id", where=where, expected="ids such as city/DJI_0001", fix="fill the file"

@@ -71,7 +71,7 @@ def _load_libusb() -> None:
 
 @cache
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, quiet but for warnings, and return the module."""
+    """Import pycolmap, which then logs warnings only, and return the module."""
     before = signal.getsignal(signal.SIGTERM)
     module = importlib.import_module("pycolmap")
     if threading.current_thread() is threading.main_thread() and before is not None:

@@ -1,4 +1,4 @@
-"""Tables of what can be chosen or added by name: tracks, datasets and readers; their options.
+"""Tables of tracks, datasets and readers by name, and options of the command line.
 
 Built-in modules are named here and imported when they are chosen; another package adds its own by
 an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A package
@@ -38,7 +38,7 @@ def resolve(place: str) -> Any:
 
 
 class Registry:
-    """Places ``module:name`` by name: built-in ones, those of installed packages, and added ones.
+    """Places ``module:name`` by name: built in, of installed packages, or added at run time.
 
     `helps` holds a line for the list of commands, so that it imports none of the modules.
     """

@@ -72,7 +72,7 @@ def _frozen(value: Any) -> Any:
 def read_toml(
     path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES
 ) -> dict[str, Any]:
-    """Read a TOML file of at most so many bytes, or say what is wrong with it."""
+    """Read a TOML file up to a size, or say what is wrong with it."""
     try:
         return tomllib.loads(read_text(path, kind, what, limit_bytes))
     except (ValueError, RecursionError) as error:  # the latter of values nested too deep
@@ -96,7 +96,7 @@ def toml_value(value: Any) -> str:
 
 
 def unambiguous_json(text: str) -> Any:
-    """Read JSON in which no key stands twice: readers of JSON take the last, without a word."""
+    """Read JSON, and refuse a repeated key, of which other readers take the last."""
 
     def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
