@@ -18,10 +18,10 @@ from airzoo_bench.core.errors import (
     SubmissionError,
     UsageError,
     UserError,
+    counted,
     first_of,
 )
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.geometry_checks.splits import compare_splits, read_footprints

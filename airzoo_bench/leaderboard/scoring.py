@@ -19,8 +19,8 @@ from airzoo_bench.core.errors import (
     SubmissionError,
     UsageError,
     UserError,
+    counted,
 )
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.track import Run
