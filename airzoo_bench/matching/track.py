@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from airzoo_bench.benchmark.folder import Benchmark
     from airzoo_bench.evaluation.evaluate import Evaluation
-    from airzoo_bench.matching.predictions import MatchingPredictions
-    from airzoo_bench.matching.scene_predictions import ScenePredictions
+    from airzoo_bench.matching.predictions import MatchingPredictions, ScenePredictions
     from airzoo_bench.matching.scoring import ScoredScene
     from airzoo_bench.matching.settings import MatchingProtocol
     from airzoo_bench.matching.truth import MatchingTruth
@@ -42,7 +41,9 @@ def _write_timings(evaluation: Evaluation, path: Path) -> None:
     from airzoo_bench.results.scores import concatenate
 
     parts = [
-        scene.records[["scene", "query"]].assign(seconds=np.round(scene.seconds, 6))
+        scene.records[["scene", "query"]].assign(
+            seconds=np.round([one.seconds for one in scene.estimates], 6)
+        )
         for scene in evaluation.scored.values()
     ]
     with atomic_write(path, "w") as stream:
@@ -90,13 +91,13 @@ class MatchingTrack(
     @property
     def recorded(self) -> frozenset[str]:
         """See `Track.recorded`."""
-        from airzoo_bench.matching.scores import RECORDED
+        from airzoo_bench.matching.scoring import RECORDED
 
         return RECORDED
 
     def read(self, path: Path, memory_bytes: int) -> MatchingPredictions:
         """See `read_matching`."""
-        from airzoo_bench.matching.reading import read_matching
+        from airzoo_bench.matching.predictions import read_matching
 
         return read_matching(path, memory_bytes)
 
@@ -107,10 +108,10 @@ class MatchingTrack(
     def validation_errors(
         self, predictions: MatchingPredictions, protocol: MatchingProtocol, *, thorough: bool
     ) -> Iterator[PredictionError]:
-        """See `predictions.validation_errors`."""
-        from airzoo_bench.matching.predictions import validation_errors
+        """See `check_file`."""
+        from airzoo_bench.matching.checks import check_file
 
-        yield from validation_errors(predictions)
+        yield from check_file(predictions)
 
     def read_truth(self, benchmark: Benchmark, scene: str) -> MatchingTruth:
         """See `truth.read_truth`."""
@@ -126,10 +127,16 @@ class MatchingTrack(
         protocol: MatchingProtocol,
         resources: Resources,
     ) -> ScenePredictions:
-        """See `match_scene`."""
-        from airzoo_bench.matching.scene_predictions import match_scene
+        """See `take_scene` and `check_scene`."""
+        from airzoo_bench.matching.checks import check_scene
+        from airzoo_bench.matching.predictions import take_scene
 
-        return match_scene(predictions, truth, rows, protocol.scores)
+        predicted = take_scene(predictions, truth, rows)
+        try:
+            notes = check_scene(predicted, truth, protocol.scores)
+        except PredictionError as error:
+            raise error.inside(predictions.path) from error
+        return replace(predicted, notes=tuple(notes))
 
     def score(
         self,
@@ -145,7 +152,7 @@ class MatchingTrack(
 
     def scores(self, protocol: MatchingProtocol, scored: Sequence[ScoredScene]) -> list[Score]:
         """See `matching_scores`."""
-        from airzoo_bench.matching.scores import matching_scores
+        from airzoo_bench.matching.scoring import matching_scores
 
         return matching_scores(protocol.scores)
 
@@ -161,19 +168,26 @@ class MatchingTrack(
         scene_predictions: Sequence[ScenePredictions],
         scored: Sequence[ScoredScene],
     ) -> list[str]:
-        """See `scored_notes` and `plausibility_warnings`."""
-        from airzoo_bench.matching.notes import plausibility_warnings, scored_notes
+        """Return the notes of all scenes."""
+        notes = [note for scene in scored for note in scene.notes]
+        return [f"scored from {predictions.content.kind}", *notes]
 
-        return [
-            *scored_notes(predictions, truths, scored),
-            *plausibility_warnings(predictions, truths, scene_predictions),
-        ]
+    def inspect(
+        self,
+        predicted: ScenePredictions,
+        truth: MatchingTruth,
+        protocol: MatchingProtocol,
+        resources: Resources,
+    ) -> list[str]:
+        """Return the notes of `check_scene`."""
+        return list(predicted.notes)
 
     def inspect_alone(
         self, predictions: MatchingPredictions, protocol: MatchingProtocol, resources: Resources
     ) -> Iterator[PredictionError | str]:
-        """See `check_digits`, which `match_scene` calls where the benchmark is there."""
-        from airzoo_bench.matching.predictions import GivenPoses, check_digits
+        """See `check_digits`, which `check_scene` calls where the benchmark is there."""
+        from airzoo_bench.matching.checks import check_digits
+        from airzoo_bench.matching.predictions import GivenPoses
 
         if isinstance(predictions.content, GivenPoses):
             try:
@@ -190,20 +204,14 @@ class MatchingTrack(
         scene_predictions: Sequence[ScenePredictions],
         resources: Resources,
     ) -> list[str]:
-        """See `lifting_notes` and `plausibility_warnings`."""
-        from airzoo_bench.matching.notes import lifting_notes, plausibility_warnings
-
-        return [
-            *lifting_notes(predictions, truths, scene_predictions, protocol, resources.jobs),
-            *plausibility_warnings(predictions, truths, scene_predictions),
-        ]
+        """Return nothing: `inspect` has said it."""
+        return []
 
     def references(
         self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
     ) -> dict[str, Reference]:
         """Score the priors as if they were a method's poses; where none are measured, nothing."""
-        from airzoo_bench.matching.scores import matching_scores
-        from airzoo_bench.matching.scoring import score_priors
+        from airzoo_bench.matching.scoring import matching_scores, score_priors
         from airzoo_bench.results.result import Reference
         from airzoo_bench.results.scores import concatenate, summarise
 

@@ -19,10 +19,9 @@ from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.map_pixels import to_map_pixels
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world
-from airzoo_bench.matching.maps import ReferenceMap
-from airzoo_bench.matching.scene_predictions import ScenePredictions
+from airzoo_bench.matching.predictions import Correspondences
 from airzoo_bench.matching.scoring import ScoredScene
-from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap
 from airzoo_bench.report.curves import share_below
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure, series_style
 
@@ -160,9 +159,10 @@ def draw_figures(
             _draw_map(truth, truth.scene_map, scored, titles[truth.scene], path)
             drawn += 1
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
-        rows = range(len(truth.queries) if predicted.map_xy is not None else 0)
+        matches = predicted.content
+        rows = range(len(truth.queries) if matches.kind == "matches" else 0)
         for row in resources.progress(rows, "pictures", len(rows)):
-            _draw_query(truth, predicted, scored, row, images, folder)
+            _draw_query(truth, matches, scored, row, images, folder)
         drawn += len(rows)
     yield f"drew {drawn} pictures into {folder}"
 
@@ -194,25 +194,25 @@ def _draw_map(
 
 def _draw_query(
     truth: MatchingTruth,
-    predicted: ScenePredictions,
+    matches: Correspondences,
     scored: ScoredScene,
     row: int,
     images: Path,
     folder: Path,
 ) -> None:
-    query, part = truth.queries.iloc[row], predicted.parts()[row]
+    query, part = truth.queries.iloc[row], matches.parts()[row]
     x, y, width, height = (int(side) for side in truth.crops[row])
     photo = read_rgb_photo(images / query["image"], _LONG_SIDE_PX)
     dom = truth.map_of(row).dom
     crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
     shrunk = np.array([photo.shape[1] / query["width"], photo.shape[0] / query["height"]])
-    map_xy = predicted.map_xy if predicted.map_xy is not None else np.zeros((0, 2))
+    map_xy = matches.map_xy if matches.map_xy is not None else np.zeros((0, 2))
     figure = draw_matches(
         photo,
         crop,
-        predicted.query_xy[part] * shrunk,
+        matches.query_xy[part] * shrunk,
         (map_xy[part] - (x, y)) * (crop.shape[1] / width, crop.shape[0] / height),
-        scored.inliers[row],
+        scored.estimates[row].inliers,
         str(query["id"]),
     )
     name = str(query["id"]).replace("/", "_")

@@ -29,7 +29,7 @@ from airzoo_bench.evaluation.track import Track
 ROOT = Path(ab.__file__).parent
 OF_FILES = {"blocks", "colours", "heightfield", "march", "rasters", "sift"}
 FORMULAS = [
-    *("retrieval.metrics", "retrieval.distance_metrics", "matching.metrics"),
+    *("retrieval.metrics", "retrieval.distance_metrics"),
     *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
     *(
         f"geometry.{path.stem}"

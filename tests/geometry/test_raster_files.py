@@ -13,7 +13,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.matching.maps import check_dsm, dsm_checksum
+from airzoo_bench.matching.truth import check_dsm, dsm_checksum
 from tests.support import write_raster
 
 BAND = "<PAMDataset><PAMRasterBand band='1'>{}</PAMRasterBand></PAMDataset>"
