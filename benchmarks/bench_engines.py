@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching.solving import solve_queries
 from airzoo_bench.results.records_csv import csv_blocks
 from tests.matching.pose_support import SOLVER, fingerprint, joined, make_scene
@@ -55,7 +55,7 @@ class Sizes(NamedTuple):
 LARGE = Sizes((1_000, 100_000, 8_448), (351, 5_000))
 SMALL = Sizes((200, 20_000, 512), (40, 500))
 
-Work = Callable[[Resources], Hashable]
+Work = Callable[[Run], Hashable]
 """Does the work of a track, and returns what must be the same on any engine."""
 
 
@@ -87,14 +87,14 @@ def bench_tasks() -> None:
 def bench_track(label: str, work: Work) -> None:
     """Time the work of a track in two threads and on two workers, and print the ratios."""
     print(label, flush=True)
-    here = [_shown("--jobs 2", work, Resources(MEMORY, WORKERS)) for _ in range(2)]
+    here = [_shown("--jobs 2", work, Run(MEMORY, WORKERS)) for _ in range(2)]
     start = time.perf_counter()
     with local_cluster(WORKERS, MEMORY) as dask:
         start = time.perf_counter() - start
         print(f"  {'start of the cluster':28} {start:7.2f} s")
         there = []
         for _ in range(2):
-            there.append(_shown("--engine dask", work, Resources(MEMORY, 1, engine=dask)))
+            there.append(_shown("--engine dask", work, Run(MEMORY, 1, engine=dask)))
     assert len({found for _, found in (*here, *there)}) == 1, "the answers differ"
     (first, again), (dask_first, dask_again) = ([wall for wall, _ in of] for of in (here, there))
     print(
@@ -104,8 +104,8 @@ def bench_track(label: str, work: Work) -> None:
     )
 
 
-def _shown(name: str, work: Work, resources: Resources) -> tuple[float, Hashable]:
-    wall, cpu, found = timed(lambda: work(resources))
+def _shown(name: str, work: Work, run: Run) -> tuple[float, Hashable]:
+    wall, cpu, found = timed(lambda: work(run))
     print(f"  {name:28} {wall:7.2f} s, here {cpu:6.2f} s of processors", flush=True)
     return wall, found
 
@@ -136,8 +136,8 @@ def retrieval(home: Path, sizes: Sizes) -> Work:
     """Return the evaluation of descriptors."""
     predictions, data = made_descriptors(home, *sizes.descriptors)
 
-    def work(resources: Resources) -> bytes:
-        run = evaluate(predictions, track="retrieval", data=data, resources=resources)
+    def work(run: Run) -> bytes:
+        run = evaluate(predictions, track="retrieval", data=data, run=run)
         return b"".join(csv_blocks(run.records))
 
     return work
@@ -154,8 +154,8 @@ def matching(home: Path, sizes: Sizes) -> Work:
         ]
     )
 
-    def work(resources: Resources) -> Hashable:
-        return (*map(fingerprint, solve_queries(queries, SOLVER, resources)),)
+    def work(run: Run) -> Hashable:
+        return (*map(fingerprint, solve_queries(queries, SOLVER, run)),)
 
     return work
 

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, solve_queries
 from tests.matching.pose_support import SOLVER, fingerprint, joined, make_scene
 
@@ -77,10 +77,10 @@ def make_queries(is_hard: np.ndarray) -> PoseQueries:
     return joined(scenes)
 
 
-def timed(queries: PoseQueries, resources: Resources) -> tuple[float, list[PoseEstimate]]:
+def timed(queries: PoseQueries, run: Run) -> tuple[float, list[PoseEstimate]]:
     """Return wall seconds and answers."""
     begin = time.perf_counter()
-    found = solve_queries(queries, SOLVER, resources)
+    found = solve_queries(queries, SOLVER, run)
     return time.perf_counter() - begin, found
 
 
@@ -98,14 +98,14 @@ def run(queries: PoseQueries, workers: Sequence[int]) -> None:
     """Solve in every way and print."""
     print(f"  {'':40}{'tasks':>7}{'wall s':>9}   {'busy':24}{'outside':>8}")
     for count in workers:
-        wall, reference = timed(queries, Resources(jobs=count))
+        wall, reference = timed(queries, Run(jobs=count))
         print(f"  {f'this process, {count} threads':40}{1:7}{wall:9.2f}")
         with local_cluster(count, 2 << 30) as engine:
             first = [make_scene(seed).problem for seed in range(4 * count)]
-            timed(joined(first), Resources(engine=Watched(engine, 4 * count)))  # imports
+            timed(joined(first), Run(engine=Watched(engine, 4 * count)))  # imports
             for label, blocks in (("tasks as cut", None), ("one block a worker", count)):
                 watched = Watched(engine, blocks)
-                wall, found = timed(queries, Resources(engine=watched))
+                wall, found = timed(queries, Run(engine=watched))
                 report(f"Dask, {count} workers, {label}", wall, watched, count)
                 if [*map(fingerprint, found)] != [*map(fingerprint, reference)]:
                     raise SystemExit("other answers")
@@ -123,7 +123,7 @@ def main() -> None:
         if not last:
             is_hard = np.random.default_rng(0).permutation(is_hard)
         queries = make_queries(is_hard)
-        _, found = timed(queries, Resources())
+        _, found = timed(queries, Run())
         spent = np.array([one.seconds for one in found])
         usual, slow = (np.median(spent[some]) for some in (~is_hard, is_hard))
         place = "after all others" if last else "among the others"

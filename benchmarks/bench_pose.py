@@ -26,7 +26,7 @@ from rasterio import Affine
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from airzoo_bench.benchmark.queries import query_table
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, world_to_pixel
@@ -127,7 +127,7 @@ def whole_track(n_queries: int) -> None:
         compare(
             "whole track",
             bare_calls(problems),
-            lambda jobs: score_scene(truth, predicted, protocol, Resources(jobs=jobs)),
+            lambda jobs: score_scene(truth, predicted, protocol, Run(jobs=jobs)),
         )
 
 
@@ -162,7 +162,7 @@ def hardest() -> None:
     scene = joined(honest)
     times = np.array(
         [
-            [seconds(lambda q=q: solve_queries(q, SOLVER, Resources()))[0] for q in (hard, scene)]
+            [seconds(lambda q=q: solve_queries(q, SOLVER, Run()))[0] for q in (hard, scene)]
             for _ in range(2)
         ]
     ).min(axis=0)
@@ -185,7 +185,7 @@ def main() -> None:
         compare(
             name,
             bare_calls(problems),
-            lambda jobs, q=queries: solve_queries(q, SOLVER, Resources(jobs=jobs)),
+            lambda jobs, q=queries: solve_queries(q, SOLVER, Run(jobs=jobs)),
         )
     whole_track(count)
     hardest()

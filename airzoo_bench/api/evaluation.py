@@ -19,9 +19,9 @@ from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.evaluation.check import check as find_errors
-from airzoo_bench.evaluation.evaluate import evaluate as run
+from airzoo_bench.evaluation.evaluate import evaluate as score
 from airzoo_bench.evaluation.given import ReadBy
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.records import checked_records
 from airzoo_bench.storage.rasters import here
 from airzoo_bench.storage.urls import is_url
@@ -85,15 +85,14 @@ def evaluate(
     ...
     airzoo_bench.core.errors.UnreadableError: nowhere.npz: no such prediction file...
     """
-    resources = Resources(memory_bytes=max_memory, jobs=jobs)
     used = text_of("protocol", protocol)
     with _as_path(predictions, used) as path:
-        done = run(
+        done = score(
             path,
             data=_folder(data),
             protocol=used,
             method=text_of("method", method),
-            resources=resources,
+            run=Run(memory_bytes=max_memory, jobs=jobs),
             read_by=_read_by(reader, names),
         )
     records = done.records
@@ -169,14 +168,13 @@ def check(
     ...
     airzoo_bench.core.errors.ArgumentError: predictions as arrays do not say...
     """
-    resources = Resources(memory_bytes=max_memory)
     used = text_of("protocol", protocol)
     with _as_path(predictions, used) as path:
         found = find_errors(
             path,
             data=_folder(data),
             protocol=used,
-            resources=resources,
+            run=Run(memory_bytes=max_memory),
             read_by=_read_by(reader, names),
         )
     return Check(tuple(found.errors), tuple(found.notes))

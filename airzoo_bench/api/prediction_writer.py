@@ -27,7 +27,7 @@ from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.core.places import cannot_write, check_output_file, check_output_folder
 from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
+from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats

@@ -19,7 +19,7 @@ from airzoo_bench.engines.choose import EngineKind, open_engine
 from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
-    from airzoo_bench.evaluation.given import AnyTrack
+    from airzoo_bench.evaluation.info import TrackInfo
 
 __all__ = ["app"]
 
@@ -29,16 +29,16 @@ class _BaselineGroup(BuiltGroup):
     own_panel = "Method"
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Benchmark and predictions": ("data", "out"),
-        "Resources": ("jobs", "engine", "scheduler", "show_progress"),
+        "Run": ("jobs", "engine", "scheduler", "show_progress"),
     }
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [name for name in TRACKS.names() if TRACKS.get(name).baseline is not None]
 
-    def summary_of(self, thing: AnyTrack) -> str:
+    def summary_of(self, thing: TrackInfo) -> str:
         return "" if thing.baseline is None else thing.baseline.summary
 
-    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str]:
+    def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str]:
         baseline = thing.baseline
         if baseline is None:
             raise TypeError(f"the {thing.name} track has no baseline")
@@ -68,7 +68,7 @@ def _group() -> None:
 
 
 def _predict(
-    track: AnyTrack,
+    track: TrackInfo,
     protocol: str,
     out: Path,
     data: str | None,
@@ -79,7 +79,7 @@ def _predict(
     **settings: Any,
 ) -> None:
     from airzoo_bench.evaluation.generate import run_baseline
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
 
     baseline: Any = track.baseline
     with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
@@ -90,7 +90,7 @@ def _predict(
             out,
             data=resolve_data(data),
             settings=replace(baseline.settings, **settings),
-            resources=Resources(jobs=jobs, progress=shown, engine=place),
+            run=Run(jobs=jobs, progress=shown, engine=place),
             note=say,
         )
     say(f"wrote {out}")

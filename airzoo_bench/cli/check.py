@@ -55,14 +55,14 @@ def check(
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.check import check as find_errors
     from airzoo_bench.evaluation.given import ReadBy
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
 
     memory = memory_bytes(max_memory)
     checked = find_errors(
         predictions_here(predictions),
         data=resolve_data(data),
         protocol=protocol,
-        resources=Resources(memory, limits=Limits(memory) if untrusted else None),
+        run=Run(memory, limits=Limits(memory) if untrusted else None),
         read_by=ReadBy(reader, names, image_size),
     )
     for line in checked.described:

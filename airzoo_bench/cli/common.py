@@ -285,9 +285,9 @@ def working(label: str) -> Iterator[None]:
 def scores_of(name: str) -> tuple[Protocol, list[ScoreColumn]]:
     """Return the protocol of a name, and all scores of its track."""
     from airzoo_bench.benchmark.mirrored import data_here
-    from airzoo_bench.core.registry import TRACKS
+    from airzoo_bench.core.registry import load_track
     from airzoo_bench.protocol.lookup import find_protocol
     from airzoo_bench.results.result import score_columns
 
     protocol = find_protocol(name, data_here())
-    return protocol, list(score_columns(TRACKS.get(protocol.track).scores(protocol, ())))
+    return protocol, list(score_columns(load_track(protocol.track).scores(protocol)))

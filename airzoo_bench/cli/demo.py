@@ -11,8 +11,8 @@ from airzoo_bench.cli.common import Format, JobsOption, examples, progress, put,
 
 if TYPE_CHECKING:
     from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.evaluation.given import AnyTrack
-    from airzoo_bench.evaluation.parts import Baseline, Resources
+    from airzoo_bench.evaluation.info import Baseline, TrackInfo
+    from airzoo_bench.evaluation.track import Run
 
 __all__ = ["EXAMPLES", "demo"]
 
@@ -34,24 +34,22 @@ def demo(
     from airzoo_bench.core.places import check_output_folder, data_root
     from airzoo_bench.core.registry import TRACKS
     from airzoo_bench.evaluation.evaluate import evaluate
-    from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.evaluation.run_files import save
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
     check_output_folder(out, ())
     benchmark = find_benchmark(_NAME, data_root())
     data = benchmark.folder
     say(f"{_NAME}: photos of a made-up city, in {data}")
-    resources = Resources(jobs=jobs, progress=progress)
+    run = Run(jobs=jobs, progress=progress)
     for name in benchmark.file.tracks:
         track = TRACKS.get(name)
         if (baseline := track.baseline) is None:
             continue
         say(f"{name}: {baseline.method}")
-        predictions = _predictions(track, baseline, benchmark, out / name, resources)
-        scored = evaluate(
-            predictions, data=data, track=name, method=baseline.method, resources=resources
-        )
+        predictions = _predictions(track, baseline, benchmark, out / name, run)
+        scored = evaluate(predictions, data=data, track=name, method=baseline.method, run=run)
         save(scored, out / name)
         show(scenes_table(scored.result, floors=True), Format.TERMINAL)
         put("\n")
@@ -61,11 +59,11 @@ def demo(
 
 
 def _predictions(
-    track: AnyTrack,
-    baseline: Baseline[object],
+    track: TrackInfo,
+    baseline: Baseline,
     benchmark: Benchmark,
     folder: Path,
-    resources: Resources,
+    run: Run,
 ) -> Path:
     """Return the file of the plain method, made now unless this version has made it already."""
     from airzoo_bench.core.files import atomic_write, fingerprint
@@ -82,7 +80,7 @@ def _predictions(
             path,
             data=benchmark.folder,
             settings=baseline.demo,
-            resources=resources,
+            run=run,
         )
         with atomic_write(mark, "w") as stream:
             stream.write(made_from)

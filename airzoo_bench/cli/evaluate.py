@@ -39,8 +39,7 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.choose import EngineKind, open_engine
 
 if TYPE_CHECKING:
-    from airzoo_bench.evaluation.given import AnyTrack
-    from airzoo_bench.evaluation.parts import EvalOption
+    from airzoo_bench.evaluation.info import EvalOption, TrackInfo
     from airzoo_bench.results.result import Result
 
 __all__ = ["app"]
@@ -76,7 +75,7 @@ class _EvalGroup(BuiltGroup):
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Predictions": ("protocol", "data", "reader", "names", "image_size"),
         "Output": ("out", "method", "form", "every_score"),
-        "Resources": (
+        "Run": (
             "jobs",
             "max_memory",
             "untrusted",
@@ -87,7 +86,7 @@ class _EvalGroup(BuiltGroup):
         ),
     }
 
-    def command_of(self, thing: AnyTrack) -> tuple[Callable[..., None], str, str]:
+    def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str, str]:
         parameters = [
             parameter("predictions", Annotated[str, _predictions(thing.argument)]),
             parameter("protocol", ProtocolOption, None),
@@ -134,7 +133,7 @@ def _kind(one: EvalOption) -> Any:
 
 
 def _evaluate(
-    track: AnyTrack,
+    track: TrackInfo,
     predictions: str,
     protocol: str | None,
     data: str | None,
@@ -158,8 +157,8 @@ def _evaluate(
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.given import ReadBy
-    from airzoo_bench.evaluation.parts import Resources
     from airzoo_bench.evaluation.run_files import kept_beside, only_run_at, run_folder, save
+    from airzoo_bench.evaluation.track import Run
 
     asked = [one for one in track.options if extras[one.name] != one.default]
     writing = [f"--{one.name}" for one in asked if one.needs_out]
@@ -170,23 +169,22 @@ def _evaluate(
     with (
         only_run_at(out),
         open_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
-        keep_scenes(kept_beside(out), resume=resume and not writing) as scenes,
+        keep_scenes(kept_beside(out), resume=resume and not writing) as store,
     ):
         threads = jobs if engine is EngineKind.LOCAL else 1
         place.progress = choose_progress(place, show_progress=show_progress)
         limits = Limits(memory) if untrusted else None
-        resources = Resources(
-            memory, threads, place.progress, bool(writing), place, scenes=scenes, limits=limits
-        )
+        run = Run(memory, threads, place.progress, bool(writing), place, limits)
         evaluation = evaluate(
             predictions_here(predictions),
             data=resolve_data(data),
             track=track.name,
             protocol=protocol,
             method=name,
-            resources=resources,
+            run=run,
             read_by=ReadBy(reader, names, image_size),
             begun=partial(_say_replaced, out),
+            store=store,
         )
         if evaluation.given.reader is not None:
             say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
@@ -194,7 +192,7 @@ def _evaluate(
         def act(folder: Path | None) -> Iterator[str]:
             for one in asked:
                 if one.needs_out == (folder is not None):
-                    yield from resolve(one.act)(evaluation, extras[one.name], folder, resources)
+                    yield from resolve(one.act)(evaluation, extras[one.name], folder, run)
 
         written, lines = list[Path](), list[str]()
         if out is not None:

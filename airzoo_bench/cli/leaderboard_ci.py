@@ -229,15 +229,15 @@ def record(
 
 def _rules(root: Path, branch: str, data: str | None, max_memory: str, jobs: int) -> Rules:
     from airzoo_bench.core.sandbox import Limits, check_limits
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
     from airzoo_bench.leaderboard.ci.scoring import Rules
 
     check_limits()
     memory = memory_bytes(max_memory)
-    resources = Resources(memory, jobs=jobs, limits=Limits(memory))
+    run = Run(memory, jobs=jobs, limits=Limits(memory))
     board = read_board(root / BOARD_FILE)
-    return Rules(board, root, branch, resolve_data(data), resources, _say)
+    return Rules(board, root, branch, resolve_data(data), run, _say)
 
 
 def _check_empty(folder: Path) -> None:

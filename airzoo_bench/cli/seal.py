@@ -88,7 +88,7 @@ def seal_score(
     Nothing else of the truth is printed or kept.
     """
     from airzoo_bench.evaluation.given import ReadBy
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.leaderboard.sealed.keys import read_key
     from airzoo_bench.leaderboard.sealed.scoring import score_predictions
 
@@ -100,6 +100,6 @@ def seal_score(
         read_key(key),
         data=resolve_data(data),
         read_by=ReadBy(reader, names),
-        resources=Resources(memory_bytes(max_memory), jobs, progress),
+        run=Run(memory_bytes(max_memory), jobs, progress),
     )
     put(answer.model_dump_json(by_alias=True, indent=2) + "\n", Format.JSON)

@@ -69,7 +69,7 @@ def check(
     check: no such folder, no board.
     """
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
     from airzoo_bench.leaderboard.checks import check_submission
     from airzoo_bench.leaderboard.known import known_submissions
@@ -89,18 +89,18 @@ def check(
             fix="`airzoo-bench submission new` makes one",
         )
     place = resolve_data(data)
-    resources = Resources(memory_bytes(max_memory), jobs, progress)
+    run = Run(memory_bytes(max_memory), jobs, progress)
     checked = check_submission(
         folder,
         read_board(root / BOARD_FILE),
         place,
         known=known_submissions(root),
         fetch=fetch,
-        resources=resources,
+        run=run,
     )
     rescored = None
     if score is not False and not checked.errors:
-        rescored = _rescored(checked, place, resources, again=make_again, must=bool(score))
+        rescored = _rescored(checked, place, run, again=make_again, must=bool(score))
     wrong = [*checked.errors, *(rescored.errors if rescored else ())]
     if form == "json":
         put(json.dumps(_values(checked, rescored), indent=1, allow_nan=False) + "\n")
@@ -111,7 +111,7 @@ def check(
 
 
 def _rescored(
-    checked: CheckedSubmission, data: Path, resources: Any, *, again: bool, must: bool
+    checked: CheckedSubmission, data: Path, run: Any, *, again: bool, must: bool
 ) -> Rescored | None:
     """Score; where that cannot be done here, a warning says why, or an error if it must be."""
     from airzoo_bench.core.errors import SubmissionError
@@ -119,7 +119,7 @@ def _rescored(
 
     hindrance = _hindrance(checked, data)
     if not hindrance:
-        return rescore(checked, data=data, resources=resources, make_again=again)
+        return rescore(checked, data=data, run=run, make_again=again)
     if must:
         raise SubmissionError(f"not scored: {hindrance}", where=checked.folder)
     checked.warnings.append(f"not scored: {hindrance}")

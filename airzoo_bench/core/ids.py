@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.validation import nearest
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import pandas as pd
 
 __all__ = [
     "IMAGE_SUFFIXES",
     "PHOTO_SUFFIXES",
-    "Assignment",
-    "assign_queries",
     "check_ids",
     "rows_among",
     "scene_of",
@@ -36,8 +26,6 @@ IMAGE_SUFFIXES = (
     *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
 )
 
-_SHOWN = 3
-_SHOWN_LETTERS = 80
 _BYTES_OF_LETTER = 4
 
 Texts = NDArray[np.str_]
@@ -78,58 +66,6 @@ def check_ids(ids: Texts, where: str) -> None:
             expected="each id once",
             fix="keep one row of each",
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Assignment:
-    """Which row of the predictions answers which query.
-
-    Attributes
-    ----------
-    rows : list of (Q,) int
-        For each scene the row of each query, -1 where the predictions lack it.
-    missing : (M,) str
-        The queries that the predictions lack.
-    strange : (S,) str
-        Ids of the predictions that are no query of any scene.
-    """
-
-    rows: list[NDArray[np.intp]]
-    missing: Texts
-    strange: Texts
-
-    @property
-    def covered(self) -> str:
-        """How many of the queries are answered, such as ``15 of 18 queries``."""
-        asked = sum(map(len, self.rows))
-        return f"{asked - len(self.missing):,} of {counted(asked, 'query')}"
-
-    def notes(self) -> list[str]:
-        """Name the first queries that are missing, and the first ids that are none."""
-        notes = []
-        if self.missing.size:
-            named = first_of(self.missing, sum(len(found) for found in self.rows), _SHOWN)
-            notes.append(f"queries that the predictions lack, scored at their worst: {named}")
-        if self.strange.size:
-            # Each id stands once: what a mistyped one means is among the queries that are missing.
-            absent = self.missing.tolist()
-            shown = [
-                repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1)
-                for name in self.strange[:_SHOWN].tolist()
-            ]
-            named = first_of([*shown, *self.strange[_SHOWN:]], shown=_SHOWN)
-            notes.append(f"ids of the predictions that are no queries, left aside: {named}")
-        return notes
-
-
-def assign_queries(given: Texts, scenes: Sequence[pd.Series[str]]) -> Assignment:
-    """Find the row of the predictions that answers each query."""
-    asked = np.concatenate([np.zeros(0, "<U1"), *(ids.to_numpy(str) for ids in scenes)])
-    found = rows_among(asked, given)
-    strange = np.ones(len(given), np.bool_)
-    strange[found[found >= 0]] = False
-    ends = np.cumsum([len(ids) for ids in scenes], dtype=np.intp)
-    return Assignment(np.split(found, ends)[:-1], asked[found < 0], given[strange])
 
 
 def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:

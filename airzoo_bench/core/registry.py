@@ -14,7 +14,7 @@ from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["DATASETS", "READERS", "TRACKS", "Registry", "resolve"]
+__all__ = ["DATASETS", "READERS", "TRACKS", "Registry", "load_track", "resolve"]
 
 
 def resolve(place: str) -> Any:
@@ -144,12 +144,29 @@ def _package(point: EntryPoint) -> str:
 TRACKS = Registry(
     "airzoo_bench.tracks",
     {
-        "retrieval": "airzoo_bench.retrieval.track:TRACK",
-        "matching": "airzoo_bench.matching.track:TRACK",
-        "reconstruction": "airzoo_bench.reconstruction.track:TRACK",
+        "retrieval": "airzoo_bench.retrieval.info:INFO",
+        "matching": "airzoo_bench.matching.info:INFO",
+        "reconstruction": "airzoo_bench.reconstruction.info:INFO",
     },
 )
-"""Tracks by name, each a `airzoo_bench.evaluation.track.Track`."""
+"""Tracks by name, each a `airzoo_bench.evaluation.info.TrackInfo`."""
+
+
+def load_track(name: str) -> Any:
+    """Import the `airzoo_bench.evaluation.track.Track` of a name.
+
+    Parameters
+    ----------
+    name : str
+        One of ``TRACKS.names()``.
+
+    Returns
+    -------
+    Track
+        Its only object.
+    """
+    return resolve(TRACKS.get(name).track)
+
 
 DATASETS = Registry(
     "airzoo_bench.datasets",

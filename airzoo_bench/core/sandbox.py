@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -75,10 +76,13 @@ def call_limited(
 ) -> Any:
     """Call ``module:function`` of the suite in a child, and return what it returned.
 
+    It may return a context manager, which is entered while its value is written. A value in it
+    that has a method ``stored(folder)`` is written as what that returns.
+
     Parameters
     ----------
     arguments : mapping
-        Numbers, texts, paths and dataclasses of them; the function gets `folder` besides.
+        Numbers, texts, paths and dataclasses of them.
     where : Path
         The predictions: arrays that the child mapped from below them are mapped again, not copied.
     folder : Path
@@ -160,8 +164,9 @@ def main(folder: Path) -> None:
         resource.setrlimit(kind, (allowed[0], allowed[1]))
     try:
         arguments = _restore(job["arguments"], folder, where)
-        found = resolve(job["function"])(**arguments, folder=folder)
-        answer = _describe(found, folder, where)
+        found = resolve(job["function"])(**arguments)
+        with found if isinstance(found, AbstractContextManager) else nullcontext(found) as value:
+            answer = _describe(value, folder, where)
     except UserError as error:
         answer = _describe(error, folder, where)
     except MemoryError:
@@ -175,6 +180,8 @@ def main(folder: Path) -> None:
 
 def _describe(value: Any, folder: Path, where: Path) -> Any:
     """Return a value as JSON can hold it; arrays go into files."""
+    if hasattr(value, "stored"):
+        value = value.stored(folder)
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from airzoo_bench.core.errors import (
     BenchmarkError,
@@ -16,8 +17,8 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.evaluate import counts_apart, namesake_notes
 from airzoo_bench.evaluation.given import Given, ReadBy, read_truths
-from airzoo_bench.evaluation.parts import Assigned, Resources, Truth
 from airzoo_bench.evaluation.reader import find_reader
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.evaluation.untrusted import open_as_trusted
 from airzoo_bench.protocol.lookup import find_protocol
 
@@ -48,22 +49,22 @@ def check(
     *,
     data: Path,
     protocol: str | None = None,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
+    run: Run = Run(),  # noqa: B008 - frozen
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
 ) -> Checked:
     """Find all errors of predictions."""
     try:
-        given = open_as_trusted(path, None, protocol, data, resources, read_by)
+        given = open_as_trusted(path, None, protocol, data, run, read_by)
     except UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
         track = None if protocol is None else find_protocol(protocol, data).track
         # Who reads files that are not trusted is found in the child, which has just refused them.
-        found = find_reader(path, track) if resources.limits is None else None
+        found = find_reader(path, track) if run.limits is None else None
         reader = read_by.reader or found
         return Checked([error], [], [] if reader is None else [_title(reader, "read")])
     try:
-        checked = _checked(given, resources)
+        checked = _checked(given, run)
     except (PredictionError, CameraError) as error:
         checked = Checked([error], [])
     # Of the suite's own files the errors say all; of others, who reads them comes first.
@@ -74,8 +75,8 @@ def check(
 
 def _described(given: Given) -> list[str]:
     if given.reader is None:
-        return [f"{given.track.name} predictions for {given.protocol.name}"]
-    what = f"{given.track.name} predictions for {given.protocol.name}, read"
+        return [f"{given.protocol.track} predictions for {given.protocol.name}"]
+    what = f"{given.protocol.track} predictions for {given.protocol.name}, read"
     return [
         _title(given.reader.name, what),
         *(f"taken to be so: {convention}" for convention in given.reader.conventions),
@@ -90,51 +91,30 @@ def _title(name: str, what: str) -> str:
     return f"{reader.title}{written}: {what} by --reader {name}"
 
 
-def _checked(given: Given, resources: Resources) -> Checked:
-    track, predictions, protocol = given.track, given.predictions, given.protocol
-    errors = list(track.validation_errors(predictions, protocol, thorough=True))
-    if errors:
-        return Checked(errors, [])
-    try:
-        _, truths = read_truths(track, protocol, given.data, sealed=True)
-    except BenchmarkError as error:
-        track.assign(predictions, protocol, (), given.data)
-        return _without_benchmark(given, resources, error)
-    assigned = track.assign(predictions, protocol, truths, given.data)
-    return _with_benchmark(given, truths, assigned, resources)
-
-
-def _without_benchmark(given: Given, resources: Resources, missing: BenchmarkError) -> Checked:
-    """Find what can be found without the benchmark folder."""
-    found = list(given.track.inspect_alone(given.predictions, given.protocol, resources))
-    errors = [one for one in found if isinstance(one, PredictionError)]
-    notes = [one for one in found if isinstance(one, str)]
-    unmatched = f"predictions were not compared with the benchmark: {missing.what}"
-    return Checked(errors, [*notes, unmatched])
-
-
-def _with_benchmark(
-    given: Given, truths: Sequence[Truth], assigned: Assigned, resources: Resources
-) -> Checked:
+def _checked(given: Given, run: Run) -> Checked:
     """Check the predictions of each scene, and go on after errors."""
     track, predictions, protocol = given.track, given.predictions, given.protocol
-    counts = {truth.scene: track.expected_counts(truth) for truth in truths}
-    notes = [
-        *namesake_notes(protocol, given.data),
-        *assigned.notes(),
-        *counts_apart(protocol, counts),
-    ]
-    errors, scene_predictions = [], []
-    matched = track.match(predictions, assigned, truths, protocol, resources)
-    for predicted, truth in zip(matched, truths, strict=True):
-        if isinstance(predicted, PredictionError):
-            errors.append(predicted)
-            continue
-        scene_predictions.append(predicted)
-        try:
-            notes += track.inspect(predicted, truth, protocol, resources)
-        except PredictionError as error:
-            errors.append(error)
-    if not errors:
-        notes += track.check_notes(predictions, protocol, truths, scene_predictions, resources)
-    return Checked(errors, notes, [f"answers {assigned.covered}"])
+    notes: list[str] = []
+    truths: list[Any] = []
+    try:
+        truths = read_truths(protocol, given.data, sealed=True)[1]
+    except BenchmarkError as error:
+        notes.append(f"predictions were not compared with the benchmark: {error.what}")
+    assignment = track.assign(predictions, truths, protocol)
+    errors: list[UserError] = list(assignment.errors)
+    scored = []
+    known = truths or [None] * len(protocol.scenes)
+    for part, truth in zip(assignment.parts, known, strict=False):
+        if part is not None:
+            try:
+                scored.append(track.check(part, truth, protocol, run))
+            except PredictionError as error:
+                errors.append(error)
+    if truths:
+        notes += [*namesake_notes(protocol, given.data), *assignment.notes]
+    notes += [note for scene in scored for note in scene.notes]
+    if truths and not errors:
+        scenes = zip(protocol.scenes, scored, strict=True)
+        notes += counts_apart(protocol, {scene.id: one.counts for scene, one in scenes})
+        notes += track.notes(predictions, truths, protocol, scored)
+    return Checked(errors, notes, [f"answers {assignment.covered}"] if truths else [])

@@ -8,18 +8,20 @@ from typing import Any
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.plurals import agreeing
+from airzoo_bench.core.registry import load_track
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["read_checked_truth"]
 
 
-def read_checked_truth(track: Any, benchmark: Benchmark, protocol: Protocol, scene: str) -> Any:
+def read_checked_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Any:
     """Read the truth of a scene, and refuse conditions that have the name of another column."""
-    truth = track.read_truth(benchmark, scene)
+    track = load_track(protocol.track)
+    truth = track.truth(benchmark, scene)
     conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
     if conditions is None:
         return truth
-    taken = {*track.recorded, *(score.column for score in track.scores(protocol, ()))}
+    taken = {*track.recorded, *(score.column for score in track.scores(protocol))}
     clashing = [
         str(name)
         for name in conditions.columns
@@ -28,7 +30,8 @@ def read_checked_truth(track: Any, benchmark: Benchmark, protocol: Protocol, sce
     if clashing:
         raise BenchmarkError(
             f"the {agreeing(len(clashing), 'condition', 'conditions')} {', '.join(clashing)} "
-            f"{agreeing(len(clashing), 'is', 'are')} called as what the {track.name} track records",
+            f"{agreeing(len(clashing), 'is', 'are')} called as what the "
+            f"{protocol.track} track records",
             where=benchmark.scene_folder(scene) / "queries.csv",
             expected="conditions of other names",
             fix="rename the columns, then `airzoo-bench manifest FOLDER --force`",

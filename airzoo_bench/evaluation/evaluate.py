@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UserError
-from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree, stamps
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree
 from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.given import Given, ReadBy, read_truths
-from airzoo_bench.evaluation.parts import Resources, ScoredScene, Truth
+from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.evaluation.track import Run, Scored, Truth
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 from airzoo_bench.evaluation.untrusted import open_as_trusted
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
@@ -22,24 +24,9 @@ from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
 from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
 from airzoo_bench.results.result import Result, score_columns
-from airzoo_bench.results.scores import summarise
+from airzoo_bench.results.scores import Score, concatenate, summarise
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes"]
-
-
-_CHANGED_PREDICTIONS = PredictionError(
-    "was changed while it was scored",
-    expected="predictions that stay as they are until the run is saved",
-    fix="score them again when nobody writes there",
-)
-_CHANGED_TRUTH = BenchmarkError(
-    "was changed while predictions were scored with it",
-    expected="a benchmark that stays as it is until the run is saved",
-    fix="score them again when nobody writes there",
-)
+__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "truth_fingerprint"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +36,11 @@ class Evaluation:
     Attributes
     ----------
     records : DataFrame
-        A row a query, pair or cloud.
-    truths, scene_predictions : list
+        A row a query or cloud.
+    truths : list
         Of each scene.
     scored : dict
-        Scored scenes by id.
+        `Scored` scenes by id.
     """
 
     result: Result
@@ -61,8 +48,7 @@ class Evaluation:
     given: Given
     benchmark: Benchmark
     truths: list[Any]
-    scene_predictions: list[Any]
-    scored: dict[str, Any]
+    scored: dict[str, Scored]
 
     @property
     def protocol(self) -> Any:
@@ -77,165 +63,121 @@ def evaluate(
     track: str | None = None,
     protocol: str | None = None,
     method: str | None = None,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
+    run: Run = Run(),  # noqa: B008 - frozen
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
     begun: Callable[[], None] = lambda: None,
+    store: SceneStore | None = None,
 ) -> Evaluation:
-    """Score predictions."""
-    with _unchanged([path], resources, _CHANGED_PREDICTIONS):
-        return _evaluated(path, data, track, protocol, method, resources, read_by, begun)
-
-
-@contextmanager
-def _unchanged(paths: Iterable[Path], resources: Resources, fault: UserError) -> Iterator[None]:
-    """Refuse what is made of files that change meanwhile: nobody could name their checksum."""
-    begun = [(path, stamps(path)) for path in paths]
-    try:
-        yield
-    finally:
-        for path, before in begun:
-            now = stamps(path)
-            changed = sorted(file for file, stamp in before.items() if now.get(file) != stamp)
-            if changed:
-                if resources.scenes is not None:
-                    resources.scenes.remove()
-                raise fault.inside(changed[0])
-
-
-def _evaluated(
-    path: Path,
-    data: Path,
-    track: str | None,
-    protocol: str | None,
-    method: str | None,
-    resources: Resources,
-    read_by: ReadBy,
-    begun: Callable[[], None],
-) -> Evaluation:
-    given = open_as_trusted(path, track, protocol, data, resources, read_by)
+    """Score predictions; `begun` is called once they are known to be scored."""
+    given = open_as_trusted(path, track, protocol, data, run, read_by)
     of, predictions, chosen = given.track, given.predictions, given.protocol
-    for error in of.validation_errors(predictions, chosen, thorough=False):
-        raise error
     benchmark, truths = _open_truths(given, data)
-    read_again = [file for truth in truths for file in of.read_while_scoring(truth)]
-    with _unchanged(read_again, resources, _CHANGED_TRUTH):
-        sha256 = sha256_of_tree(predictions.path)
-        if resources.scenes is not None:
-            resources.scenes.begin(_run_of(given, sha256, truths, read_by.names, resources))
-        begun()
-        assigned = of.assign(predictions, chosen, truths, data)
-        scene_predictions = []
-        for predicted in of.match(predictions, assigned, truths, chosen, resources):
-            if isinstance(predicted, PredictionError):
-                raise predicted
-            scene_predictions.append(predicted)
-        pairs = zip(scene_predictions, truths, strict=True)
-        scored = [
-            resources.finish(
-                truth.scene, truth, partial(of.score, predicted, truth, chosen, resources)
-            )
-            for predicted, truth in pairs
-        ]
-    records = of.records(scored, chosen)
-    notes = [
-        *given.notes,
-        *assigned.notes(),
-        *of.notes(predictions, chosen, truths, scene_predictions, scored),
-    ]
-    result = _result(
-        given, sha256, benchmark, truths, scored, records, method, len(assigned.strange), notes
-    )
+    assignment = of.assign(predictions, truths, chosen)
+    for error in assignment.errors:
+        raise error
+    sha256 = sha256_of_tree(path)
+    begun()
+    kept = None if store is None else _Kept(store, _run_of(given, sha256, truths, read_by, run))
+    scored = []
+    parts = zip(truths, assignment.parts, strict=True)
+    for truth, part in run.progress(parts, "scenes", len(truths)):
+        scene = None if kept is None else kept.store.load(kept.run, truth.scene)
+        if scene is None:
+            scene = of.score(part, truth, chosen, run)
+            if kept is not None:
+                kept.store.save(kept.run, truth.scene, scene)
+        scored.append(scene)
+    scores, records = _records(scored, of.scores(chosen))
     by_scene = {truth.scene: scene for truth, scene in zip(truths, scored, strict=True)}
-    return Evaluation(result, records, given, benchmark, truths, scene_predictions, by_scene)
+    notes = (
+        *given.notes,
+        *assignment.notes,
+        *(note for scene in scored for note in scene.notes),
+        *of.notes(predictions, truths, chosen, scored),
+    )
+    counts = {name: scene.counts for name, scene in by_scene.items()}
+    result = Result(
+        track=chosen.track,
+        protocol=ProtocolUsed(
+            name=chosen.name,
+            version=chosen.version,
+            fingerprint=chosen.fingerprint,
+            settings=chosen.settings(),
+        ),
+        truth=TruthUsed(
+            benchmark=benchmark.name,
+            version=benchmark.file.version,
+            fingerprint=truth_fingerprint(truths),
+            scene_titles={scene.id: scene.title for scene in chosen.scenes},
+        ),
+        predictions=PredictionsUsed(
+            file=path.name,
+            sha256=sha256,
+            kind=", ".join(sorted({scene.kind for scene in scored if scene.kind is not None})),
+            method=method or (path.name if path.is_dir() else path.stem),
+            reader=given.reader,
+        ),
+        versions=dict(versions()),
+        columns=score_columns(scores),
+        counts=counts,
+        extra_queries=assignment.strange,
+        notes=(
+            *namesake_notes(chosen, benchmark.folder),
+            *counts_apart(chosen, counts),
+            *accuracy_notes(
+                chosen, {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
+            ),
+            *notes,
+        ),
+        **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
+        references=dict(of.references(chosen, truths)),
+    ).with_checksum()
+    return Evaluation(result, records, given, benchmark, truths, by_scene)
+
+
+@dataclass(frozen=True)
+class _Kept:
+    store: SceneStore
+    run: str
 
 
 def _open_truths(given: Given, data: Path) -> tuple[Benchmark, list[Any]]:
     """Return the truths that a reader was given, unless they are sealed, else read them."""
     if given.truths is not None and not given.truths[0].is_sealed:
         return given.truths
-    return read_truths(given.track, given.protocol, data)
+    return read_truths(given.protocol, data)
 
 
-def _run_of(
-    given: Given, sha256: str, truths: Sequence[Truth], names: Path | None, resources: Resources
-) -> str:
-    """Return a fingerprint of all that results of tasks depend on."""
+def _run_of(given: Given, sha256: str, truths: Sequence[Truth], read_by: ReadBy, run: Run) -> str:
+    """Return a fingerprint of all that scores of scenes depend on."""
     return fingerprint(
         {
-            "track": given.track.name,
             "predictions": sha256,
             "reader": None if given.reader is None else given.reader.model_dump(mode="json"),
-            "names": None if names is None else sha256_of(names),
+            "names": None if read_by.names is None else sha256_of(read_by.names),
             "protocol": given.protocol.fingerprint,
             "truth": {truth.scene: truth.fingerprint for truth in truths},
             "versions": versions(),
-            "keep": resources.keep,
-            "memory": resources.memory_bytes,  # how queries and clouds are cut
-            "stamps": sorted(stamps(given.predictions.path).values()),
+            "memory": run.memory_bytes,  # how queries and clouds are cut
         }
     )
 
 
-def _result(
-    given: Given,
-    sha256: str,
-    benchmark: Benchmark,
-    truths: Sequence[Truth],
-    scored: Sequence[ScoredScene],
-    records: pd.DataFrame,
-    method: str | None,
-    strange: int,
-    notes: Sequence[str],
-) -> Result:
-    """Average the records, and collect all that a result states."""
-    track, protocol, path = given.track, given.protocol, given.predictions.path
-    scores = track.scores(protocol, scored)
-    counts = {truth.scene: scene.counts for truth, scene in zip(truths, scored, strict=True)}
-    return Result(
-        track=track.name,
-        protocol=_protocol_used(protocol),
-        truth=TruthUsed(
-            benchmark=benchmark.name,
-            version=benchmark.file.version,
-            fingerprint=truth_fingerprint(truths),
-            scene_titles={scene.id: scene.title for scene in protocol.scenes},
-        ),
-        predictions=PredictionsUsed(
-            file=path.name,
-            sha256=sha256,
-            kind=track.kind(given.predictions, scored),
-            method=method or track.method(path),
-            reader=given.reader,
-        ),
-        versions=dict(versions()),
-        columns=score_columns(scores),
-        counts=counts,
-        extra_queries=strange,
-        notes=(
-            *namesake_notes(protocol, benchmark.folder),
-            *counts_apart(protocol, counts),
-            *accuracy_notes(
-                protocol, {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
-            ),
-            *notes,
-        ),
-        **asdict(summarise(records, scores, [scene.id for scene in protocol.scenes])),
-        references=track.references(protocol, truths),
-    ).with_checksum()
+def _records(scored: Sequence[Scored], scores: list[Score]) -> tuple[list[Score], pd.DataFrame]:
+    """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
+    records = concatenate([scene.records for scene in scored])
+    scores = [score for score in scores if score.column in records]
+    lacking = {
+        score.column: 0.0 if score.higher_is_better else np.inf
+        for score in scores
+        if not all(score.column in scene.records for scene in scored)
+    }
+    return scores, records.fillna(lacking) if lacking else records
 
 
 def truth_fingerprint(truths: Sequence[Truth]) -> str:
     """Return the SHA-256 over all that scores of some scenes depend on."""
     return fingerprint({truth.scene: truth.fingerprint for truth in truths})
-
-
-def _protocol_used(protocol: Protocol) -> ProtocolUsed:
-    return ProtocolUsed(
-        name=protocol.name,
-        version=protocol.version,
-        fingerprint=protocol.fingerprint,
-        settings=protocol.settings(),
-    )
 
 
 def namesake_notes(used: Protocol, data: Path) -> list[str]:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark, benchmark_place, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, UnreadableError, UsageError
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.evaluation.checked_truth import read_checked_truth
+from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.near_places import place_meant, refuse_part, refuse_special
-from airzoo_bench.evaluation.parts import Predictions, Resources, Truth
 from airzoo_bench.evaluation.reader import (
     Reading,
     find_reader,
@@ -20,7 +19,7 @@ from airzoo_bench.evaluation.reader import (
     read_native,
     reader_named,
 )
-from airzoo_bench.evaluation.track import Track
+from airzoo_bench.evaluation.track import Predictions, Run, Track, Truth
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.lookup import (
     choose_protocol,
@@ -31,11 +30,13 @@ from airzoo_bench.protocol.lookup import (
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.provenance import ReaderUsed
 
-__all__ = ["AnyTrack", "Given", "ReadBy", "open_predictions", "read_truths", "track_of"]
+__all__ = ["Given", "ReadBy", "open_predictions", "read_truths", "track_of"]
 
 _OFFERED = 3
-
-AnyTrack = Track[Any, Any, Any, Any, Any, Any]
+_IN_A_FOLDER = (
+    "protocol.txt in the folder or archive, or a field 'protocol' in a file alone",
+    "name it with --protocol; `airzoo-bench protocols` lists them",
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Given:
         The benchmark and its truths, where the reader was given them.
     """
 
-    track: AnyTrack
+    track: Track
     predictions: Predictions
     protocol: Protocol
     data: Path
@@ -86,14 +87,14 @@ def open_predictions(
     track: str | None,
     protocol: str | None,
     data: Path,
-    resources: Resources,
+    run: Run,
     read_by: ReadBy = ReadBy(),
 ) -> Given:
     """Read or list predictions."""
     refuse_special(path)
     reader = read_by.reader or _reader_of(path, track, protocol, data)
     if reader is not None:
-        return _open_native(path, reader, track, protocol, data, resources, read_by)
+        return _open_native(path, reader, track, protocol, data, run, read_by)
     if read_by.names is not None or read_by.image_size is not None:
         option = "--names" if read_by.names is not None else "--image-size"
         raise UsageError(
@@ -101,10 +102,10 @@ def open_predictions(
             where=path,
             fix="leave it out, or say which reader: --reader NAME",
         )
-    found: AnyTrack = TRACKS.get(track or track_of(path, protocol, data, resources).name)
+    found: TrackInfo = TRACKS.get(track or track_of(path, protocol, data, run))
     _refuse_missing(path, found)
     try:
-        predictions = _read_own(path, found, track, protocol, data, resources)
+        predictions = _read_own(path, found, track, protocol, data, run)
     except UnreadableError as error:
         meant = place_meant(path, found.name) if path.is_dir() else None
         if meant is None:
@@ -112,25 +113,26 @@ def open_predictions(
         raise UnreadableError(
             error.what, where=error.where, expected=error.expected, fix=meant
         ) from error
-    chosen = choose_protocol(
-        path, predictions.protocol, protocol, data, found.protocol, found.says_protocol
-    )
-    return Given(found, predictions, chosen, data)
+    model = load_track(found.name)
+    says = _IN_A_FOLDER if found.folders else None
+    chosen = choose_protocol(path, predictions.protocol, protocol, data, model.protocol, says)
+    return Given(model, predictions, chosen, data)
 
 
 def _read_own(
     path: Path,
-    found: AnyTrack,
+    found: TrackInfo,
     asked: str | None,
     protocol: str | None,
     data: Path,
-    resources: Resources,
+    run: Run,
 ) -> Predictions:
     if asked is not None:
         _refuse_other_kind(path, found)
-    refuse_other_track(path, protocol, data, found.protocol, resources.memory_bytes)
-    read: Predictions = found.read(path, resources.memory_bytes)
-    return read
+    track = load_track(found.name)
+    refuse_other_track(path, protocol, data, track.protocol, run.memory_bytes)
+    opened: Predictions = track.open(path, run.memory_bytes)
+    return opened
 
 
 def _open_native(
@@ -139,7 +141,7 @@ def _open_native(
     track: str | None,
     protocol: str | None,
     data: Path,
-    resources: Resources,
+    run: Run,
     read_by: ReadBy,
 ) -> Given:
     """Read what a method wrote; such files do not say which protocol they are for."""
@@ -150,7 +152,7 @@ def _open_native(
             where=path,
             fix=f"those are scored by `airzoo-bench eval {reader.track} {path}`",
         )
-    found: AnyTrack = TRACKS.get(reader.track)
+    found: Track = load_track(reader.track)
     there = prepared_protocols(reader.track, data) if protocol is None else []
     listed = " or ".join(f"--protocol {one}" for one in there[:_OFFERED])
     says = (
@@ -161,13 +163,13 @@ def _open_native(
     )
     chosen = choose_protocol(path, None, protocol, data, found.protocol, says)
     try:
-        known = read_truths(found, chosen, data, sealed=True)
+        known = read_truths(chosen, data, sealed=True)
     except BenchmarkError:
         if benchmark_place(chosen.benchmark, data).is_dir():
             raise  # it is there, and damaged or of other settings
         known = None  # readers say what they cannot tell without; scoring says that it is missing
     names, size = read_by.names, picture_size(read_by.image_size)
-    reading = Reading(chosen, [], names, resources.memory_bytes, image_size=size)
+    reading = Reading(chosen, [], names, run.memory_bytes, image_size=size)
     if known is not None:
         benchmark, truths = known
         scenes = tuple(scene.id for scene in benchmark.file.scenes)
@@ -190,7 +192,7 @@ def _reader_of(path: Path, track: str | None, protocol: str | None, data: Path) 
     return found
 
 
-def _refuse_missing(path: Path, asked: AnyTrack) -> None:
+def _refuse_missing(path: Path, asked: TrackInfo) -> None:
     if not path.exists():
         raise UnreadableError(
             "no such predictions" if asked.folders else "no such prediction file",
@@ -200,9 +202,9 @@ def _refuse_missing(path: Path, asked: AnyTrack) -> None:
         )
 
 
-def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
+def _refuse_other_kind(path: Path, asked: TrackInfo) -> None:
     """Refuse what only predictions of other tracks come as, and name the command for those."""
-    tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
+    tracks: list[TrackInfo] = [TRACKS.get(name) for name in TRACKS.names()]
     ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
     if path.is_dir():
         what, fitting = "a folder", [track for track in tracks if track.folders]
@@ -219,19 +221,19 @@ def _refuse_other_kind(path: Path, asked: AnyTrack) -> None:
 
 
 def read_truths(
-    track: AnyTrack, protocol: Protocol, data: Path, *, sealed: bool = False
+    protocol: Protocol, data: Path, *, sealed: bool = False
 ) -> tuple[Benchmark, list[Truth]]:
     """Find the benchmark of a protocol, and read the truth of its scenes, in its order."""
     benchmark = find_benchmark(protocol.benchmark, data, sealed=sealed)
     benchmark.check_fits(protocol)
     with benchmark.fixes():
         scenes = [scene.id for scene in protocol.scenes]
-        return benchmark, [read_checked_truth(track, benchmark, protocol, one) for one in scenes]
+        return benchmark, [read_checked_truth(benchmark, protocol, one) for one in scenes]
 
 
-def track_of(path: Path, protocol: str | None, data: Path, resources: Resources) -> AnyTrack:
-    """Find the track of predictions by their protocol, else by what kind of file they are."""
-    tracks: list[AnyTrack] = [TRACKS.get(name) for name in TRACKS.names()]
+def track_of(path: Path, protocol: str | None, data: Path, run: Run) -> str:
+    """Name the track of predictions by their protocol, else by what kind of file they are."""
+    tracks: list[TrackInfo] = [TRACKS.get(name) for name in TRACKS.names()]
     ending = _ending(path, {suffix for track in tracks for suffix in track.suffixes})
     fitting = [track for track in tracks if ending in track.suffixes]
     if path.is_file() and not fitting:
@@ -242,15 +244,14 @@ def track_of(path: Path, protocol: str | None, data: Path, resources: Resources)
             fix="`airzoo-bench template` writes an example",
         )
     if path.is_file() and len(fitting) == 1:
-        return fitting[0]
+        return fitting[0].name
     fields: set[str] = set()
     if path.is_file() and path.suffix == ".npz":
-        arrays = open_arrays(path, resources.memory_bytes)
+        arrays = open_arrays(path, run.memory_bytes)
         fields = arrays.names()
         protocol = protocol or protocol_name(arrays)
     if protocol is not None:
-        found: AnyTrack = TRACKS.get(find_protocol(protocol, data).track)
-        return found
+        return str(find_protocol(protocol, data).track)
     return _by_content(path, fitting or tracks, fields)
 
 
@@ -260,7 +261,7 @@ def _ending(path: Path, endings: set[str]) -> str:
     return max((ending for ending in endings if name.endswith(ending)), key=len, default="")
 
 
-def _by_content(path: Path, tracks: list[AnyTrack], fields: set[str]) -> AnyTrack:
+def _by_content(path: Path, tracks: list[TrackInfo], fields: set[str]) -> str:
     own = [track for track in tracks if fields & {*track.fields}]
     folders = [track for track in tracks if path.is_dir() and track.folders]
-    return (own or folders or tracks)[0]
+    return (own or folders or tracks)[0].name

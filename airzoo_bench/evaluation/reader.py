@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.parts import Predictions
+from airzoo_bench.evaluation.track import Predictions
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = [
@@ -45,7 +45,7 @@ class Reading:
     protocol : Protocol
         What the predictions are for.
     truths : sequence
-        Of the protocol's scenes, in its order, as the track's `read_truth` returns them: readers
+        Of the protocol's scenes, in its order, as `Track.truth` returns them: readers
         take names of queries, tiles and photos from them, and nothing else. Empty where the
         benchmark folder is missing.
     names : Path or None

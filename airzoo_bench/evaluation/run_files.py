@@ -12,7 +12,7 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import atomic_entries, fingerprint
 from airzoo_bench.core.only_run import only_run
 from airzoo_bench.core.places import check_output_folder
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.results.records_csv import write_csv
 from airzoo_bench.results.result import read_result, write_result
@@ -150,8 +150,8 @@ def save(
         checksum = write_csv(evaluation.records, staged / "records.csv")
         result = evaluation.result.with_records(checksum)
         write_result(staged / "result.json", result)
-        for name, write in evaluation.given.track.files.items():
-            write(evaluation, staged / name)
+        for name, write in TRACKS.get(result.track).files.items():
+            resolve(write)(evaluation, staged / name)
         if draw is not None:
             draw(staged)
         return [folder / name for name in _run_files() if (staged / name).exists()]

@@ -1,270 +1,278 @@
-"""What a track is: all that evaluation and the command line need to know of one.
+"""What a track is: how its predictions are opened, matched to the truth and scored.
 
-A track is an object that `registry.TRACKS` names. It reads predictions, matches them to the truth
-of each scene, scores them, and names its scores. What else it may offer (a template, a baseline,
-options of ``eval``) defaults to nothing. Its module is imported for the help, so NumPy and the like
-are imported within its methods.
+A track is a folder of the package with an ``info.py`` (a `TrackInfo`, which the registry names and
+the help shows) and a ``track.py`` (a `Track`, imported when something is scored). Scoring goes
+
+    predictions = track.open(path, memory_bytes)
+    truths = [track.truth(benchmark, scene) for scene in scenes]
+    assignment = track.assign(predictions, truths, protocol)
+    scored = [track.score(part, truth, protocol, run) for part, truth in zip(assignment.parts, ...)]
+    notes = track.notes(predictions, truths, protocol, scored)
+
+and `evaluate.evaluate` makes a result of it. Every number of a result comes from `Scored.records`.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
+from typing import Any, ClassVar
+from typing import Protocol as Structural
 
+import pandas as pd
+
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UsageError
-from airzoo_bench.evaluation.parts import (
-    Assigned,
-    Baseline,
-    EvalOption,
-    Predictions,
-    Resources,
-    ScoredScene,
-    Truth,
-)
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.sandbox import Limits
+from airzoo_bench.engines.engine import HERE, Engine, Processes
+from airzoo_bench.evaluation.info import TrackInfo
+from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.result import Reference
+from airzoo_bench.results.scores import Score
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.protocol.model import Protocol
-    from airzoo_bench.results.result import Reference
-    from airzoo_bench.results.scores import Score
-
-__all__ = ["Track"]
-
-P = TypeVar("P", bound="Protocol")
-R = TypeVar("R", bound=Predictions)
-T = TypeVar("T", bound=Truth)
-A = TypeVar("A", bound=Assigned)
-C = TypeVar("C")
-S = TypeVar("S", bound=ScoredScene)
+__all__ = ["Assignment", "Predictions", "Run", "ScenePredictions", "Scored", "Track", "Truth"]
 
 
-class Track(ABC, Generic[P, R, T, A, C, S]):
-    """One track, by the types of what it reads, matches and scores.
+class Predictions(Structural):
+    """A prediction file or folder, opened.
+
+    A child process that reads what strangers wrote hands it to its parent by its fields, so it is
+    a dataclass of texts, numbers, arrays, paths, and dataclasses of these; or `ScenePredictions`.
+    """
+
+    @property
+    def path(self) -> Path:
+        """Where it lies."""
+
+    @property
+    def protocol(self) -> str | None:
+        """The protocol that it names."""
+
+
+class ScenePredictions(ABC):
+    """Predictions that are listed when they are opened, and read a scene at a time.
 
     Attributes
     ----------
-    name : str
-        As in protocol files, commands and results.
-    summary : str
-        What is scored, in one sentence, for the help.
-    kinds : str
-        What predictions come in, for messages.
-    suffixes : tuple of str
-        Endings of files that can be predictions.
-    fields : tuple of str
-        Fields of an ``.npz`` that no other track has.
-    folders : bool
-        Whether predictions can be a folder.
-    takes_image_size : bool
-        Whether a reader of the track reads `reader.Reading.image_size`.
-    says_protocol : tuple of str or None
-        Where predictions say which protocol they are for, and how to fix that they do not; None
-        where it is in a field of the file.
-    unit : {"query", "scene"}
-        What a record is of; of scenes, intervals and tests resample these.
-    argument : str
-        What predictions are, for the help.
-    example : str
-        Predictions and further options, for the help.
+    path : Path
+    protocol : str or None
+        The protocol that they name.
+    unknown_files : tuple of str
+        Files that belong to no scene.
+    """
+
+    path: Path
+    protocol: str | None
+    unknown_files: tuple[str, ...]
+
+    @property
+    @abstractmethod
+    def scenes(self) -> tuple[str, ...]:
+        """The scenes that they have something of."""
+
+    @abstractmethod
+    def opened(self, scene: str, *, limit_bytes: int, sampling: Any) -> AbstractContextManager[Any]:
+        """Open a scene for as long as it is used; `sampling` says how meshes become points.
+
+        It is a dataclass, as of `Predictions`; what is not in memory has a method
+        ``stored(folder)``, which writes it to files of a folder and returns it as read from there.
+        """
+
+
+class Truth(Structural):
+    """The truth of a scene; of a track with queries it has ``queries``, a table with their ids."""
+
+    @property
+    def scene(self) -> str:
+        """Its id."""
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 over all that scores depend on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """Which part of the predictions is for which scene.
+
+    Attributes
+    ----------
+    parts : list
+        What `Track.score` is given of each scene, in the order of the scenes.
+    covered : str
+        How much of the benchmark is answered, such as ``15 of 18 queries``.
+    notes : list of str
+        What is missing or ignored.
+    strange : int
+        How many queries or scenes of the predictions the benchmark does not have.
+    errors : list of PredictionError
+        What is wrong with the predictions; a part may be None where its scene is refused.
+    """
+
+    parts: list[Any] = field(default_factory=list)
+    covered: str = ""
+    notes: list[str] = field(default_factory=list)
+    strange: int = 0
+    errors: list[PredictionError] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """The scores of a scene.
+
+    ``eval --resume`` keeps all of it but `details`.
+
+    Attributes
+    ----------
+    records : DataFrame
+        A row a query or cloud.
+    counts : dict of str to int
+        For the result: queries, missing ones, failures.
+    kind : str or None
+        What the predictions hold, for the result.
+    notes : tuple of str
+        What a reader must know of the scene.
+    facts : dict
+        Plain values, as JSON has them, for `Track.notes` and `TrackInfo.files`.
+    details : object
+        What figures show; None unless `Run.keep`.
+    """
+
+    records: pd.DataFrame = field(default_factory=pd.DataFrame)
+    counts: dict[str, int] = field(default_factory=dict)
+    kind: str | None = None
+    notes: tuple[str, ...] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+    details: Any = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run may use; no number depends on it.
+
+    Attributes
+    ----------
+    memory_bytes : int
+        The most memory that a prediction file may take.
     jobs : int
-        Threads that ``eval`` takes by default.
-    options : tuple of EvalOption
-    files : mapping of str to callable
-        What a run writes next to ``result.json`` and ``records.csv``, by its name.
-    baseline : Baseline or None
-    template_kinds : tuple of str
-        What templates can hold, the default first; empty where there is no choice.
-    template_out : str
-        What a template is called where nobody says.
+        Threads or processes; on a cluster, threads of each of its workers.
+    engine : Engine
+        Where blocks of work are done.
+    keep : bool
+        Whether to keep what figures show besides the scores, such as clouds.
+    limits : Limits or None
+        Of the child that reads predictions of strangers; None reads them in this process.
+    """
+
+    memory_bytes: int = 2 << 30
+    jobs: int = 1
+    progress: Progress = silent
+    keep: bool = False
+    engine: Engine = HERE
+    limits: Limits | None = None
+
+    @property
+    def processes(self) -> Engine:
+        """Where tasks are done that keep the interpreter's lock: not in threads of this process."""
+        as_well = self.engine.distributed or self.jobs == 1
+        return self.engine if as_well else Processes(self.jobs)
+
+
+class Track(ABC):
+    """A track.
+
+    Attributes
+    ----------
+    info : TrackInfo
+    protocol : type
+        The class of its protocols.
+    recorded : frozenset of str
+        Columns of the records that are neither scores nor conditions of the queries; patterns as
+        of `fnmatch`.
 
     Notes
     -----
-    What its methods take:
+    Its methods take these; where ``Any`` stands a track has types of its own:
 
     path, out : Path
-        Of predictions; of a template.
+        Predictions; the template to write.
     memory_bytes : int
         The most that reading may hold.
-    benchmark, data : Benchmark, Path
-        The benchmark folder, opened; the folder that holds it.
-    scene : str
-        Its id.
+    benchmark, scene : Benchmark, str
+        A benchmark folder, opened, and the id of a scene in it.
     protocol : Protocol
         Of the class `protocol`.
-    predictions, assigned : R, A
-        From `read` and `assign`.
-    truth, truths : T, sequence of T
-        From `read_truth`: of a scene, and of all scenes in the protocol's order.
-    predicted, scene_predictions : C, sequence of C
-        From `match`: of a scene, and of all scenes.
-    scored : sequence of S
-        From `score`, of all scenes.
-    resources : Resources
-        Memory and threads that may be used; no number depends on them.
-    read_scene, folder : callable, Path
-        Has a child read one scene under limits; where that child leaves its arrays.
-    thorough, force : bool
-        Whether to look for what takes time to find; whether a file is replaced.
+    predictions : Predictions
+        From `open`.
+    truth, truths : Truth, sequence of Truth
+        From `truth`; of all scenes in the protocol's order.
+    part : object
+        Of `Assignment.parts`.
+    run : Run
+    scored : sequence of Scored
+        From `score` or `check`, of all scenes.
     kind, seed : str, int
-        Of a template: one of `template_kinds`, and what its random answers come from.
+        One of `TrackInfo.templates`, and what random answers come from.
     """
 
-    name: ClassVar[str]
-    summary: ClassVar[str]
-    kinds: ClassVar[str] = ".npz"
-    suffixes: ClassVar[tuple[str, ...]] = (".npz",)
-    fields: ClassVar[tuple[str, ...]] = ()
-    folders: ClassVar[bool] = False
-    takes_image_size: ClassVar[bool] = False
-    unit: ClassVar[Literal["query", "scene"]] = "query"
-    says_protocol: ClassVar[tuple[str, str] | None] = None
-    argument: ClassVar[str] = "A prediction file."
-    example: ClassVar[str] = "preds.npz --out results/mymethod"
-    jobs: ClassVar[int] = 2
-    options: ClassVar[tuple[EvalOption, ...]] = ()
-    files: ClassVar[Mapping[str, Callable[[Any, Path], None]]] = {}
-    baseline: ClassVar[Baseline[Any] | None] = None
-    template_kinds: ClassVar[tuple[str, ...]] = ()
-    template_out: ClassVar[str] = "template.npz"
-
-    # --- what every track must have ---
-
-    @property
-    @abstractmethod
-    def protocol(self) -> type[P]:
-        """The class of its protocols."""
+    info: ClassVar[TrackInfo]
+    protocol: ClassVar[type[Protocol]]
+    recorded: ClassVar[frozenset[str]] = frozenset(("scene", "query", "answered"))
 
     @abstractmethod
-    def read(self, path: Path, memory_bytes: int) -> R:
-        """Read or list predictions; what is no such thing raises PredictionError."""
-
-    def portable(self, predictions: R) -> Any:
-        """Return what a child that reads predictions under limits gives its parent."""
-        return predictions
-
-    def restored(self, predictions: Any, read_scene: Callable[..., Any]) -> R:
-        """Return the predictions of `portable`; `read_scene` has a child read one scene."""
-        read: R = predictions
-        return read
-
-    def store_scene(self, predictions: R, folder: Path, **scene: Any) -> Any:
-        """Read one scene in a child, and leave its arrays in files of a folder."""
-        raise NotImplementedError
+    def open(self, path: Path, memory_bytes: int) -> Any:
+        """Open predictions in the suite's own layout; anything else raises PredictionError."""
 
     @abstractmethod
-    def read_truth(self, benchmark: Benchmark, scene: str) -> T:
-        """Read the truth of a scene from a benchmark folder."""
+    def truth(self, benchmark: Benchmark, scene: str) -> Any:
+        """Read the truth of a scene from a benchmark folder, sealed or not."""
 
     @abstractmethod
-    def assign(self, predictions: R, protocol: P, truths: Sequence[T], data: Path) -> A:
-        """Find which part of the predictions is for which query or scene."""
+    def assign(self, predictions: Any, truths: Sequence[Any], protocol: Any) -> Assignment:
+        """Find whose predictions they are, and all that is wrong with them and found soon.
+
+        Predictions for another benchmark raise PredictionError. Where the benchmark folder is
+        missing, `truths` is empty, and the parts are those of ``protocol.scenes``.
+        """
 
     @abstractmethod
-    def match(
-        self, predictions: R, assigned: A, truths: Sequence[T], protocol: P, resources: Resources
-    ) -> Iterator[C | PredictionError]:
-        """Yield the predictions of each scene, matched to its truth, or what is wrong with them."""
-
-    @abstractmethod
-    def score(self, predicted: C, truth: T, protocol: P, resources: Resources) -> S:
+    def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:
         """Score a scene; whatever is missing from its predictions gets the worst score."""
 
     @abstractmethod
-    def scores(self, protocol: P, scored: Sequence[S]) -> list[Score]:
-        """Return the scores that are columns of the records."""
+    def scores(self, protocol: Any) -> list[Score]:
+        """Return the scores that are columns of the records.
 
-    # --- what a track may add ---
+        Records may lack some; a scene that lacks a column of others has its worst value there.
+        """
 
-    @property
-    def recorded(self) -> frozenset[str]:
-        """Columns of the records that are neither scores nor conditions of the queries."""
-        return frozenset(("scene", "query", "answered"))
+    def check(self, part: Any, truth: Any | None, protocol: Any, run: Run) -> Scored:
+        """Find what is wrong with a scene as far as possible without scoring it.
 
-    def records(self, scored: Sequence[S], protocol: P) -> pd.DataFrame:
-        """Concatenate the records of all scenes."""
-        from airzoo_bench.results.scores import concatenate
-
-        return concatenate([scene.records for scene in scored])
-
-    def expected_counts(self, truth: T) -> dict[str, int]:
-        """Return those of a scene's counts that are known without predictions."""
-        return {}
-
-    def read_while_scoring(self, truth: T) -> Sequence[Path]:
-        """Return the files of a scene's truth that are read, or read again, when it is scored."""
-        return ()
-
-    def validation_errors(
-        self, predictions: R, protocol: P, *, thorough: bool
-    ) -> Iterator[PredictionError]:
-        """Yield the errors of predictions that can be found without truth."""
-        yield from ()
-
-    def kind(self, predictions: R, scored: Sequence[S]) -> str:
-        """Name what the predictions hold, for the result."""
-        return self.name
-
-    def method(self, path: Path) -> str:
-        """Return the default name of the method."""
-        return path.stem
+        Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed, and
+        None where the benchmark folder is missing.
+        """
+        return Scored() if truth is None else self.score(part, truth, protocol, run)
 
     def notes(
-        self,
-        predictions: R,
-        protocol: P,
-        truths: Sequence[T],
-        scene_predictions: Sequence[C],
-        scored: Sequence[S],
+        self, predictions: Any, truths: Sequence[Any], protocol: Any, scored: Sequence[Scored]
     ) -> list[str]:
-        """Return what a reader of the scores must know."""
+        """Return what a reader of the scores must know of all scenes, from `score` or `check`."""
         return []
 
-    def inspect(self, predicted: C, truth: T, protocol: P, resources: Resources) -> list[str]:
-        """Check the predictions of a scene as far as possible without scoring; returns notes."""
-        return []
-
-    def inspect_alone(
-        self, predictions: R, protocol: P, resources: Resources
-    ) -> Iterator[PredictionError | str]:
-        """Yield errors and notes of predictions whose benchmark folder is missing."""
-        yield from ()
-
-    def check_notes(
-        self,
-        predictions: R,
-        protocol: P,
-        truths: Sequence[T],
-        scene_predictions: Sequence[C],
-        resources: Resources,
-    ) -> list[str]:
-        """Return, without scoring, what `notes` would; called where there is no error."""
-        return self.notes(predictions, protocol, truths, scene_predictions, ())
-
-    def references(self, protocol: P, truths: Sequence[T]) -> dict[str, Reference]:
+    def references(self, protocol: Any, truths: Sequence[Any]) -> Mapping[str, Reference]:
         """Return scores that need no method, such as chance, by the name that tables print."""
         return {}
 
-    def no_template(self) -> UsageError:
-        """Return the error for a track without a template."""
-        return UsageError(
-            f"the {self.name} track has no template",
+    def template(
+        self, out: Path, truths: Sequence[Any], protocol: Any, kind: str, seed: int
+    ) -> str | None:
+        """Write an example prediction, at random, and return what it will score, if known."""
+        raise UsageError(
+            f"the {self.info.name} track has no template",
             fix="write predictions as the track's own documentation says",
         )
-
-    def check_template_path(self, out: Path, *, force: bool) -> None:
-        """Refuse, before any work, a path that a template cannot be written to."""
-        raise self.no_template()
-
-    def write_template(
-        self, out: Path, protocol: P, truths: Sequence[T], kind: str, seed: int
-    ) -> None:
-        """Write an example prediction, at random."""
-        raise self.no_template()
-
-    def template_note(self, protocol: P, truths: Sequence[T]) -> str | None:
-        """Return what a template will score, where that is known."""
-        return None

@@ -18,7 +18,8 @@ from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.core.validation import nearest, toml_value
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import run_baseline
-from airzoo_bench.evaluation.parts import Baseline, Resources
+from airzoo_bench.evaluation.info import Baseline
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission
 from airzoo_bench.results.result import Result
 
@@ -52,7 +53,7 @@ def check_baseline(submission: Submission, track: str) -> Iterator[UserError]:
     """Yield an error where the settings are none of the track's baseline."""
     if submission.baseline is None:
         return
-    baseline: Baseline[Any] | None = TRACKS.get(track).baseline
+    baseline: Baseline | None = TRACKS.get(track).baseline
     fields = {} if baseline is None else _fields(baseline.settings)
     options = {option.name: (kind, option) for kind, option in fields.values()}
     for name, value in submission.baseline.items():
@@ -103,10 +104,10 @@ def remake(
     agrees: Callable[[Result], bool],
     *,
     data: Path,
-    resources: Resources,
+    run: Run,
 ) -> Remade:
     """Make the predictions of a baseline again, compare them to the byte, and time it."""
-    baseline: Baseline[Any] = TRACKS.get(track).baseline
+    baseline: Baseline = TRACKS.get(track).baseline
     fields = {option.name: name for name, (_, option) in _fields(baseline.settings).items()}
     changes = {fields[name]: value for name, value in (submission.baseline or {}).items()}
     with temporary_folder(Path(tempfile.gettempdir()), "airzoo-bench") as folder:
@@ -118,11 +119,11 @@ def remake(
             out,
             data=data,
             settings=replace(baseline.settings, **changes),
-            resources=resources,
+            run=run,
         )
         seconds = time.perf_counter() - begin
         same = sha256_of_tree(out) == sha256_of_tree(predictions)
         alike = same or agrees(
-            evaluate(out, data=data, protocol=submission.protocol, resources=resources).result
+            evaluate(out, data=data, protocol=submission.protocol, run=run).result
         )
         return Remade(same, alike, seconds)

@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.validation import SAFE_NAME, nearest
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.given import ReadBy
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.baselines import check_baseline
 from airzoo_bench.leaderboard.board import Board, BoardBenchmark
 from airzoo_bench.leaderboard.known import Known, Place, check_names
@@ -106,7 +106,7 @@ def check_submission(
     known: Sequence[Known] | None = None,
     fetch: bool = False,
     until: float | None = None,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
+    run: Run = Run(),  # noqa: B008 - frozen
 ) -> CheckedSubmission:
     """Find all errors of a submission that can be found without scoring it."""
     checked = CheckedSubmission(folder, Place.of(folder))
@@ -135,7 +135,7 @@ def check_submission(
     checked.take(_claimed(checked, submission))
     if placed:
         checked.take(training_warnings(submission, checked.place.benchmark, data))
-        checked.take(_content(checked, submission, data, resources))
+        checked.take(_content(checked, submission, data, run))
     return checked
 
 
@@ -231,7 +231,7 @@ def _claimed(checked: CheckedSubmission, submission: Submission) -> Iterator[Use
 
 
 def _content(
-    checked: CheckedSubmission, submission: Submission, data: Path, resources: Resources
+    checked: CheckedSubmission, submission: Submission, data: Path, run: Run
 ) -> Iterator[UserError | str]:
     """Check the predictions as `airzoo-bench check` does."""
     if checked.predictions is None:
@@ -241,7 +241,7 @@ def _content(
             checked.predictions,
             data=data,
             protocol=submission.protocol,
-            resources=resources,
+            run=run,
             read_by=checked.read_by,
         )
     except (PredictionError, CameraError, UsageError) as error:

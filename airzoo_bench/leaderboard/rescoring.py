@@ -13,7 +13,7 @@ import numpy as np
 from airzoo_bench.core.errors import ResultError, SubmissionError, UserError, first_of
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.baselines import Remade, remake
 from airzoo_bench.leaderboard.checks import CheckedSubmission
@@ -107,7 +107,7 @@ def rescore(
     checked: CheckedSubmission,
     *,
     data: Path,
-    resources: Resources,
+    run: Run,
     make_again: bool = False,
 ) -> Rescored:
     """Score a submission, and compare what it claims."""
@@ -123,17 +123,17 @@ def rescore(
         data=data,
         protocol=submission.protocol,
         method=submission.method,
-        resources=resources,
+        run=run,
         read_by=checked.read_by,
     )
-    track = evaluation.given.track.name
+    track = evaluation.result.track
     result = evaluation.result
     scored = Scored(submission.method, result, evaluation.records)
     found = _compared(checked.claimed, scored)
     remade = None
     if make_again and submission.baseline is not None:
         agrees = partial(_agrees, scored)
-        remade = remake(submission, track, predictions, agrees, data=data, resources=resources)
+        remade = remake(submission, track, predictions, agrees, data=data, run=run)
     return Rescored(
         evaluation,
         checked.claimed,

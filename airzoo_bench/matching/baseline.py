@@ -20,8 +20,8 @@ from PIL import Image
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Headed
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
+from airzoo_bench.evaluation.queries import check_npz, write_predictions
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
@@ -31,7 +31,7 @@ from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
 from airzoo_bench.geometry.sift import Grey, extract, mutual_nearest
-from airzoo_bench.matching.baseline_settings import SiftSettings
+from airzoo_bench.matching.info import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 
@@ -63,7 +63,7 @@ def predict(
     benchmark: Benchmark,
     settings: SiftSettings,
     out: Path,
-    resources: Resources,
+    run: Run,
     note: Callable[[str], None],
 ) -> None:
     """Match every query of a benchmark to its crop and write a prediction file."""
@@ -74,10 +74,10 @@ def predict(
         truth = read_truth(benchmark, scene.id)
         ids += truth.queries["id"].tolist()
         tasks = _tasks(benchmark, truth)
-        matched = resources.processes.map(
+        matched = run.processes.map(
             _match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
         )
-        matches += Headed(scene.id, resources.progress)(matched, "photos", len(tasks))
+        matches += Headed(scene.id, run.progress)(matched, "photos", len(tasks))
     query_xy, map_xy = zip(*matches, strict=True)
     arrays = {
         "query_ids": np.array(ids, dtype=str),

@@ -7,6 +7,7 @@ known, matches and heights are held against these.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -37,10 +38,9 @@ from airzoo_bench.matching.truth import MatchingTruth
 __all__ = [
     "NEAR_DEG",
     "NEAR_M",
-    "check_digits",
     "check_file",
-    "check_scene",
     "count_near",
+    "open_scene",
 ]
 
 NEAR_M, NEAR_DEG = 0.05, 0.1
@@ -52,12 +52,16 @@ _FOOT_M = 0.3048
 _OPENGL = np.diag((1.0, -1.0, -1.0))  # from x right, y down, z forward to y up, z backward, or back
 
 
-def check_file(predictions: MatchingPredictions) -> Iterator[PredictionError]:
-    """Yield the errors of predictions that can be found without truth."""
+def check_file(
+    predictions: MatchingPredictions, finest_m: float | None
+) -> Iterator[PredictionError]:
+    """Yield the errors that can be found without truth, which digits need where it is there."""
     content, ids = predictions.content, predictions.query_ids
     checks = [partial(check_ids, ids, "field 'query_ids'")]
     if isinstance(content, Correspondences):
         checks += [partial(_check_offsets, content, ids), partial(_check_finite, content, ids)]
+    elif finest_m is not None:
+        checks.append(partial(_check_digits, content, ids, finest_m))
     for check in checks:
         try:
             check()
@@ -65,37 +69,54 @@ def check_file(predictions: MatchingPredictions) -> Iterator[PredictionError]:
             yield error.inside(predictions.path)
 
 
-def check_scene(
-    predicted: ScenePredictions, truth: MatchingTruth, scores: MatchingScores
-) -> list[str]:
-    """Refuse what cannot be meant as it is written; return notes on what is doubtful."""
-    content, priors = predicted.content, truth.priors
-    true = truth.poses if truth.has_poses else priors
+def open_scene(
+    predictions: MatchingPredictions, truth: MatchingTruth, rows: Ints, scores: MatchingScores
+) -> ScenePredictions:
+    """Return the rows (Q,) for the queries of a scene, -1 for none, in pixels of the map.
+
+    Refuses what cannot be meant as it is written, and asks in notes about what is doubtful.
+    """
+    content = predictions.content.take(rows)
+    true = truth.poses if truth.has_poses else truth.priors
     if isinstance(content, GivenPoses):
-        given, gps = content.poses.take(content.found), priors.take(content.found)
-        _check_degrees(given.centres, true.centres, "the poses")
-        _check_camera_to_world(given, gps)
-        _check_axes(given.rotation, gps.rotation, quaternions=content.quaternions)
-        # After the convention, which decides the digits that count.
-        check_digits(content, truth.queries["id"].to_numpy(str), scores.finest_m, true.centres)
-        notes = [
-            _suspect_inverted(given, gps),
-            _suspect_lattice(content, true.centres),
-            _suspect_far(given.centres, gps.centres, "pose"),
-            _suspect_copies(given, gps),
-        ]
-        if truth.has_poses:
-            notes.append(_suspect_heights(given.centres, true.centres[content.found]))
+        notes = _check_poses(content, truth, true.centres, scores)
     else:
-        _check_image_size(content, truth, np.flatnonzero(predicted.answered))
-        _check_photo_pixels(content, truth)
-        notes = [_check_map_pixels(content, truth), _suspect_smaller_image(content, truth)]
-        if content.points3d is not None:
-            _check_degrees(content.points3d, true.centres, "field 'points3d'")
-            notes.append(_suspect_far(content.points3d, priors.centres[content.query], "point"))
-        if truth.has_poses:
-            notes.append(_suspect_points(content, truth))
-    return [f"scene {truth.scene}: {note}" for note in notes if note]
+        if content.map_xy is not None and content.map_frame == "crop":
+            content = replace(content, map_xy=content.map_xy + truth.crops[content.query, :2])
+        notes = _check_matches(content, truth, true.centres, np.flatnonzero(rows >= 0))
+    said = tuple(f"scene {truth.scene}: {note}" for note in notes if note)
+    return ScenePredictions(rows >= 0, content, said)
+
+
+def _check_poses(
+    content: GivenPoses, truth: MatchingTruth, true_centres: Floats, scores: MatchingScores
+) -> Iterator[str | None]:
+    given, gps = content.poses.take(content.found), truth.priors.take(content.found)
+    _check_degrees(given.centres, true_centres, "the poses")
+    _check_camera_to_world(given, gps)
+    _check_axes(given.rotation, gps.rotation, quaternions=content.quaternions)
+    # After the convention, which decides the digits that count.
+    _check_digits(content, truth.queries["id"].to_numpy(str), scores.finest_m, true_centres)
+    yield _suspect_inverted(given, gps)
+    yield _suspect_lattice(content, true_centres)
+    yield _suspect_far(given.centres, gps.centres, "pose")
+    yield _suspect_copies(given, gps)
+    if truth.has_poses:
+        yield _suspect_heights(given.centres, true_centres[content.found])
+
+
+def _check_matches(
+    content: Correspondences, truth: MatchingTruth, true_centres: Floats, answered: Ints
+) -> Iterator[str | None]:
+    _check_image_size(content, truth, answered)
+    _check_photo_pixels(content, truth)
+    yield _check_map_pixels(content, truth)
+    yield _suspect_smaller_image(content, truth)
+    if content.points3d is not None:
+        _check_degrees(content.points3d, true_centres, "field 'points3d'")
+        yield _suspect_far(content.points3d, truth.priors.centres[content.query], "point")
+    if truth.has_poses:
+        yield _suspect_points(content, truth)
 
 
 # --- matches ---
@@ -329,7 +350,7 @@ def _read_otherwise(given: Floats, *, quaternions: bool) -> dict[str, Floats]:
     return readings
 
 
-def check_digits(
+def _check_digits(
     given: GivenPoses,
     query_ids: NDArray[np.str_],
     finest_m: float,

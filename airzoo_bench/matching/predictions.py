@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableErr
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.evaluation.prediction_files import Fields, QueryPredictions, read_fields
+from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import (
     Arrays,
     check_characters,
@@ -29,7 +29,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import FARTHEST, Poses
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
 from airzoo_bench.geometry.rotations import check_rotations, quaternion_to_matrix
-from airzoo_bench.matching.truth import MatchingTruth
 
 __all__ = [
     "Correspondences",
@@ -38,7 +37,6 @@ __all__ = [
     "ScenePredictions",
     "given_poses",
     "read_matching",
-    "take_scene",
 ]
 
 NO_POSE = "write NaN in all of a pose that was not found"
@@ -99,7 +97,11 @@ class GivenPoses:
     errors_m: Floats  # (Q,), how far rounding in the file may have moved the cameras
     quaternions: bool = False  # the file has rotations as quaternions, and not as matrices
     centred: bool = False  # the file has centres, and not translations
-    kind: str = field(default="poses", init=False)
+
+    @property
+    def kind(self) -> str:
+        """What they are, for results."""
+        return "poses"
 
     def take(self, rows: Ints) -> GivenPoses:
         """Return those of some queries, NaN where there is none, or where the row is -1."""
@@ -121,17 +123,6 @@ class ScenePredictions:
     answered: Bools  # (Q,), which queries the file has
     content: Correspondences | GivenPoses
     notes: tuple[str, ...] = ()  # on what looks wrong
-
-
-def take_scene(
-    predictions: MatchingPredictions, truth: MatchingTruth, rows: Ints
-) -> ScenePredictions:
-    """Return the rows (Q,) of predictions that are for the queries of a scene, -1 for none."""
-    content = predictions.content.take(rows)
-    if isinstance(content, Correspondences) and content.map_frame == "crop":
-        assert content.map_xy is not None  # no other form of a file has a frame
-        content = replace(content, map_xy=content.map_xy + truth.crops[content.query, :2])
-    return ScenePredictions(rows >= 0, content)
 
 
 def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Headed
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, count_near
@@ -28,7 +28,6 @@ from airzoo_bench.results.scores import Score
 
 __all__ = [
     "RECORDED",
-    "ScoredScene",
     "matching_scores",
     "pose_columns",
     "score_priors",
@@ -51,21 +50,6 @@ _NOT_LIFTED = {
     "no_height": "where the surface model has no height",
 }
 _SAME_M, _SAME_DEG = 1e-3, 1e-3  # a prior that was copied went through a file at most
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """Records of a scene, a row a query, the poses that they are of, counts and notes."""
-
-    records: pd.DataFrame
-    estimates: list[PoseEstimate]
-    counts: dict[str, int]
-    notes: tuple[str, ...]
-
-    @property
-    def centres(self) -> Floats:
-        """Camera centres (Q, 3); NaN for failures."""
-        return _poses_of(self.estimates).centres
 
 
 def matching_scores(settings: MatchingScores) -> list[Score]:
@@ -115,15 +99,15 @@ def score_scene(
     truth: MatchingTruth,
     predicted: ScenePredictions,
     protocol: MatchingProtocol,
-    resources: Resources,
-) -> ScoredScene:
+    run: Run,
+) -> Scored:
     """Score every query of a scene."""
     content = predicted.content
     of_matches: dict[str, Ints] = {}
     if isinstance(content, GivenPoses):
         estimates = _as_estimates(content.poses)
     else:
-        estimates, of_matches = _solve(truth, content, protocol, resources)
+        estimates, of_matches = _solve(truth, content, protocol, run)
     records = _records(truth, predicted.answered, estimates, of_matches, protocol.scores)
     poses, priors = _poses_of(estimates), truth.priors
     given = isinstance(content, GivenPoses)
@@ -138,7 +122,10 @@ def score_scene(
     if protocol.prior.is_measured:
         counts["near_prior"] = count_near(poses, priors, NEAR_M, NEAR_DEG)
     notes = [f"scene {truth.scene}: {note}" for note in _notes(records, counts)]
-    return ScoredScene(records, estimates, counts, (*predicted.notes, *notes))
+    seconds = {"seconds": [round(one.seconds, 6) for one in estimates]}
+    details = (content, estimates) if run.keep else None
+    said = (f"scored from {content.kind}", *predicted.notes, *notes)
+    return Scored(records, counts, content.kind, said, seconds, details)
 
 
 def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:
@@ -188,18 +175,18 @@ def _solve(
     truth: MatchingTruth,
     matches: Correspondences,
     protocol: MatchingProtocol,
-    resources: Resources,
+    run: Run,
 ) -> tuple[list[PoseEstimate], dict[str, Ints]]:
     """Lift matches and solve for poses; return these, and counts of each query's matches."""
-    points, status = _lift_matches(truth, matches, protocol.lift, resources.jobs)
+    points, status = _lift_matches(truth, matches, protocol.lift, run.jobs)
     given = np.diff(matches.offsets)
     enough = np.repeat(given >= protocol.solver.least_matches, given)
     lifted = (status == LiftStatus.LIFTED) & enough
     offsets = np.concatenate([[0], np.cumsum(lifted)])[matches.offsets]
     name = f"scene {truth.scene}"
     queries = PoseQueries(name, truth.cameras, offsets, matches.query_xy[lifted], points[lifted])
-    progress = Headed(truth.scene, resources.progress)
-    solved = solve_queries(queries, protocol.solver, replace(resources, progress=progress))
+    progress = Headed(truth.scene, run.progress)
+    solved = solve_queries(queries, protocol.solver, replace(run, progress=progress))
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in solved)])
     estimates = [

@@ -23,7 +23,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.settings import Solver
@@ -112,13 +112,13 @@ class PoseQueries:
         return replace(estimate, seconds=perf_counter() - begin)
 
 
-def solve_queries(queries: PoseQueries, solver: Solver, resources: Resources) -> list[PoseEstimate]:
+def solve_queries(queries: PoseQueries, solver: Solver, run: Run) -> list[PoseEstimate]:
     """Solve for the poses of queries in blocks, wherever the engine has it done."""
-    jobs, engine = resources.jobs, resources.engine
+    jobs, engine = run.jobs, run.engine
     size = min(_QUERIES_A_BLOCK, max(1, len(queries) // _BLOCKS))
     blocks = engine.cut(len(queries), size if jobs == 1 else max(size, _QUERIES_A_THREAD * jobs))
     # Where all is one block, it shows how far it is; several are shown by the engine.
-    progress = resources.progress if len(blocks) == 1 else silent
+    progress = run.progress if len(blocks) == 1 else silent
     found = engine.map(
         _solve_block,
         blocks,

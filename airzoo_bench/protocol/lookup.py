@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from airzoo_bench.core.errors import PredictionError, ProtocolError
 from airzoo_bench.core.places import DATA_VARIABLE
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.model import Protocol
@@ -48,7 +48,7 @@ def load_protocol(path: Path) -> Protocol:
             expected="one of " + ", ".join(TRACKS.names()),
             fix="correct the protocol file",
         )
-    model: type[Protocol] = TRACKS.get(track).protocol
+    model: type[Protocol] = load_track(track).protocol
     return validated(data, model, ProtocolError, path, "protocol file")
 
 

@@ -11,7 +11,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.readers.names import ImageNames, names_in
 
 if TYPE_CHECKING:
-    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.geometry.arrays import Bools, Floats
     from airzoo_bench.matching.predictions import GivenPoses
@@ -64,7 +64,7 @@ def posed(
     """Make predictions of poses whose names are those of photos; count those of others."""
     import numpy as np
 
-    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.matching.predictions import given_poses
 
     scenes = scenes_of(reading, path)

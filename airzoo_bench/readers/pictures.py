@@ -201,7 +201,7 @@ class MatchRows:
         """Return what was taken as predictions, in pixels of the whole map."""
         import numpy as np
 
-        from airzoo_bench.evaluation.prediction_files import QueryPredictions
+        from airzoo_bench.evaluation.queries import QueryPredictions
         from airzoo_bench.matching.predictions import Correspondences
 
         self._refuse_smaller()

@@ -171,7 +171,7 @@ def join(
     """Make predictions of descriptors; the galleries of several files stay where they are."""
     import numpy as np
 
-    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.formats.arrays import as_floating
     from airzoo_bench.retrieval.descriptor_rows import RowParts
     from airzoo_bench.retrieval.predictions import Descriptors
@@ -203,7 +203,7 @@ def ranked_lists(
     """Make predictions of ranked ids, best first, of any lengths."""
     import numpy as np
 
-    from airzoo_bench.evaluation.prediction_files import QueryPredictions
+    from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.retrieval.predictions import RankedIds
 
     if not lists:

@@ -19,7 +19,7 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.places import check_output_folder
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -49,7 +49,7 @@ def predict(
     benchmark: Benchmark,
     settings: SfmSettings,
     out: Path,
-    resources: Resources,
+    run: Run,
     note: Callable[[str], None],
 ) -> None:
     """Reconstruct every scene, and write a cloud and cameras of each."""
@@ -61,7 +61,7 @@ def predict(
         names = truth.photos["image"].to_numpy(str)
         paths, positions = [images / name for name in names], _positions(truth.photos)
         found = sparse_reconstruction(
-            paths, truth.cameras, positions, settings, kept / scene.id, resources
+            paths, truth.cameras, positions, settings, kept / scene.id, run
         )
         posed = f"{len(found.rows)} of {len(names)} photos"
         note(f"{scene.id}: {posed}, {len(found.points):,} points")
@@ -95,7 +95,7 @@ def sparse_reconstruction(
     positions: Floats | None,
     settings: SfmSettings,
     folder: Path,
-    resources: Resources,
+    run: Run,
 ) -> Model:
     """Reconstruct photos by structure from motion."""
     if len(photos) < _LEAST_PHOTOS:
@@ -103,7 +103,7 @@ def sparse_reconstruction(
             f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
             fix="name a folder with photos that overlap",
         )
-    engine, progress = resources.processes, resources.progress
+    engine, progress = run.processes, run.progress
     lenses = lenses_of(cameras)
     listed = [
         list_photo(path, lens, settings, folder) for path, lens in zip(photos, lenses, strict=True)

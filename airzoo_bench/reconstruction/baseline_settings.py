@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from airzoo_bench.core.options import Option
-from airzoo_bench.evaluation.parts import DOUBLED, Baseline
+from airzoo_bench.evaluation.info import DOUBLED, Baseline
 
 __all__ = ["STRUCTURE_FROM_MOTION", "SfmSettings"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions
+from airzoo_bench.evaluation.track import ScenePredictions
 
 __all__ = ["ListedScenes"]
 
@@ -16,23 +16,27 @@ __all__ = ["ListedScenes"]
 class ListedScenes:
     """Which of the `known` scenes there are entries of."""
 
-    predictions: ReconstructionPredictions
+    predictions: ScenePredictions
     known: list[str]
 
     @property
     def strange(self) -> tuple[str, ...]:
         """Entries that are of no known scene."""
-        return self.predictions.unknown(self.known)
+        return tuple(one for one in self.predictions.scenes if one not in self.known)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Known scenes that there is no entry of."""
+        return tuple(one for one in self.known if one not in self.predictions.scenes)
 
     @property
     def covered(self) -> str:
         """How many scenes have an entry, such as ``2 of 3 scenes``."""
-        missing = self.predictions.missing(self.known)
-        return f"{len(self.known) - len(missing):,} of {counted(len(self.known), 'scene')}"
+        return f"{len(self.known) - len(self.missing):,} of {counted(len(self.known), 'scene')}"
 
     def notes(self) -> list[str]:
         """Name the scenes and files that are not what they might be meant to be."""
-        missing, notes = self.predictions.missing(self.known), []
+        missing, notes = self.missing, []
         if missing:
             named = _named(missing)
             notes.append(f"scenes that the predictions lack, scored at their worst: {named}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,3 +70,11 @@ class LazyMaps:
         if isinstance(key, int | np.integer):
             return self.make(int(self.rows[key]))
         return replace(self, rows=self.rows[key])
+
+    def stored(self, folder: Path) -> NDArray[Any]:
+        """Return the maps as an array in a plain file of a folder."""
+        path = folder / f"maps{len(list(folder.glob('maps*')))}.npy"
+        array = np.lib.format.open_memmap(path, "w+", self.dtype, self.shape)
+        for row in range(len(self)):
+            array[row] = self[row]
+        return array

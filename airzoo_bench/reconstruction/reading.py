@@ -17,13 +17,13 @@ holds all the rest is stepped over. Files as methods write them come from reader
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
 from airzoo_bench.formats.clouds.formats import open_cloud, stem_of
 from airzoo_bench.formats.clouds.meshes import MeshSampling
@@ -32,7 +32,7 @@ from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
 from airzoo_bench.reconstruction.depth_map_files import ScenePrediction, holds_maps, read_maps
 from airzoo_bench.reconstruction.image_poses import BYTES_A_CAMERA, read_image_poses
 
-__all__ = ["ListedFiles", "NativeScenes", "ReconstructionPredictions", "open_reconstruction"]
+__all__ = ["ListedFiles", "NativeScenes", "open_reconstruction"]
 
 _PROTOCOL = "protocol.txt"
 _PROTOCOL_BYTES = 1024
@@ -53,44 +53,8 @@ class _Entry:
         return home if home.name == _SHARDS else None
 
 
-class ReconstructionPredictions(ABC):
-    """Predictions of scenes, listed, nothing of them read yet.
-
-    Attributes
-    ----------
-    path : Path
-    protocol : str or None
-        The protocol that they name.
-    unknown_files : tuple of str
-        Files that belong to no scene.
-    """
-
-    path: Path
-    protocol: str | None
-    unknown_files: tuple[str, ...]
-
-    @property
-    @abstractmethod
-    def scenes(self) -> tuple[str, ...]:
-        """Scenes that there is an entry of."""
-
-    @abstractmethod
-    def opened(
-        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
-    ) -> AbstractContextManager[ScenePrediction]:
-        """Open a scene's entry, for as long as it is used."""
-
-    def unknown(self, known: Collection[str]) -> tuple[str, ...]:
-        """Scenes that the benchmark lacks: misspelt, perhaps."""
-        return tuple(scene for scene in self.scenes if scene not in known)
-
-    def missing(self, known: Collection[str]) -> tuple[str, ...]:
-        """Scenes of the benchmark that they lack; they score 0."""
-        return tuple(scene for scene in known if scene not in self.scenes)
-
-
 @dataclass(frozen=True)
-class NativeScenes(ReconstructionPredictions):
+class NativeScenes(ScenePredictions):
     """What a method wrote of each scene.
 
     Attributes
@@ -116,12 +80,12 @@ class NativeScenes(ReconstructionPredictions):
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> Iterator[ScenePrediction]:
-        """See `ReconstructionPredictions.opened`."""
+        """See `ScenePredictions.opened`."""
         yield self.read_scene(self.places[scene], limit_bytes)
 
 
 @dataclass(frozen=True)
-class ListedFiles(ReconstructionPredictions):
+class ListedFiles(ScenePredictions):
     """Entries, by scene, of a folder or an archive, as `open_reconstruction` lists them."""
 
     path: Path
@@ -139,7 +103,7 @@ class ListedFiles(ReconstructionPredictions):
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> Iterator[ScenePrediction]:
-        """See `ReconstructionPredictions.opened`."""
+        """See `ScenePredictions.opened`."""
         entry = self.entries[scene]
         images = None
         if entry.cameras is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.progress import Headed, shown
 from airzoo_bench.core.temporaries import PART
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run, ScenePredictions
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.arrays import Bools
@@ -38,7 +38,6 @@ from airzoo_bench.reconstruction.prepared import (
     cropped_region,
     prepared,
 )
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions
 from airzoo_bench.reconstruction.regions import Box, box_of
 from airzoo_bench.reconstruction.scoring import (
     ScoredScene,
@@ -64,19 +63,19 @@ _LEAST_BLOCK = 100_000
 
 @contextmanager
 def scored_scene(
-    predictions: ReconstructionPredictions,
+    predictions: ScenePredictions,
     truth: ReconstructionTruth,
     protocol: ReconstructionProtocol,
-    resources: Resources,
+    run: Run,
 ) -> Iterator[ScoredScene]:
     """Read a scene's prediction and score it; an error names the scene."""
-    memory_bytes = resources.memory_bytes
+    memory_bytes = run.memory_bytes
     with _opened(predictions, truth.scene, protocol, memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, memory_bytes, _sampling(protocol))
         try:
             cameras = match_cameras(prediction.images, truth, _place(predictions, truth.scene))
             geometry = prediction.posed_geometry
-            scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, resources)
+            scored = score_geometry(geometry, cameras, truth, true_cloud, protocol, run)
             notes = scene_notes(prediction, cameras, truth, scored, protocol)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
@@ -92,13 +91,13 @@ def score_geometry(
     truth: ReconstructionTruth,
     true_cloud: CloudSource,
     protocol: ReconstructionProtocol,
-    resources: Resources,
+    run: Run,
 ) -> ScoredScene:
     """Do with a cloud or maps all that the protocol says, and compare them with the true cloud."""
     settings, true_cameras = protocol.preparation, truth.posed
-    block = max(resources.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
+    block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     _require_cameras(cameras, protocol.alignment)
-    progress = Headed(truth.scene, resources.progress)
+    progress = Headed(truth.scene, run.progress)
     box = box_of(true_cloud)
     method = protocol.alignment.method if cameras is not None else "none"
     alignment = align(method, cameras, true_cameras, protocol.alignment.ransac())
@@ -120,8 +119,8 @@ def score_geometry(
         predicted.source,
         true.source,
         block_points=block,
-        jobs=resources.jobs,
-        progress=resources.progress,
+        jobs=run.jobs,
+        progress=run.progress,
     )
     return record_scene(
         truth.scene,
@@ -188,7 +187,7 @@ def _observed_rows(
 
 
 def read_through(
-    predictions: ReconstructionPredictions,
+    predictions: ScenePredictions,
     scene: str,
     protocol: ReconstructionProtocol,
     memory_bytes: int,
@@ -204,7 +203,7 @@ def read_through(
 
 @contextmanager
 def _opened(
-    predictions: ReconstructionPredictions,
+    predictions: ScenePredictions,
     scene: str,
     protocol: ReconstructionProtocol,
     memory_bytes: int,
@@ -226,7 +225,7 @@ def _opened(
         ) from error
 
 
-def _place(predictions: ReconstructionPredictions, scene: str) -> str:
+def _place(predictions: ScenePredictions, scene: str) -> str:
     return f"{predictions.path}, scene {scene}"
 
 

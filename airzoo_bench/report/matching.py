@@ -13,14 +13,13 @@ from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.frames import change_of_plane
 from airzoo_bench.geometry.map_pixels import to_map_pixels
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.matching.predictions import Correspondences
-from airzoo_bench.matching.scoring import ScoredScene
 from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap
 from airzoo_bench.report.curves import share_below
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure, series_style
@@ -141,9 +140,7 @@ def draw_queries_on_map(
 _LONG_SIDE_PX = 1200
 
 
-def draw_figures(
-    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
-) -> Iterator[str]:
+def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
     """Draw error curves of all scenes; for each scene a map, and the matches of every query."""
     if not wanted or out is None:
         return
@@ -152,23 +149,23 @@ def draw_figures(
     limits = protocol.scores.translation_below_m
     save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
     drawn, benchmark = 1, evaluation.benchmark
-    for truth, predicted in zip(evaluation.truths, evaluation.scene_predictions, strict=True):
-        scored = evaluation.scored[truth.scene]
+    for truth in evaluation.truths:
+        matches, estimates = evaluation.scored[truth.scene].details
         if truth.scene_map is not None:
             path = folder / f"{truth.scene}_map.png"
-            _draw_map(truth, truth.scene_map, scored, titles[truth.scene], path)
+            centres = np.array([one.centre for one in estimates])
+            _draw_map(truth, truth.scene_map, centres, titles[truth.scene], path)
             drawn += 1
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
-        matches = predicted.content
         rows = range(len(truth.queries) if matches.kind == "matches" else 0)
-        for row in resources.progress(rows, "pictures", len(rows)):
-            _draw_query(truth, matches, scored, row, images, folder)
+        for row in run.progress(rows, "pictures", len(rows)):
+            _draw_query(truth, matches, estimates[row].inliers, row, images, folder)
         drawn += len(rows)
     yield f"drew {drawn} pictures into {folder}"
 
 
 def _draw_map(
-    truth: MatchingTruth, scene: ReferenceMap, scored: ScoredScene, title: str, path: Path
+    truth: MatchingTruth, scene: ReferenceMap, estimated: Floats, title: str, path: Path
 ) -> None:
     """Draw in metres along the map's sides: its CRS may differ from the scene's, and be rotated."""
     dom, scene_crs = scene.dom, open_info(scene.dsm).crs
@@ -186,7 +183,7 @@ def _draw_map(
         read_rgb(dom.path, long_side_px=_LONG_SIDE_PX),
         (0.0, float(sides[0]), 0.0, float(sides[1])),
         along_sides(truth.poses.centres),
-        along_sides(scored.centres),
+        along_sides(estimated),
         title,
     )
     save_figure(figure, path)
@@ -195,7 +192,7 @@ def _draw_map(
 def _draw_query(
     truth: MatchingTruth,
     matches: Correspondences,
-    scored: ScoredScene,
+    inliers: NDArray[np.bool_],
     row: int,
     images: Path,
     folder: Path,
@@ -212,7 +209,7 @@ def _draw_query(
         crop,
         matches.query_xy[part] * shrunk,
         (map_xy[part] - (x, y)) * (crop.shape[1] / width, crop.shape[0] / height),
-        scored.estimates[row].inliers,
+        inliers,
         str(query["id"]),
     )
     name = str(query["id"]).replace("/", "_")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
@@ -108,14 +108,12 @@ def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floa
 _PIECE = 1 << 20
 
 
-def draw_figures(
-    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
-) -> Iterator[str]:
+def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
     """Draw the curves of each scene, and its errors as seen from above, into ``figures``."""
     if not wanted or out is None:
         return
     limit, folder, scenes = _limit(evaluation), out / "figures", _compared(evaluation)
-    for name, scene in resources.progress(scenes.items(), "figures", len(scenes)):
+    for name, scene in run.progress(scenes.items(), "figures", len(scenes)):
         _draw_scene(folder, name, scene, limit)
     yield f"drew {3 * len(scenes)} pictures into {folder}"
 
@@ -134,14 +132,12 @@ def _draw_scene(folder: Path, name: str, scene: ScoredScene, limit: float) -> No
         draw_error_map(path, points, distances, limit, f"{name}: {what}")
 
 
-def write_clouds(
-    evaluation: Evaluation, wanted: bool, out: Path | None, resources: Resources
-) -> Iterator[str]:
+def write_clouds(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
     """Write prediction and truth of each scene, coloured by their errors, into ``clouds``."""
     if not wanted or out is None:
         return
     limit, folder, scenes = _limit(evaluation), out / "clouds", _compared(evaluation)
-    for name, scene in resources.progress(scenes.items(), "clouds", len(scenes)):
+    for name, scene in run.progress(scenes.items(), "clouds", len(scenes)):
         if scene.clouds is None or scene.distances is None:
             continue
         predicted, true = (_cloud(cloud.source).points for cloud in scene.clouds)
@@ -160,7 +156,10 @@ def _limit(evaluation: Evaluation) -> float:
 
 
 def _compared(evaluation: Evaluation) -> dict[str, ScoredScene]:
-    return {name: scene for name, scene in evaluation.scored.items() if scene.distances is not None}
+    found = {name: scene.details for name, scene in evaluation.scored.items()}
+    return {
+        name: one for name, one in found.items() if one is not None and one.distances is not None
+    }
 
 
 def _cloud(source: CloudSource) -> Cloud:

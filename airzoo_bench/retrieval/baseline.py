@@ -22,8 +22,8 @@ from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.images import read_grey, read_tile
 from airzoo_bench.core.progress import Headed, Progress, silent
 from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.prediction_files import check_npz, write_predictions
+from airzoo_bench.evaluation.queries import check_npz, write_predictions
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.sift import extract
 from airzoo_bench.retrieval.baseline_settings import VladSettings
 from airzoo_bench.retrieval.questions import scene_truth
@@ -107,7 +107,7 @@ def predict(
     benchmark: Benchmark,
     settings: VladSettings,
     out: Path,
-    resources: Resources,
+    run: Run,
     note: Callable[[str], None],
 ) -> None:
     """Describe every query and tile of a benchmark and write a prediction file."""
@@ -118,9 +118,9 @@ def predict(
         if (cost := _cost(truth, settings)) is not None:
             note(cost)
         tiles, photos = _readers(benchmark, truth, settings.long_side_px)
-        progress = Headed(scene.id, resources.progress)
+        progress = Headed(scene.id, run.progress)
         gallery, queries = describe(
-            tiles, photos, settings, engine=resources.processes, progress=progress
+            tiles, photos, settings, engine=run.processes, progress=progress
         )
         for key, rows in {
             "query_ids": truth.queries["id"].to_numpy(str),

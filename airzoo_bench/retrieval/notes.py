@@ -2,44 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.retrieval.predictions import RetrievalPredictions
 from airzoo_bench.retrieval.scene_predictions import ScenePredictions, strange_tiles
 from airzoo_bench.retrieval.scores import retrieval_scores
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
-__all__ = ["retrieval_notes"]
+__all__ = ["list_facts", "retrieval_notes"]
 
 _SHOWN_LETTERS = 80
 
 
+def list_facts(
+    predicted: ScenePredictions, scores: RetrievalScores | ImageScores
+) -> dict[str, Any]:
+    """Count the queries without a ranking, and by rank the lists that end before it."""
+    flat = int((predicted.answered & (predicted.lengths == 0)).sum())
+    ends = {scores.ranks_kept: predicted.shorter(scores.ranks_kept)}
+    if isinstance(scores, RetrievalScores) and ends[scores.ranks_kept]:
+        depths = [*scores.ndcg_at, *scores.recall_at, scores.ap_at]
+        ends |= {k: predicted.shorter(k) for k in depths}
+    return {"flat": flat, "shorter": {str(k): n for k, n in ends.items()}}
+
+
 def retrieval_notes(
     predictions: RetrievalPredictions,
-    scenes: Sequence[ScenePredictions],
+    truths: Sequence[RetrievalTruth],
+    scored: Sequence[Scored],
     protocol: RetrievalProtocol,
 ) -> list[str]:
     """Return what `eval` and `check` note besides the scores."""
-    counts = [scene.counts for scene in scenes]
-    empty = sum(count["empty_lists"] for count in counts)
-    tied = sum(count["tie_dependent"] for count in counts)
-    flat = sum(int((scene.answered & (scene.lengths == 0)).sum()) for scene in scenes)
-    dropped = sum(count["dropped_tiles"] for count in counts)
+    sums: Counter[str] = Counter()
+    shorter: Counter[str] = Counter()
+    for scene in scored:
+        sums.update(scene.counts | {"flat": scene.facts["flat"]})
+        shorter.update(scene.facts["shorter"])
     left_out = protocol.gallery.dropped
     kinds = (
-        (empty, "query has", "queries have", "an empty list, scored as if it were missing"),
-        (tied, "query depends", "queries depend", "on ties, which were broken against the method"),
-        (flat, "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
-        (dropped, f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
+        ("empty_lists", "query has", "queries have", "an empty list, scored as if it were missing"),
+        (
+            *("tie_dependent", "query depends", "queries depend"),
+            "on ties, which were broken against the method",
+        ),
+        ("flat", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+        ("dropped_tiles", f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
     )
     return [
-        *(f"{counted(n, one, many)} {what}" for n, one, many, what in kinds if n),
-        *_unanswered([scene.truth for scene in scenes]),
-        *_strange_tiles(predictions, [scene.truth for scene in scenes]),
-        *_short_lists(scenes, protocol.scores),
+        *(f"{counted(sums[n], one, many)} {what}" for n, one, many, what in kinds if sums[n]),
+        *_unanswered(truths),
+        *_strange_tiles(predictions, truths),
+        *_short_lists(shorter, protocol.scores),
     ]
 
 
@@ -58,11 +77,9 @@ def _strange_tiles(
     return [f"described tiles that are in no gallery, left aside: {named}"] if strange.size else []
 
 
-def _short_lists(
-    scenes: Sequence[ScenePredictions], scores: RetrievalScores | ImageScores
-) -> list[str]:
+def _short_lists(shorter: Mapping[str, int], scores: RetrievalScores | ImageScores) -> list[str]:
     """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
-    n = sum(scene.shorter(scores.ranks_kept) for scene in scenes)
+    n = shorter[str(scores.ranks_kept)]
     if not n:
         return []
     if isinstance(scores, ImageScores):
@@ -70,10 +87,10 @@ def _short_lists(
             f"{counted(n, 'list ends', 'lists end')} without all positives: to AP and MRR the "
             "others are not found, which they are where the whole gallery is ranked"
         ]
-    depths = [k for k in scores.ndcg_at if any(scene.shorter(k) for scene in scenes)]
+    depths = [k for k in scores.ndcg_at if shorter[str(k)]]
     titles = [score.title for score in retrieval_scores(scores) if score.headline]
     reach = zip(titles, (*scores.recall_at, scores.ap_at), strict=True)
-    cut = [title for title, k in reach if any(scene.shorter(k) for scene in scenes)]
+    cut = [title for title, k in reach if shorter[str(k)]]
     names = _and(["mAP", "MRR", *(f"nDCG@{k}" for k in depths), *cut])
     whole = [title for title in titles if title not in cut]
     others = f"; {_and(whole)} {agreeing(len(whole), 'does', 'do')} not look that far"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
-from airzoo_bench.evaluation.prediction_files import QueryPredictions, errors_of
+from airzoo_bench.evaluation.queries import QueryPredictions, errors_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.retrieval.descriptor_rows import Rows, as_float32, rows_of
 from airzoo_bench.retrieval.similarity import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.prediction_files import Fields, read_fields
+from airzoo_bench.evaluation.queries import Fields, read_fields
 from airzoo_bench.formats.arrays import (
     Arrays,
     check_length,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.pairs import hit_matrix
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
@@ -78,14 +78,14 @@ def match_scene(
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
     settings: RetrievalScores | ImageScores,
-    resources: Resources,
+    run: Run,
 ) -> ScenePredictions:
     """Rank the gallery of one scene for each of its queries, as predicted."""
     content, there = predictions.content, np.flatnonzero(rows >= 0)
     names = predictions.query_ids[rows[there]]
     asked = Asked(rows[there], names, truth.positives.take(there))
     try:
-        ranking = rank_scene(content, truth, asked, settings, resources)
+        ranking = rank_scene(content, truth, asked, settings, run)
     except PredictionError as error:
         raise error.inside(predictions.path) from error
     given = rows >= 0

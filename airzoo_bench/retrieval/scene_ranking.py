@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import rows_among, scene_of, with_endings
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.descriptor_rows import Rows, rows_of
 from airzoo_bench.retrieval.pairs import Positives, hit_matrix, offsets_of
@@ -52,7 +52,7 @@ def rank_scene(
     truth: RetrievalTruth,
     asked: Asked,
     settings: RetrievalScores | ImageScores,
-    resources: Resources,
+    run: Run,
 ) -> Ranking:
     """Rank the gallery for the queries that are asked."""
     n_tiles, cut = len(truth.tiles), None
@@ -68,11 +68,9 @@ def rank_scene(
             rank = partial(_rank_some, ranked, truth, kept, depth)
         case Descriptors() as described:
             step = max(1, len(asked.rows) if cut is None else _CELLS // n_tiles)
-            gallery = _scene_gallery(described, truth, resources.memory_bytes)
+            gallery = _scene_gallery(described, truth, run.memory_bytes)
             metric = settings.descriptor_metric
-            rank = partial(
-                _rank_described, described, gallery, truth, kept, depth, metric, resources
-            )
+            rank = partial(_rank_described, described, gallery, truth, kept, depth, metric, run)
     return _rank_by_parts(rank, asked, step, cut, n_tiles)
 
 
@@ -113,7 +111,7 @@ def _rank_described(
     kept: int,
     depth: int,
     metric: Metric,
-    resources: Resources,
+    run: Run,
     asked: Asked,
 ) -> Ranking:
     return rank_by_descriptors(
@@ -123,11 +121,11 @@ def _rank_described(
         metric=metric,
         positives=asked.positives,
         depth=depth,
-        memory_bytes=resources.memory_bytes,
-        jobs=resources.jobs,
+        memory_bytes=run.memory_bytes,
+        jobs=run.jobs,
         names=asked.names,
         tile_names=truth.tiles["id"].to_numpy(),
-        engine=resources.engine,
+        engine=run.engine,
     )
 
 

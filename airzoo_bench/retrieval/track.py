@@ -2,211 +2,156 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.query_track import QueryTrack
-from airzoo_bench.retrieval.baseline_settings import VLAD
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import numpy as np
-    import pandas as pd
-    from numpy.typing import NDArray
-
-    from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.results.result import Reference
-    from airzoo_bench.results.scores import Score
-    from airzoo_bench.retrieval.predictions import RetrievalPredictions
-    from airzoo_bench.retrieval.scene_predictions import ScenePredictions
-    from airzoo_bench.retrieval.settings import RetrievalProtocol
-    from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
+from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
+from airzoo_bench.results.result import Reference
+from airzoo_bench.results.scores import Score
+from airzoo_bench.retrieval.chance import chance_level
+from airzoo_bench.retrieval.info import INFO
+from airzoo_bench.retrieval.notes import list_facts, retrieval_notes
+from airzoo_bench.retrieval.predictions import (
+    RetrievalPredictions,
+    deep_validation_errors,
+    validation_errors,
+)
+from airzoo_bench.retrieval.questions import scene_truth
+from airzoo_bench.retrieval.reading import read_retrieval
+from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_scene
+from airzoo_bench.retrieval.scores import RECORDED, retrieval_scores
+from airzoo_bench.retrieval.scoring import score_scene
+from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
 __all__ = ["TRACK", "RetrievalTrack"]
 
 _DIMENSIONS = 8  # of random descriptors
 
 
-@dataclass(frozen=True, eq=False)
-class _ScoredScene:
-    records: pd.DataFrame
-    counts: dict[str, int]
-
-
-class RetrievalTrack(
-    QueryTrack[
-        "RetrievalProtocol",
-        "RetrievalPredictions",
-        "RetrievalTruth",
-        "ScenePredictions",
-        _ScoredScene,
-    ]
-):
+class RetrievalTrack(Track):
     """Aerial image retrieval; see `Track`."""
 
-    name = "retrieval"
-    summary = "Score aerial image retrieval: Recall@K, AP@5 and more, for each scene."
-    kinds = ".npz or .parquet"
-    suffixes = (".npz", ".parquet")
-    argument = "An .npz or .parquet prediction file."
-    example = "preds.npz --out results/mymethod"
-    jobs = 1
-    baseline = VLAD
-    template_kinds = ("ranked-ids", "descriptors")
+    info = INFO
+    protocol = RetrievalProtocol
+    recorded = RECORDED
 
-    @property
-    def protocol(self) -> type[RetrievalProtocol]:
-        """See `Track.protocol`."""
-        from airzoo_bench.retrieval.settings import RetrievalProtocol
-
-        return RetrievalProtocol
-
-    @property
-    def recorded(self) -> frozenset[str]:
-        """See `Track.recorded`."""
-        from airzoo_bench.retrieval.scores import RECORDED
-
-        return RECORDED
-
-    def read(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
-        """See `read_retrieval`."""
-        from airzoo_bench.retrieval.reading import read_retrieval
-
+    def open(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
+        """See `Track.open`."""
         return read_retrieval(path, memory_bytes)
 
-    def validation_errors(
-        self, predictions: RetrievalPredictions, protocol: RetrievalProtocol, *, thorough: bool
-    ) -> Iterator[PredictionError]:
-        """See `predictions.validation_errors` and `predictions.deep_validation_errors`."""
-        from airzoo_bench.retrieval.predictions import deep_validation_errors, validation_errors
-
-        yield from validation_errors(predictions)
-        if thorough:
-            scenes = [scene.id for scene in protocol.scenes]
-            metric = protocol.scores.descriptor_metric
-            yield from deep_validation_errors(predictions, metric, scenes)
-
-    def read_truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
-        """See `questions.scene_truth`."""
-        from airzoo_bench.retrieval.questions import scene_truth
-
+    def truth(self, benchmark: Benchmark, scene: str) -> RetrievalTruth:
+        """See `Track.truth`."""
         return scene_truth(benchmark, scene)
 
-    def match_scene(
+    def assign(
         self,
         predictions: RetrievalPredictions,
-        truth: RetrievalTruth,
-        rows: NDArray[np.intp],
+        truths: Sequence[RetrievalTruth],
         protocol: RetrievalProtocol,
-        resources: Resources,
-    ) -> ScenePredictions:
-        """See `match_scene`."""
-        from airzoo_bench.retrieval.scene_predictions import match_scene
-
-        rank = partial(match_scene, predictions, truth, rows, protocol.scores, resources)
-        return resources.finish(f"ranking of {truth.scene}", truth, rank)
+    ) -> Assignment:
+        """See `Track.assign`."""
+        errors = list(validation_errors(predictions))
+        if not (errors or truths):  # ranking, which would find these, needs a gallery
+            metric, scenes = protocol.scores.descriptor_metric, [one.id for one in protocol.scenes]
+            errors += deep_validation_errors(predictions, metric, scenes)
+        if errors:
+            return Assignment(errors=errors)
+        return assign_queries(predictions, truths, protocol)
 
     def score(
-        self,
-        predicted: ScenePredictions,
-        truth: RetrievalTruth,
-        protocol: RetrievalProtocol,
-        resources: Resources,
-    ) -> _ScoredScene:
-        """See `score_scene`."""
-        from airzoo_bench.retrieval.scoring import score_scene
-
+        self, part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
+    ) -> Scored:
+        """See `Track.score`."""
+        ranked = _ranked(part, truth, protocol, run)
         records = score_scene(
-            truth,
-            predicted.ranking,
-            predicted.answered,
-            protocol.scores,
-            jobs=resources.jobs,
+            truth, ranked.ranking, ranked.answered, protocol.scores, jobs=run.jobs
         )
-        return _ScoredScene(records, predicted.counts)
+        kind = part.predictions.content.kind
+        return Scored(records, ranked.counts, kind, facts=list_facts(ranked, protocol.scores))
 
-    def scores(self, protocol: RetrievalProtocol, scored: Sequence[_ScoredScene]) -> list[Score]:
-        """See `retrieval_scores`."""
-        from airzoo_bench.retrieval.scores import retrieval_scores
+    def check(
+        self, part: QueryPart, truth: RetrievalTruth | None, protocol: RetrievalProtocol, run: Run
+    ) -> Scored:
+        """See `Track.check`."""
+        if truth is None:
+            return Scored()
+        ranked = _ranked(part, truth, protocol, run)
+        return Scored(counts=ranked.counts, facts=list_facts(ranked, protocol.scores))
 
+    def scores(self, protocol: RetrievalProtocol) -> list[Score]:
+        """See `Track.scores`."""
         return retrieval_scores(protocol.scores)
-
-    def kind(self, predictions: RetrievalPredictions, scored: Sequence[_ScoredScene]) -> str:
-        """See `Track.kind`."""
-        return predictions.content.kind
 
     def notes(
         self,
         predictions: RetrievalPredictions,
-        protocol: RetrievalProtocol,
         truths: Sequence[RetrievalTruth],
-        scene_predictions: Sequence[ScenePredictions],
-        scored: Sequence[_ScoredScene],
+        protocol: RetrievalProtocol,
+        scored: Sequence[Scored],
     ) -> list[str]:
-        """See `retrieval_notes`."""
-        from airzoo_bench.retrieval.notes import retrieval_notes
-
-        return retrieval_notes(predictions, scene_predictions, protocol)
+        """See `Track.notes`."""
+        return retrieval_notes(predictions, truths, scored, protocol)
 
     def references(
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
     ) -> dict[str, Reference]:
         """Return what tiles in random order score."""
-        from airzoo_bench.retrieval.chance import chance_level
-
         return {"Chance level": chance_level(truths, protocol.scores)}
 
     def template(
         self,
-        protocol: RetrievalProtocol,
+        out: Path,
         truths: Sequence[RetrievalTruth],
+        protocol: RetrievalProtocol,
         kind: str,
         seed: int,
-    ) -> dict[str, NDArray[Any]]:
-        """Return random lists, or random descriptors."""
-        import numpy as np
-
+    ) -> str | None:
+        """Write random lists, or random descriptors."""
         random = np.random.default_rng(seed)
         queries = np.concatenate([truth.queries["id"].to_numpy(str) for truth in truths])
         if kind == "ranked-ids":
-            return {"query_ids": queries, "ranked_ids": _random_lists(truths, protocol, random)}
-        gallery = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
-        return {
-            "query_ids": queries,
-            "query_descriptors": random.standard_normal((len(queries), _DIMENSIONS), np.float32),
-            "gallery_ids": gallery,
-            "gallery_descriptors": random.standard_normal((len(gallery), _DIMENSIONS), np.float32),
-        }
-
-    def template_note(
-        self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
-    ) -> str | None:
-        """Say what random tiles score, unless the truth is sealed."""
-        from airzoo_bench.retrieval.chance import chance_level
-        from airzoo_bench.retrieval.scores import retrieval_scores
-
-        if not any(truth.positives.tiles.size for truth in truths):
+            lists = _random_lists(truths, protocol, random)
+            arrays = {"query_ids": queries, "ranked_ids": lists}
+        else:
+            tiles = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
+            arrays = {
+                "query_ids": queries,
+                "query_descriptors": _random_descriptors(queries, random),
+                "gallery_ids": tiles,
+                "gallery_descriptors": _random_descriptors(tiles, random),
+            }
+        write_predictions(out, protocol.name, arrays)
+        if not any(truth.positives.tiles.size for truth in truths):  # it is sealed
             return None
         level = chance_level(truths, protocol.scores).overall
-        headline = [
-            score
-            for score in retrieval_scores(protocol.scores)
+        listed = ", ".join(
+            f"{score.title} {level[score.column]:.2%}"
+            for score in self.scores(protocol)
             if score.headline and score.column in level
-        ]
-        listed = ", ".join(f"{score.title} {level[score.column]:.2%}" for score in headline)
+        )
         return f"random tiles score by chance: {listed}"
+
+
+def _ranked(
+    part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
+) -> ScenePredictions:
+    return match_scene(part.predictions, truth, part.rows, protocol.scores, run)
+
+
+def _random_descriptors(ids: NDArray[np.str_], random: np.random.Generator) -> NDArray[np.float32]:
+    return random.standard_normal((len(ids), _DIMENSIONS), np.float32)
 
 
 def _random_lists(
     truths: Sequence[RetrievalTruth], protocol: RetrievalProtocol, random: np.random.Generator
 ) -> NDArray[np.str_]:
     """Rank tiles at random for every query; lists of a small gallery end with empty ids."""
-    import numpy as np
-
     ranks = protocol.scores.ranks_kept
     lists = []
     for truth in truths:

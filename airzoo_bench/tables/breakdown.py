@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Scored
@@ -84,7 +84,7 @@ def is_condition(name: str, track: str) -> bool:
 def _recorded(track: str) -> frozenset[str]:
     if track not in TRACKS:  # its package is not installed here
         return frozenset(("scene", "query", "answered"))
-    return frozenset(TRACKS.get(track).recorded)
+    return frozenset(load_track(track).recorded)
 
 
 def condition_names(method: Scored) -> list[str]:

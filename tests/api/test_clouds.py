@@ -63,7 +63,7 @@ def test_scores_are_those_of_the_track(
             "max_distance_m": 10 * threshold,
         },
     )
-    record = world.score(path, protocol=str(chosen)).scored["lot"].record
+    record = world.score(path, protocol=str(chosen)).scored["lot"].records.to_dict("records")[0]
     found = ab.cloud_scores(points, true_points("lot"), threshold, crop=crop)
     name = f"{threshold:g}m"
     assert found.f1 == record[f"f1_{name}"]
@@ -186,13 +186,12 @@ def test_the_robust_alignment_is_that_of_the_track(world: World, tmp_path: Path)
         extrinsics=extrinsics,
     )
     chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "sim3"})
-    of_track = world.score(path, protocol=str(chosen)).scored["yard"].alignment
-    assert of_track is not None
+    of_track = world.score(path, protocol=str(chosen)).scored["yard"].facts["alignment"]
     true = np.concatenate([poses.rotation, poses.translation[:, :, None]], axis=2)
     found = ab.align_cameras(extrinsics, true)
     assert found.inliers.tolist() == [True, True, False, True, True, True]
-    assert of_track.inliers == 5
-    np.testing.assert_allclose(found.matrix, of_track.transform.matrix, rtol=1e-6)
+    assert of_track["inliers"] == 5
+    np.testing.assert_allclose(found.matrix, of_track["matrix"], rtol=1e-6)
     assert found.scale == pytest.approx(4.0, rel=1e-6)
     lost = extrinsics.copy()
     lost[2] = np.nan

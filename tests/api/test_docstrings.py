@@ -23,7 +23,6 @@ from numpydoc.validate import validate
 import airzoo_bench as ab
 from airzoo_bench.core.registry import Registry, resolve
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.evaluation.query_track import QueryTrack
 from airzoo_bench.evaluation.track import Track
 
 ROOT = Path(ab.__file__).parent
@@ -37,7 +36,7 @@ FORMULAS = [
         if path.stem not in OF_FILES
     ),
 ]
-CONTRACTS = (Track, QueryTrack)
+CONTRACTS = (Track,)
 # No summary; parameters missing, unknown, in another order, without type or description; the same
 # of what is returned or yielded.
 CODES = {"GL08", "SS01", "PR01", "PR02", "PR03", "PR04", "PR07", "RT01", "RT03", "YD01"}

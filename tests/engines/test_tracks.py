@@ -8,19 +8,19 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.registry import TRACKS as TRACKS_BY_NAME
+from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import HERE, Engine, Processes
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
@@ -60,8 +60,8 @@ def saved(
     track: str, predictions: Path, out: Path, engine: Engine = HERE, jobs: int = 1
 ) -> tuple[bytes, bytes]:
     """Return the bytes of the records and of the result."""
-    resources = Resources(jobs=jobs, engine=engine)
-    save(evaluate(predictions, data=Path(), track=track, resources=resources, method="m"), out)
+    resources = Run(jobs=jobs, engine=engine)
+    save(evaluate(predictions, data=Path(), track=track, run=resources, method="m"), out)
     return (out / "records.csv").read_bytes(), (out / "result.json").read_bytes()
 
 
@@ -137,13 +137,13 @@ def test_resume_goes_on_from_scored_scenes(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as stopping:
-        stopping.setattr("airzoo_bench.evaluation.evaluate._result", stop)
+        stopping.setattr("airzoo_bench.evaluation.evaluate.score_columns", stop)
         assert run_main(*ask) == 130
     assert "the same command goes on from there" in capfd.readouterr().err
     assert list(kept.glob("*.scene"))
     assert not (out / "result.json").exists()
     with monkeypatch.context() as resuming:
-        resuming.setattr(type(TRACKS_BY_NAME.get(track)), "score", stop)
+        resuming.setattr(type(load_track(track)), "score", stop)
         assert run_main(*ask) == 0
     assert "used where they are of this very run" in capfd.readouterr().err
     assert (out / "records.csv").read_bytes() == here[track][0]
@@ -151,21 +151,20 @@ def test_resume_goes_on_from_scored_scenes(
     assert not kept.exists()
 
 
-def found(store: SceneStore, computed: Any) -> list[float]:
-    """Return what a store has of a scene, or else has computed."""
-    return store.load_or("park", None, lambda: {"a": np.array(computed)})["a"].tolist()  # type: ignore[no-any-return]
-
-
 def test_scenes_of_another_run_and_damaged_ones_are_not_used(tmp_path: Path) -> None:
     store = SceneStore(tmp_path / "kept")
-    store.begin("one run")
-    assert found(store, [0, 1, 2]) == [0, 1, 2]
-    assert found(store, [0, 0]) == [0, 1, 2]
-    (path,) = store.paths()
+    records = pd.DataFrame({"scene": ["park"], "error_m": [0.1], "points": [3]})
+    scored = Scored(records.astype({"points": "Int64"}), {"queries": 1}, "poses", ("a note",))
+    assert store.load("one run", "park") is None
+    store.save("one run", "park", scored)
+    kept = store.load("one run", "park")
+    assert kept is not None
+    pd.testing.assert_frame_equal(kept.records, scored.records)
+    assert (kept.counts, kept.kind, kept.notes) == ({"queries": 1}, "poses", ("a note",))
+    assert store.load("another run", "park") is None
+    (path,) = store.folder.glob("*.records")
     path.write_bytes(path.read_bytes()[:-30])
-    assert found(store, [1]) == [1]
-    store.begin("another run")
-    assert found(store, [1, 1]) == [1, 1]
+    assert store.load("one run", "park") is None
     store.remove()
     assert not (tmp_path / "kept").exists()
 

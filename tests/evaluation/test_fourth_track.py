@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +17,9 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import run_baseline
-from airzoo_bench.evaluation.query_track import QueryTrack
+from airzoo_bench.evaluation.info import TrackInfo
+from airzoo_bench.evaluation.queries import QueryPredictions, assign_queries
+from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.truth import read_truth
@@ -31,49 +32,42 @@ class HeightProtocol(Protocol):
     track: Literal["height"]
 
 
-@dataclass
-class Heights:
-    """A prediction file, and what it says of one scene, and its score."""
-
-    path: Path
-    protocol: str | None
-    query_ids: Any
-    metres: Any
-    kind: str = "heights"
-    records: Any = None
-    counts: Any = None
+INFO = TrackInfo("height", f"{__name__}:HEIGHT", "Score heights above ground.")
 
 
-class HeightTrack(QueryTrack[Any, Any, Any, Any, Any]):
-    name, summary, protocol = "height", "Score heights above ground.", HeightProtocol
+class HeightTrack(Track):
+    info, protocol = INFO, HeightProtocol
 
-    def read(self, path: Path, memory_bytes: int) -> Heights:
+    def open(self, path: Path, memory_bytes: int) -> QueryPredictions[Any]:
         with np.load(path) as file:
-            return Heights(path, str(file["protocol"]), file["query_ids"], file["metres"])
+            return QueryPredictions(path, str(file["protocol"]), file["query_ids"], file["metres"])
 
-    def read_truth(self, benchmark: Benchmark, scene: str) -> Any:
+    def truth(self, benchmark: Benchmark, scene: str) -> Any:
         return read_truth(benchmark.scene_folder(scene), scene)
 
-    def match_scene(
-        self, predictions: Any, truth: Any, rows: Any, protocol: Any, resources: Any
-    ) -> Any:
-        return np.where(rows >= 0, np.abs(predictions.metres[rows] - 100.0), np.inf)
+    def assign(self, predictions: Any, truths: Any, protocol: Any) -> Assignment:
+        return assign_queries(predictions, truths, protocol)
 
-    def score(self, errors: Any, truth: Any, protocol: Any, resources: Any) -> Any:
+    def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:
+        metres = part.predictions.content[part.rows]
+        errors = np.where(part.rows >= 0, np.abs(metres - 100.0), np.inf)
         rows = {"scene": truth.scene, "query": truth.queries["id"], "error_m": errors}
         counts = {"queries": len(errors), "missing": int(np.isinf(errors).sum())}
-        return Heights(Path(), None, None, None, records=pd.DataFrame(rows), counts=counts)
+        return Scored(pd.DataFrame(rows), counts, "heights")
 
-    def scores(self, protocol: Any, scored: Any) -> list[Score]:
+    def scores(self, protocol: Any) -> list[Score]:
         return [
             Score("error_m", "Error", "m", higher_is_better=False, average="median", headline=True)
         ]
 
 
+HEIGHT = HeightTrack()
+
+
 @pytest.fixture
 def heights(data: Path, tmp_path: Path, scenes: list[MadeScene]) -> Iterator[Path]:
     """Return a prediction file of the track, whose protocol stands in the benchmark folder."""
-    TRACKS.add("height", HeightTrack())
+    TRACKS.add("height", INFO)
     values = {"schema": 1, "name": "made-height", "version": 1, "title": "Heights", "summary": "-"}
     places = [{"id": scene.id, "title": scene.id.title()} for scene in scenes]
     values |= {"benchmark": "made", "track": "height", "scenes": places}

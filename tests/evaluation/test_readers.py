@@ -15,7 +15,7 @@ import airzoo_bench as ab
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.near_places import place_meant
-from airzoo_bench.evaluation.prediction_files import QueryPredictions
+from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.retrieval.predictions import RankedIds
 from tests.support import run_main

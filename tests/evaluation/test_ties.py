@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from tests.evaluation.scored import score
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
@@ -121,7 +121,7 @@ def test_descriptors_and_their_ranked_ids_agree(
     )
     one, other = (
         score(by_ids, data).result,
-        score(by_descriptors, data, resources=Resources(jobs=2)).result,
+        score(by_descriptors, data, run=Run(jobs=2)).result,
     )
     for key in ("recall@1", "recall@3", "recall@5", "ap@5", "distance_m", "sdm@5", "pdm@5"):
         assert one.scenes["east"][key] == other.scenes["east"][key], key

@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
 from tests.readers.samples import cut3r
 from tests.reconstruction.both_scenes import both
@@ -27,9 +27,7 @@ MEMORY = 1 << 28
 
 def alike(path: Path, data: Path, protocol: str | None = None, **more: Any) -> None:
     found = [
-        evaluate(
-            path, data=data, protocol=protocol, resources=Resources(MEMORY, limits=limits, **more)
-        )
+        evaluate(path, data=data, protocol=protocol, run=Run(MEMORY, limits=limits, **more))
         for limits in (None, Limits(MEMORY))
     ]
     plain, limited = (one.result.model_dump(exclude={"created", "checksum"}) for one in found)
@@ -70,4 +68,4 @@ def test_what_takes_too_much_memory_is_one_message(
 def test_checking_under_limits_refuses_what_it_cannot_read(data: Path, tmp_path: Path) -> None:
     (tmp_path / "p.npz").write_bytes(b"PK\x03\x04" + bytes(100))
     with pytest.raises(PredictionError, match="not an npz file"):
-        check(tmp_path / "p.npz", data=data, resources=Resources(MEMORY, limits=Limits(MEMORY)))
+        check(tmp_path / "p.npz", data=data, run=Run(MEMORY, limits=Limits(MEMORY)))

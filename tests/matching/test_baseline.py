@@ -21,7 +21,7 @@ from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pi
 from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.matching import baseline
 from airzoo_bench.matching.baseline import Task, _match_task, lie_on_map, match, resample
-from airzoo_bench.matching.baseline_settings import SiftSettings
+from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
 
 SETTINGS = SiftSettings(

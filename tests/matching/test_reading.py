@@ -53,13 +53,13 @@ def test_matches_and_pairs_are_read_as_they_are(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(found.content, name), MATCHES[name])
     np.testing.assert_array_equal(found.content.image_size, size)
     assert (found.content.kind, found.content.map_frame) == ("matches", "crop")
-    assert list(check_file(found)) == []
+    assert list(check_file(found, None)) == []
     pairs = read(tmp_path, PAIRS).content
     assert isinstance(pairs, Correspondences)
     assert (pairs.kind, pairs.map_xy) == ("pairs", None)
     np.testing.assert_array_equal(pairs.points3d, POINTS)
     none = {"offsets": [0, 0, 0], "query_xy": np.zeros((0, 2)), "map_xy": np.zeros((0, 2))}
-    assert list(check_file(read(tmp_path, MATCHES | none))) == []
+    assert list(check_file(read(tmp_path, MATCHES | none), None)) == []
 
 
 @pytest.mark.parametrize("kind", ["i1", "u2", "u4", "i8", "f2", "f4", "f8"])
@@ -170,7 +170,7 @@ FAULTY: dict[str, tuple[dict[str, Any], list[str]]] = {
 @pytest.mark.parametrize("case", FAULTY)
 def test_faulty(tmp_path: Path, case: str) -> None:
     fields, names = FAULTY[case]
-    (fault,) = check_file(read(tmp_path, fields))
+    (fault,) = check_file(read(tmp_path, fields), None)
     assert fault.expected
     for name in ("p.npz", *names):
         assert name in str(fault)
@@ -178,7 +178,9 @@ def test_faulty(tmp_path: Path, case: str) -> None:
 
 def test_all_faults_are_found_at_once(tmp_path: Path) -> None:
     nothing = {"query_ids": np.zeros(0, "U8"), "offsets": np.zeros(1, int)}
-    found = list(check_file(read(tmp_path, MATCHES | nothing | {"query_xy": NAN_ROW * np.nan})))
+    found = list(
+        check_file(read(tmp_path, MATCHES | nothing | {"query_xy": NAN_ROW * np.nan}), None)
+    )
     places = [str(fault.where).split("field ")[1] for fault in found]
     assert places == ["'query_ids'", "'offsets'", "'query_xy'"]
 

@@ -14,7 +14,7 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import solving
 from airzoo_bench.matching.settings import Solver
@@ -241,8 +241,8 @@ def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> 
         make_scene(seed, count=200, noise_px=1.0, outliers=0.4).problem for seed in range(5)
     ]
     alone = [fingerprint(solve(problem)) for problem in problems]
-    resources = Resources(jobs=jobs, engine=Scattered(size))
-    found = solve_queries(joined(problems), SOLVER, resources)
+    run = Run(jobs=jobs, engine=Scattered(size))
+    found = solve_queries(joined(problems), SOLVER, run)
     assert [fingerprint(estimate) for estimate in found] == alone
 
 
@@ -253,18 +253,18 @@ def test_a_fault_of_one_query_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solving, "_find_by_colmap", fail)
     queries = joined([make_scene(seed).problem for seed in range(3)])
     with pytest.raises(RuntimeError, match="broken"):
-        solve_queries(queries, SOLVER, Resources(jobs=2))
+        solve_queries(queries, SOLVER, Run(jobs=2))
 
 
 @pytest.mark.parametrize("size", [1, 2, None])
 def test_records_do_not_depend_on_the_cut(world: World, tmp_path: Path, size: int | None) -> None:
     path = world.write(tmp_path / "m.npz", noisy(world, [*range(5)]))
     runs = [
-        evaluate(path, data=world.root, resources=resources)
-        for resources in (Resources(jobs=2), Resources(engine=Scattered(size)))
+        evaluate(path, data=world.root, run=run)
+        for run in (Run(jobs=2, keep=True), Run(engine=Scattered(size), keep=True))
     ]
     assert len({b"".join(csv_blocks(run.records)) for run in runs}) == 1
-    for here, there in zip(*(run.scored["hills"].estimates for run in runs), strict=True):
+    for here, there in zip(*(run.scored["hills"].details[1] for run in runs), strict=True):
         assert fingerprint(here) == fingerprint(there)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,11 @@ import pytest
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
-from airzoo_bench.matching.scoring import ScoredScene, score_scene
+from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.tables.layouts import scenes_table
 from tests.matching.world import (
     EAST,
@@ -57,32 +54,6 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
 
 
-class Careless(SceneStore):
-    """Somebody grids the surface model anew when its checksum has been taken."""
-
-    def __init__(self, dsm: Path) -> None:
-        super().__init__(dsm.with_suffix(".kept"))
-        self.dsm, self.forgotten = dsm, False
-
-    def begin(self, run: str) -> None:
-        os.utime(self.dsm, ns=(0, 0))
-
-    def remove(self) -> None:
-        self.forgotten = True
-
-
-def test_no_result_is_made_of_a_surface_model_that_changes(world: World, tmp_path: Path) -> None:
-    """The truth that it states would not be that which it was scored by."""
-    path = world.write(tmp_path / "method.npz", world.matches())
-    dsm = world.truth.maps[0].dsm
-    store = Careless(dsm)
-    with pytest.raises(BenchmarkError, match="changed while predictions were scored") as caught:
-        evaluate(path, track="matching", data=world.root, resources=Resources(scenes=store))
-    assert dsm.name in str(caught.value)
-    assert store.forgotten
-    evaluate(path, track="matching", data=world.root)
-
-
 def _fingerprint(world: World, folder: Path) -> str:
     return evaluated(world, folder, world.poses()).result.truth.fingerprint
 
@@ -113,7 +84,7 @@ def test_failures_stay_in_median_and_denominator(
         assert np.isposinf(rows[column][:3]).all()
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
     assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
-    estimates = run.scored["hills"].estimates
+    estimates = run.scored["hills"].details[1]
     assert np.isnan([one.centre for one in estimates[:3]]).all()
     assert [int(one.inliers.sum()) for one in estimates] == [0, 0, 0, 60, 60]
     for values in (result.scenes["hills"], result.overall, result.pooled):
@@ -143,19 +114,17 @@ def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
         xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
     run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
     assert run.records["error_m"].max() < 1e-6
-    for one in run.scored["hills"].estimates:
+    for one in run.scored["hills"].details[1]:
         assert one.inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
 
 
-def on_surface(
-    world: World, folder: Path, heights: np.ndarray[Any, Any], **grid: Any
-) -> ScoredScene:
+def on_surface(world: World, folder: Path, heights: np.ndarray[Any, Any], **grid: Any) -> Scored:
     """Score exact matches on another surface model, a pixel 100 m unless `grid` says."""
     transform = Affine(100.0, 0, EAST, 0, -100.0, NORTH)
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
     truth = replace(world.truth, maps=(replace(world.truth.maps[0], dsm=dsm),))
     predicted = matched(world, folder, world.matches())
-    return score_scene(truth, predicted, world.protocol, Resources())
+    return score_scene(truth, predicted, world.protocol, Run())
 
 
 def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:

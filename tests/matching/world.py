@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,12 @@ from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queri
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.checks import check_scene
-from airzoo_bench.matching.predictions import ScenePredictions, read_matching, take_scene
+from airzoo_bench.matching.checks import open_scene
+from airzoo_bench.matching.predictions import ScenePredictions, read_matching
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
@@ -217,7 +218,7 @@ def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
 
 def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
     path = world.write(folder / "method.npz", fields)
-    return evaluate(path, track="matching", data=world.root)
+    return evaluate(path, track="matching", data=world.root, run=Run(keep=True))
 
 
 def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
@@ -229,9 +230,7 @@ def matched(
 ) -> ScenePredictions:
     """Return predictions matched to the world's queries and checked; fields, or a file."""
     path = fields if isinstance(fields, Path) else world.write(folder / "preds.npz", fields)
-    predicted = take_scene(read_matching(path, 1 << 30), world.truth, rows)
-    notes = check_scene(predicted, world.truth, world.protocol.scores)
-    return replace(predicted, notes=tuple(notes))
+    return open_scene(read_matching(path, 1 << 30), world.truth, rows, world.protocol.scores)
 
 
 def refused(world: World, folder: Path, fields: dict[str, Any] | Path) -> str:

@@ -68,7 +68,7 @@ def test_images_without_a_pose_are_absent(world: World, tmp_path: Path) -> None:
     (path / "images.bin").write_bytes(struct.pack("<Q", 5) + content[8 + size :])
     found = scored(world, tmp_path / "out", "vggt-colmap")
     assert "1 of 6 photos has no pose in the prediction" in " ".join(found.result.notes)
-    assert found.scored["yard"].record["f1_0.2m"] == 1.0
+    assert found.scored["yard"].records.to_dict("records")[0]["f1_0.2m"] == 1.0
 
 
 SPOILT: dict[str, Callable[[bytes], bytes]] = {
@@ -93,7 +93,7 @@ def spoil(model: Path, what: str) -> None:
 
 def test_a_model_without_points_scores_zero(world: World, tmp_path: Path) -> None:
     spoil(one(world, tmp_path), "points3D none")
-    found = scored(world, tmp_path / "out").scored["yard"].record
+    found = scored(world, tmp_path / "out").scored["yard"].records.to_dict("records")[0]
     assert (found["f1_0.2m"], found["ate_m"] < 1e-6) == (0.0, True)
 
 

@@ -81,7 +81,7 @@ def test_names_say_which_photo_a_view_is_of(world: World, tmp_path: Path) -> Non
     found = scored(world, path, names=names)
     assert found.result.predictions.reader is not None
     assert "views named by names.txt, in its order" in found.result.predictions.reader.conventions
-    assert found.scored["yard"].record["f1_0.2m"] == 1.0
+    assert found.scored["yard"].records.to_dict("records")[0]["f1_0.2m"] == 1.0
     names.write_text("yard_0.jpg\n")
     with pytest.raises(PredictionError, match="6 views, and there are 1 names"):
         scored(world, path, names=names)
@@ -101,7 +101,7 @@ def test_pickled_names_are_never_loaded(world: World, tmp_path: Path) -> None:
     listed = np.array([f"/data/{name}" for name in views.names], dtype=object)
     np.savez(meta, extrinsics=views.w2c, intrinsics=views.intrinsics, image_files=listed)
     # Views are in the order of the photos, which their poses fit: the names are not needed.
-    assert scored(world, path).scored["yard"].record["f1_0.2m"] == 1.0
+    assert scored(world, path).scored["yard"].records.to_dict("records")[0]["f1_0.2m"] == 1.0
     alone = tmp_path / "alone" / "yard.npz"
     alone.parent.mkdir()
     shutil.copy(meta, alone)
@@ -112,7 +112,10 @@ def test_pickled_names_are_never_loaded(world: World, tmp_path: Path) -> None:
     line, names = str(caught.value.fix).split('"')[1], tmp_path / "names.txt"
     with names.open("w") as stream:
         subprocess.run([sys.executable, "-c", line], stdout=stream, check=True)
-    assert scored(world, path, names=names).scored["yard"].record["f1_0.2m"] == 1.0
+    assert (
+        scored(world, path, names=names).scored["yard"].records.to_dict("records")[0]["f1_0.2m"]
+        == 1.0
+    )
 
 
 def spoil_streaming(place: Path, what: str) -> None:
@@ -189,7 +192,7 @@ def test_models_that_pycolmap_writes_are_recognised_and_read(world: World, tmp_p
     place.mkdir(parents=True)
     found.write(str(place))
     assert find_reader(place.parent) == "depth-anything-3"
-    record = scored(world, place.parent).scored["yard"].record
+    record = scored(world, place.parent).scored["yard"].records.to_dict("records")[0]
     assert (record["f1_0.2m"], record["points"]) == (1.0, len(points))
     assert record["ate_m"] < 1e-6
 

@@ -52,9 +52,9 @@ def test_points_are_masked_too(world: World, tmp_path: Path) -> None:
     seen = true_views(world, "yard").depth > 0
     seen[:, :18] = False
     found = scored(world, one(world, tmp_path, depth=None, final_mask=seen)).scored["yard"]
-    assert found.record["points"] == int(seen.sum())
-    depth = scored(world, one(world, tmp_path / "d", final_mask=seen)).scored["yard"]
-    assert depth.record["points"] == int(seen.sum())
+    assert found.records.to_dict("records")[0]["points"] == int(seen.sum())
+    found = scored(world, one(world, tmp_path / "d", final_mask=seen)).scored["yard"]
+    assert found.records.to_dict("records")[0]["points"] == int(seen.sum())
 
 
 def test_a_mask_of_another_size_is_refused(world: World, tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_views_without_names_are_the_photos_in_order(world: World, tmp_path: Pat
     path = one(world, tmp_path)
     shutil.rmtree(path / "yard" / "images")
     found = scored(world, path)
-    assert found.scored["yard"].record["f1_0.2m"] == 1.0
+    assert found.scored["yard"].records.to_dict("records")[0]["f1_0.2m"] == 1.0
     assert found.result.predictions.reader is not None
     assert "which poses must fit" in found.result.predictions.reader.conventions[-1]
     turned = {k: v[::-1] for k, v in mapanything.fields(true_views(world, "yard")).items()}
@@ -79,4 +79,4 @@ def test_views_without_names_are_the_photos_in_order(world: World, tmp_path: Pat
 def test_the_lines_of_the_recipe_save_what_is_read(world: World, tmp_path: Path) -> None:
     path = one(world, tmp_path, world_points=None, images=None)
     assert find_reader(path) == "mapanything"
-    assert scored(world, path).scored["yard"].record["f1_0.2m"] == 1.0
+    assert scored(world, path).scored["yard"].records.to_dict("records")[0]["f1_0.2m"] == 1.0

@@ -28,7 +28,9 @@ def one(world: World, folder: Path, **changes: Any) -> Path:
 
 
 def f1(world: World, path: Path, **options: Any) -> float:
-    return float(scored(world, path, **options).scored["yard"].record["f1_0.2m"])
+    return float(
+        scored(world, path, **options).scored["yard"].records.to_dict("records")[0]["f1_0.2m"]
+    )
 
 
 def test_exact_depth_is_perfect(world: World, tmp_path: Path) -> None:
@@ -67,12 +69,12 @@ def test_the_models_own_output_has_a_batch_axis(world: World, tmp_path: Path) ->
 def test_poses_are_decoded_where_they_are_coded_only(world: World, tmp_path: Path) -> None:
     """The code has the principal point in the middle of the integer grid, half a pixel off here."""
     path = one(world, tmp_path, extrinsic=None, intrinsic=None)
-    found = scored(world, path).scored["yard"].record
+    found = scored(world, path).scored["yard"].records.to_dict("records")[0]
     assert found["ate_m"] < 1e-4
     assert found["f1_0.5m"] == 1.0
     batched = vggt.fields(true_views(world, "yard"))["pose_enc"][None]
     path = one(world, tmp_path / "b", extrinsic=None, intrinsic=None, pose_enc=batched)
-    assert scored(world, path).scored["yard"].record["f1_0.5m"] == 1.0
+    assert scored(world, path).scored["yard"].records.to_dict("records")[0]["f1_0.5m"] == 1.0
 
 
 def test_names_are_of_images_beside_it_or_listed(world: World, tmp_path: Path) -> None:
@@ -106,7 +108,7 @@ def test_wrong_conventions_are_named(world: World, tmp_path: Path) -> None:
 
 def test_a_scene_that_is_missing_scores_zero(world: World, tmp_path: Path) -> None:
     found = scored(world, one(world, tmp_path))
-    assert found.scored["lot"].record["f1_0.2m"] == 0.0
+    assert found.scored["lot"].records.to_dict("records")[0]["f1_0.2m"] == 0.0
     assert "scenes that the predictions lack" in " ".join(found.result.notes)
     alone = tmp_path / "out" / "yard"
     assert row(scored(world, alone)) == row(found)

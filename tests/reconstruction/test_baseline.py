@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
@@ -99,7 +99,7 @@ def run(flight: Flight, folder: Path, **changes: Any) -> Model:
     photos, cameras, truth = flight
     options = {"settings": SETTINGS, "positions": truth.centres} | changes
     settings, positions = options.pop("settings"), options.pop("positions")
-    resources = Resources(**options)
+    resources = Run(**options)
     return sparse_reconstruction(photos, cameras, positions, settings, folder, resources)
 
 

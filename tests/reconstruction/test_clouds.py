@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scenes
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
@@ -50,7 +50,7 @@ def scored(
     poses = camera_poses("yard")
     cameras = PosedCameras(TRUTH.posed.names, poses.centres, poses.rotation)
     predicted, true = (InMemoryCloud(cloud) for cloud in (points, truth))
-    resources = Resources(memory_bytes=block_points * scenes._BYTES_A_POINT, jobs=jobs)
+    resources = Run(memory_bytes=block_points * scenes._BYTES_A_POINT, jobs=jobs)
     return score_geometry(predicted, cameras, TRUTH, true, used, resources)
 
 

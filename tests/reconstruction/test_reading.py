@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.reconstruction.cloud_sources import DepthMaps
-from airzoo_bench.reconstruction.reading import ReconstructionPredictions, open_reconstruction
+from airzoo_bench.reconstruction.listed import ListedScenes
+from airzoo_bench.reconstruction.reading import open_reconstruction
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
 from tests.reconstruction.depth_maps import made as made_views
 from tests.reconstruction.listed import listed
@@ -54,7 +56,7 @@ def archive_of(folder: Path, suffix: str, prefix: str = "") -> Path:
     return path
 
 
-def check_content(predictions: ReconstructionPredictions) -> None:
+def check_content(predictions: ScenePredictions) -> None:
     assert predictions.protocol == "airzoo-real-reconstruction"
     assert predictions.scenes == ("park.v2", "plaza", "school", "substation")
     assert predictions.unknown_files == ("notes.md",)
@@ -111,8 +113,8 @@ def test_a_tar_with_an_npz_at_its_end_is_no_zip(folder: Path) -> None:
 def test_scenes_unknown_and_missing(folder: Path) -> None:
     predictions = listed(folder)
     known = ("plaza", "school", "harbour")
-    assert predictions.unknown(known) == ("park.v2", "substation")
-    assert predictions.missing(known) == ("harbour",)
+    found = ListedScenes(predictions, list(known))
+    assert (found.strange, found.missing) == (("park.v2", "substation"), ("harbour",))
 
 
 def test_a_file_alone_is_a_scene(folder: Path) -> None:

@@ -109,7 +109,9 @@ def test_integer_pixel_centres_give_the_points_of_half_ones(world: World, tmp_pa
     integer["intrinsics"][:, :2, 2] -= 0.5
     wrong = integer | {"pixel_centres": np.array("half")}
     records = [
-        world.score(save(tmp_path / name / "lot.npz", fields).parent).scored["lot"].record
+        world.score(save(tmp_path / name / "lot.npz", fields).parent)
+        .scored["lot"]
+        .records.to_dict("records")[0]
         for name, fields in (("half", half), ("integer", integer), ("wrong", wrong))
     ]
     assert records[0] == records[1]
@@ -122,7 +124,9 @@ def test_files_without_names_are_read_as_depth_anything_3_writes_them(
     named = world.views("lot") | {"pixel_centres": np.array("integer")}
     bare = {key: named[key] for key in ("depth", "intrinsics", "extrinsics")}
     records = [
-        world.score(save(tmp_path / name / "lot.npz", fields).parent).scored["lot"].record
+        world.score(save(tmp_path / name / "lot.npz", fields).parent)
+        .scored["lot"]
+        .records.to_dict("records")[0]
         for name, fields in (("named", named), ("bare", bare))
     ]
     assert records[0] == records[1]
@@ -134,6 +138,6 @@ def test_cameras_beyond_all_measure_are_missing(value: float, world: World, tmp_
     fields["extrinsics"] = fields["extrinsics"].copy()
     fields["extrinsics"][1, :, 3] = value
     path = save(tmp_path / "p" / "yard.npz", fields).parent
-    record = world.score(path).scored["yard"].record
+    record = world.score(path).scored["yard"].records.to_dict("records")[0]
     assert record["cameras_missing"] == 1
     assert record["f1_1m"] > 0.5

@@ -273,8 +273,8 @@ def test_photos_that_are_left_out_are_said_to_be_so(world: World, named: bool, w
 
 def test_clouds_are_kept_only_where_they_are_asked_for(world: World, tmp_path: Path) -> None:
     path = both(world, tmp_path)
-    assert world.score(path).scored["yard"].clouds is None
-    kept = world.score(path, keep=True).scored["yard"]
+    assert world.score(path).scored["yard"].details is None
+    kept = world.score(path, keep=True).scored["yard"].details
     assert kept.clouds is not None
     assert kept.clouds[0].source.count == 15_264
     assert kept.distances is not None

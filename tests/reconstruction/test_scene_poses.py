@@ -101,11 +101,13 @@ def test_ate_sees_the_cameras_that_the_alignment_left_out(world: World, tmp_path
     path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
     save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
     scored = world.score(path).scored["yard"]
-    assert scored.record["inlier_cameras"] == 5
-    assert scored.record["chamfer_m"] < 1e-6
+    assert scored.records.to_dict("records")[0]["inlier_cameras"] == 5
+    assert scored.records.to_dict("records")[0]["chamfer_m"] < 1e-6
     fit = umeyama(centres, poses.centres, with_scale=True)
     left = np.linalg.norm(fit.apply(centres) - poses.centres, axis=1)
-    assert scored.record["ate_m"] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
+    assert scored.records.to_dict("records")[0]["ate_m"] == pytest.approx(
+        np.sqrt((left**2).mean()), rel=1e-9
+    )
 
 
 def test_a_scene_without_cameras_where_others_have_them(world: World, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.reconstruction import scenes
@@ -48,7 +48,7 @@ def test_shards_are_one_cloud(suffix: str, tmp_path: Path) -> None:
 
 
 def score(predicted: Any, true: Any, used: ReconstructionProtocol) -> ScoredScene:
-    resources = Resources(memory_bytes=0)
+    resources = Run(memory_bytes=0)
     return score_geometry(predicted, None, made_truth("yard"), true, used, resources)
 
 

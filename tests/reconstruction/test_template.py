@@ -33,7 +33,7 @@ def test_the_template_names_all_photos_and_scores(
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0)
     assert run_main("check", out) == 0
     assert run_main("eval", "reconstruction", out, "--out", tmp_path / "out") == 0
-    scored = world.score(out).scored["yard"].record
+    scored = world.score(out).scored["yard"].records.to_dict("records")[0]
     assert scored["points"] == 6 * 24 * 32
     assert scored["pose_auc_3deg"] < 0.2
 

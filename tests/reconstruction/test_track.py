@@ -31,7 +31,7 @@ def lot(world: World, folder: Path, points: Array, **sections: Any) -> dict[str,
     """Return the record of the lot for predicted points, taken as they stand."""
     path = predict_clouds(world, folder / "p", {"lot": points}, cameras=False)
     chosen = world.protocol(folder / "c.toml", alignment={"method": "none"}, **sections)
-    return world.score(path, protocol=str(chosen)).scored["lot"].record
+    return world.score(path, protocol=str(chosen)).scored["lot"].records.to_dict("records")[0]
 
 
 def test_a_plane_shifted_by_three_metres(world: World, tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     (tmp_path / "p" / "lot.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4\n"]))
     chosen = world.protocol(tmp_path / "c.toml", meshes={"points": 20_000})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
-    record = evaluation.scored["lot"].record
+    record = evaluation.scored["lot"].records.to_dict("records")[0]
     assert evaluation.result.predictions.kind == "mesh"
     assert record["points"] == 20_000
     assert record["f1_1m"] > 0.999
@@ -195,7 +195,7 @@ def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: P
         archive.write(folder / "lot.ply", "preds/lot.ply")
         archive.write(folder / "protocol.txt", "preds/protocol.txt")
     paths = [folder, tmp_path / "npz", tmp_path / "npy", tmp_path / "p.zip", folder / "lot.ply"]
-    records = [world.score(path).scored["lot"].record for path in paths]
+    records = [world.score(path).scored["lot"].records.to_dict("records")[0] for path in paths]
     assert all(record == records[0] for record in records)
 
 
@@ -216,7 +216,7 @@ def test_open3d_finds_the_same_scores(world: World, tmp_path: Path) -> None:
     points = true_points("yard") + random.normal(0, 0.6, true_points("yard").shape)
     points = np.concatenate([points[::2], random.uniform(0, SIDE, (500, 3)) + ORIGIN])
     path = predict_clouds(world, tmp_path / "p", {"yard": points}, cameras=False)
-    record = world.score(path).scored["yard"].record
+    record = world.score(path).scored["yard"].records.to_dict("records")[0]
     o3d = load_open3d()
     clouds = []
     for one in (points, true_points("yard")):

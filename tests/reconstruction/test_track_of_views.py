@@ -41,9 +41,9 @@ def test_sim3_brings_back_a_cloud_of_any_frame(world: World, tmp_path: Path) -> 
     path = predict_clouds(world, tmp_path / "p", {"lot": points})
     save(path / "lot.cameras.npz", moved_cameras(world, "lot", 0.02))
     scored = world.score(path).scored["lot"]
-    assert scored.record["scale"] == pytest.approx(50.0, rel=1e-9)
-    assert scored.record["chamfer_m"] < 1e-6
-    assert scored.record["f1_0.2m"] == 1.0
+    assert scored.records.to_dict("records")[0]["scale"] == pytest.approx(50.0, rel=1e-9)
+    assert scored.records.to_dict("records")[0]["chamfer_m"] < 1e-6
+    assert scored.records.to_dict("records")[0]["f1_0.2m"] == 1.0
     assert scored.alignment is not None
     np.testing.assert_allclose(scored.alignment.transform.rotation, turn.T, atol=1e-9)
     homogeneous = np.append(points[7], 1.0)
@@ -65,7 +65,11 @@ def test_photos_named_one_off_are_refused(world: World, tmp_path: Path, scale: f
 def test_depth_maps_of_any_scale(world: World, tmp_path: Path) -> None:
     fields = world.views("lot") | moved_cameras(world, "lot", 0.1)
     fields["depth"] = fields["depth"] * 0.1
-    record = world.score(save(tmp_path / "p" / "lot.npz", fields).parent).scored["lot"].record
+    record = (
+        world.score(save(tmp_path / "p" / "lot.npz", fields).parent)
+        .scored["lot"]
+        .records.to_dict("records")[0]
+    )
     # All pixels see the ground, within half a diagonal of the true cloud's grid.
     assert record["accuracy_m"] < STEP / 2
     assert record["precision_0.5m"] == 1.0
@@ -82,7 +86,9 @@ def test_point_maps_are_the_same_points(world: World, tmp_path: Path) -> None:
     points = np.einsum("nji,nhwj->nhwi", poses.rotation, local) + poses.centres[:, None, None]
     given = {"world_points": points, **world.cameras("yard")}
     records = [
-        world.score(save(tmp_path / name / "yard.npz", fields).parent).scored["yard"].record
+        world.score(save(tmp_path / name / "yard.npz", fields).parent)
+        .scored["yard"]
+        .records.to_dict("records")[0]
         for name, fields in (("depth", depth), ("points", given))
     ]
     assert records[0]["points"] == records[1]["points"] == 6 * 36 * 48
@@ -93,8 +99,8 @@ def test_point_maps_are_the_same_points(world: World, tmp_path: Path) -> None:
 def test_fusing_keeps_the_surface_and_thins_it(world: World, tmp_path: Path) -> None:
     path = save(tmp_path / "p" / "yard.npz", world.views("yard")).parent
     chosen = world.protocol(tmp_path / "c.toml", fusion={"method": "tsdf"})
-    record = world.score(path, protocol=str(chosen)).scored["yard"].record
-    plain = world.score(path).scored["yard"].record
+    record = world.score(path, protocol=str(chosen)).scored["yard"].records.to_dict("records")[0]
+    plain = world.score(path).scored["yard"].records.to_dict("records")[0]
     assert record["precision_1m"] > 0.98
     assert record["recall_1m"] > 0.9 * plain["recall_1m"]
     assert 0 < record["points"] < plain["points"]
@@ -112,7 +118,7 @@ def test_maps_without_a_pose_are_nowhere(method: str, world: World, tmp_path: Pa
     records = [
         world.score(save(tmp_path / name / "yard.npz", one).parent, protocol=str(chosen))
         .scored["yard"]
-        .record
+        .records.to_dict("records")[0]
         for name, one in (("few", few), ("lost", lost))
     ]
     assert records[0] == records[1]
@@ -140,7 +146,7 @@ def test_pixels_and_points_must_exceed_the_confidence(
         save(tmp_path / "p" / "lot.cameras.npz", world.cameras("lot"))
     chosen = world.protocol(tmp_path / "c.toml", fusion={"confidence_above": 2.0})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
-    record = evaluation.scored["lot"].record
+    record = evaluation.scored["lot"].records.to_dict("records")[0]
     assert (record["points"], record["distrusted"]) == (conf.size // 2, conf.size // 2)
     assert any("left out: 3,456 points of too little" in n for n in evaluation.result.notes)
 
@@ -152,12 +158,12 @@ def test_icp_mends_poor_cameras(world: World, tmp_path: Path) -> None:
     cameras["extrinsics"][..., 3] = -(poses.rotation @ centres[..., None])[..., 0]
     path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
     save(path / "yard.cameras.npz", cameras)
-    rough = world.score(path).scored["yard"].record
+    rough = world.score(path).scored["yard"].records.to_dict("records")[0]
     icp = {"method": "sim3+icp", "icp_with_scale": False, "icp_points": 4000, "icp_tolerance": 1e-9}
     chosen = world.protocol(tmp_path / "c.toml", alignment=icp)
     scored = world.score(path, protocol=str(chosen)).scored["yard"]
     assert rough["chamfer_m"] > 0.1
-    assert scored.record["chamfer_m"] < 0.1 * rough["chamfer_m"]
+    assert scored.records.to_dict("records")[0]["chamfer_m"] < 0.1 * rough["chamfer_m"]
     assert scored.alignment is not None
     assert scored.alignment.icp is not None
 
@@ -168,8 +174,8 @@ def test_icp_leaves_out_points_that_are_not_finite(world: World, tmp_path: Path)
     path = predict_clouds(world, tmp_path / "p", {"yard": points})
     chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "sim3+icp"})
     scored = world.score(path, protocol=str(chosen)).scored["yard"]
-    assert scored.record["accuracy_m"] < 1e-6
-    assert scored.record["not_finite"] == 5088
+    assert scored.records.to_dict("records")[0]["accuracy_m"] < 1e-6
+    assert scored.records.to_dict("records")[0]["not_finite"] == 5088
     assert scored.alignment is not None
     assert scored.alignment.icp is not None
     assert scored.alignment.icp.points == 15_264 - 5088
@@ -194,7 +200,9 @@ def test_scores_do_not_depend_on_the_frame_of_the_prediction(
         other = fields | moved_cameras(world, "yard", scale, seed=number)
         other["depth"] = fields["depth"] * scale
         path = save(tmp_path / f"{number}" / "yard.npz", other).parent
-        records.append(world.score(path, protocol=str(chosen)).scored["yard"].record)
+        records.append(
+            world.score(path, protocol=str(chosen)).scored["yard"].records.to_dict("records")[0]
+        )
     for record in records[1:]:
         assert record["points"] == records[0]["points"]
         for name in ("f1_0.2m", "f1_0.5m", "f1_1m", "pose_auc_3deg"):

@@ -15,7 +15,7 @@ from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benc
 from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.cameras import Cameras
@@ -166,8 +166,8 @@ class World:
     def score(self, predictions: Path, **options: Any) -> Evaluation:
         given = {"data": self.root, "protocol": PROTOCOL} | options
         names = {"memory_bytes", "jobs", "keep", "progress"}
-        resources = Resources(**{name: given.pop(name) for name in names & given.keys()})
-        return evaluate(predictions, track="reconstruction", resources=resources, **given)
+        resources = Run(**{name: given.pop(name) for name in names & given.keys()})
+        return evaluate(predictions, track="reconstruction", run=resources, **given)
 
 
 def make_world(root: Path) -> World:

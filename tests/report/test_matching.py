@@ -156,11 +156,12 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
     from pyproj import CRS
 
     from airzoo_bench.evaluation.evaluate import evaluate
+    from airzoo_bench.evaluation.track import Run
     from airzoo_bench.geometry.frames import to_lonlat
     from airzoo_bench.report import matching as matching_figures
 
     path = world.write(tmp_path / "m.npz", world.poses())
-    run = evaluate(path, data=world.root)
+    run = evaluate(path, data=world.root, run=Run(keep=True))
     truth, dom = run.truths[0], run.truths[0].maps[0].dom
     corner, east, south = to_lonlat(
         dom.crs, np.array([[5e5, 5.2e6], [5e5 + 600, 5.2e6], [5e5, 5.2e6 - 600]])
@@ -177,7 +178,7 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
     monkeypatch.setattr(matching_figures, "draw_queries_on_map", look)
     reference = truth.maps[0]
     for number, one in enumerate((reference, replace(reference, dom=lonlat))):
-        scored, path = run.scored["hills"], tmp_path / f"{number}.png"
+        scored, path = run.scored["hills"].details[1], tmp_path / f"{number}.png"
         matching_figures._draw_map(truth, one, scored, "Hills", path)
     np.testing.assert_allclose(seen[0][0], (0, 600, 0, 600))
     expected = world.truth.poses.centres[:, :2] - (5e5, 5.2e6 - 600)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,7 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
-from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import ranking
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
@@ -45,7 +43,7 @@ def test_records_are_the_same_bytes(
     path = described(tmp_path / "p.npz")
     expected = evaluate(path, data=data).records.to_csv()
     with local_cluster(workers, 1 << 30) as engine:
-        found = evaluate(path, data=data, resources=Resources(engine=engine))
+        found = evaluate(path, data=data, run=Run(engine=engine))
     assert found.records.to_csv() == expected
 
 
@@ -54,61 +52,6 @@ def test_nan_is_named_as_in_one_process(data: Path, tmp_path: Path) -> None:
     rows[27] = np.nan
     path = described(tmp_path / "p.npz", rows)
     with local_cluster(1, 1 << 30) as engine:
-        for resources in (Resources(), Resources(engine=engine)):
+        for resources in (Run(), Run(engine=engine)):
             with pytest.raises(PredictionError, match=r"1 of 50 \(a/t00027\)"):
-                evaluate(path, data=data, resources=resources)
-
-
-class Careless(SceneStore):
-    """Somebody writes other descriptors into the file while the run goes on."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path.with_suffix(".kept"))
-        self.path, self.forgotten = path, False
-
-    def begin(self, run: str) -> None:
-        described(self.path, np.ones((81, 8), "f4"))
-        os.utime(self.path, ns=(0, 0))  # whatever the clock's resolution
-
-    def remove(self) -> None:
-        self.forgotten = True
-
-
-@pytest.mark.parametrize("linked", [False, True])
-def test_no_result_is_made_of_predictions_that_change(
-    linked: bool, data: Path, tmp_path: Path
-) -> None:
-    """Its checksum would be that of other descriptors than those that were scored."""
-    path = file = described(tmp_path / "stored.npz")
-    if linked:
-        path = tmp_path / "p.npz"
-        path.symlink_to(file)
-    store = Careless(file)
-    with pytest.raises(PredictionError) as caught:
-        evaluate(path, data=data, resources=Resources(scenes=store))
-    assert path.name in str(caught.value)
-    assert store.forgotten
-
-
-class Named(SceneStore):
-    """Tells which run it was told to be of."""
-
-    def begin(self, run: str) -> None:
-        super().begin(run)
-        self.run = run
-
-
-def test_a_run_with_other_memory_or_descriptors_is_another_run(data: Path, tmp_path: Path) -> None:
-    """Queries are cut by the memory, so that a finished task may be of other queries."""
-
-    def run(memory_bytes: int) -> str:
-        store = Named(tmp_path / f"kept-{len(list(tmp_path.iterdir()))}")
-        evaluate(path, data=data, resources=Resources(memory_bytes, scenes=store))
-        return store.run
-
-    path = described(tmp_path / "p.npz")
-    one = run(1 << 30)
-    assert one == run(1 << 30) != run(1 << 29)
-    rows = np.random.default_rng(1).standard_normal((81, 8)).astype("f4")
-    described(path, rows)
-    assert run(1 << 30) != one
+                evaluate(path, data=data, run=resources)

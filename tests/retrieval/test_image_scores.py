@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import ProtocolError
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.chance import chance_scores
@@ -55,7 +55,7 @@ def records_of(truth: RetrievalTruth, settings: ImageScores, content: Any) -> pd
     ids = truth.queries["id"].to_numpy(str)
     predictions = RetrievalPredictions(Path("p.npz"), None, ids, content)
     rows = np.arange(len(ids))
-    predicted = match_scene(predictions, truth, rows, settings, Resources())
+    predicted = match_scene(predictions, truth, rows, settings, Run())
     return score_scene(truth, predicted.ranking, predicted.answered, settings)
 
 
@@ -273,7 +273,7 @@ def test_queries_that_the_predictions_lack_score_nothing() -> None:
     ids = truth.queries["id"].to_numpy(str)
     predictions = RetrievalPredictions(Path("p.npz"), None, ids, made.content(truth))
     for given in (np.full(QUERIES, -1), np.where(np.arange(QUERIES) % 2, np.arange(QUERIES), -1)):
-        predicted = match_scene(predictions, truth, given, settings, Resources())
+        predicted = match_scene(predictions, truth, given, settings, Run())
         records = score_scene(truth, predicted.ranking, predicted.answered, settings)
         lacking = records[given < 0]
         best = lacking[["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]].to_numpy().max()
@@ -283,6 +283,6 @@ def test_queries_that_the_predictions_lack_score_nothing() -> None:
             for asked in made.of_queries[given < 0]
         ]
         np.testing.assert_allclose(lacking["dis@1"], farthest, rtol=1e-9)
-        whole = match_scene(predictions, truth, np.arange(QUERIES), settings, Resources())
+        whole = match_scene(predictions, truth, np.arange(QUERIES), settings, Run())
         scored = score_scene(truth, whole.ranking, whole.answered, settings)
         pd.testing.assert_frame_equal(records[given >= 0], scored[given >= 0])

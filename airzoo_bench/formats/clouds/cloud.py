@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,6 +15,7 @@ from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
     "FIX_COPY",
+    "ArrayPieces",
     "Cloud",
     "CloudSource",
     "FileCloud",
@@ -58,6 +59,8 @@ class CloudSource(Protocol):
         """Yield all points, at most that many at a time."""
 
 
+_STORED_POINTS = 1 << 20
+
 FIX_COPY = "write or copy the file again"
 
 
@@ -90,6 +93,41 @@ class FileCloud:
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most that many at a time."""
         return self.read(points)
+
+    def stored(self, folder: Path) -> FileCloud:
+        """Return the cloud with its points in plain files of a folder."""
+        points = np.lib.format.open_memmap(folder / "points.npy", "w+", np.float64, (self.count, 3))
+        confidence, done = None, 0
+        for piece in self.pieces(_STORED_POINTS):
+            part = slice(done, done + len(piece))
+            done += len(piece)
+            if done > self.count:
+                break
+            points[part] = piece.points
+            if piece.confidence is not None:
+                if confidence is None:
+                    confidence = np.lib.format.open_memmap(
+                        folder / "confidence.npy", "w+", np.float32, (self.count,)
+                    )
+                confidence[part] = piece.confidence
+        if done != self.count:
+            raise refusal(self.path, f"holds {done:,} points, not {self.count:,}")
+        return replace(self, read=ArrayPieces(points, confidence))
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayPieces:
+    """Reads a cloud from arrays, which may be mapped: points (N, 3) and confidence (N,)."""
+
+    points: Floats
+    confidence: NDArray[np.float32] | None
+
+    def __call__(self, size: int) -> Iterator[Cloud]:
+        """Yield all points, at most `size` at a time."""
+        for start in range(0, len(self.points), size):
+            part = slice(start, start + size)
+            trust = None if self.confidence is None else np.array(self.confidence[part])
+            yield Cloud(np.array(self.points[part]), None, trust)
 
 
 def refusal(

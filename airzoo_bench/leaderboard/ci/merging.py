@@ -152,7 +152,7 @@ class _New:
                 self.rules.data,
                 fetch=True,
                 until=self.until,
-                resources=self.rules.resources,
+                run=self.rules.run,
             )
             faults = [*checked.errors, *self._faults_of_names(checked, out)]
         if faults:
@@ -170,9 +170,7 @@ class _New:
         return [one for one in found if isinstance(one, UserError)]
 
     def _rescored(self, checked: CheckedSubmission, run: Path) -> Rescored:
-        found = rescore(
-            checked, data=self.rules.data, resources=self.rules.resources, make_again=True
-        )
+        found = rescore(checked, data=self.rules.data, run=self.rules.run, make_again=True)
         if found.claimed is None and found.errors:
             raise found.errors[0]
         save(found.evaluation, run)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from airzoo_bench.benchmark.folder import find_benchmark
-from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import truth_fingerprint
 from airzoo_bench.evaluation.given import read_truths
 from airzoo_bench.leaderboard.answer import SealedAnswer
@@ -71,6 +70,6 @@ class Measures:
             public = find_benchmark(protocol.benchmark, self.data, sealed=True).file.sealed
             truth = "" if public is None else public.commitment
         else:
-            _, truths = read_truths(TRACKS.get(protocol.track), protocol, self.data)
+            _, truths = read_truths(protocol, self.data)
             truth = truth_fingerprint(truths)
         return Measure(protocol.name, protocol.version, protocol.fingerprint, truth)

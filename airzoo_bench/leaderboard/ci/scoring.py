@@ -34,7 +34,7 @@ from airzoo_bench.leaderboard.runs import newest_runs, write_facts
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
-    from airzoo_bench.evaluation.parts import Resources
+    from airzoo_bench.evaluation.track import Run
 
 __all__ = ["OF_BOARD", "Rules", "is_sealed", "score_pull_request"]
 
@@ -62,7 +62,7 @@ class Rules:
     root: Path
     branch: str
     data: Path
-    resources: Resources
+    run: Run
     note: Callable[[str], None]
 
 
@@ -110,7 +110,7 @@ class _Submitted:
             self.rules.data,
             known=known,
             fetch=True,
-            resources=self.rules.resources,
+            run=self.rules.run,
         )
         given, others = checked.submission, Others(self.pull, self.ledger, board, known)
         faults = [*checked.errors, *others.crowd(place)]
@@ -132,7 +132,7 @@ class _Submitted:
         return self._scored(checked, others, more)
 
     def _scored(self, checked: CheckedSubmission, others: Others, more: dict[str, Any]) -> Artifact:
-        rescored = rescore(checked, data=self.rules.data, resources=self.rules.resources)
+        rescored = rescore(checked, data=self.rules.data, run=self.rules.run)
         claimed = {
             "claimed": tuple(_without(line, self.work) for line in rescored.lines),
             "agrees": None if rescored.claimed is None else rescored.agrees,

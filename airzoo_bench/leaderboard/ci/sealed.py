@@ -32,9 +32,7 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     place = artifact.place
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked = check_submission(
-        work / place.path, rules.board, rules.data, resources=rules.resources
-    )
+    checked = check_submission(work / place.path, rules.board, rules.data, run=rules.run)
     for error in checked.errors:
         raise error
     benchmark = next(one for one in rules.board.benchmarks if one.name == place.benchmark)
@@ -42,7 +40,7 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
         raise SubmissionError("the truth of this benchmark is not sealed", where=place.path)
     archive = rules.root / benchmark.sealed
     try:
-        answer = score_sealed(checked, archive, key, data=rules.data, resources=rules.resources)
+        answer = score_sealed(checked, archive, key, data=rules.data, run=rules.run)
     except OpenedTruthError as error:
         problem = problem_of(error).model_copy(update={"where": place.path})
         update = {"kind": "refused", "problems": (problem,), "truth": "opened"}

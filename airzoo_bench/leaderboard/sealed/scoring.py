@@ -14,7 +14,7 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.check import check
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.given import ReadBy
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.rescoring import pipeline_errors
 from airzoo_bench.leaderboard.sealed.rounding import (
@@ -64,7 +64,7 @@ def score_sealed(
     key: Any,
     *,
     data: Path,
-    resources: Resources = Resources(),  # noqa: B008 - frozen
+    run: Run = Run(),  # noqa: B008 - frozen
 ) -> SealedAnswer:
     """Score a submission, and tell of it what does not tell the truth."""
     submission, predictions = checked.submission, checked.predictions
@@ -78,7 +78,7 @@ def score_sealed(
         key,
         data=data,
         read_by=checked.read_by,
-        resources=resources,
+        run=run,
         stated=submission,
     )
 
@@ -92,14 +92,14 @@ def score_predictions(
     *,
     data: Path,
     read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
-    resources: Resources = Resources(),  # noqa: B008 - frozen
+    run: Run = Run(),  # noqa: B008 - frozen
     stated: Submission | None = None,
 ) -> SealedAnswer:
     """Score predictions that need not belong to a submission; see `score_sealed`."""
     public = find_benchmark(find_protocol(protocol, data).benchmark, data, sealed=True)
     clear_truth()
     # What can be said of predictions without the truth is said before it is opened.
-    given: dict[str, Any] = {"protocol": protocol, "resources": resources, "read_by": read_by}
+    given: dict[str, Any] = {"protocol": protocol, "run": run, "read_by": read_by}
     for error in check(predictions, data=public.folder, **given).errors:
         raise error
     with opened_truth(public.folder, archive, key) as truth:

@@ -25,7 +25,6 @@ from airzoo_bench.core.files import (
 )
 from airzoo_bench.core.places import check_new_folder
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.given import read_truths
 from airzoo_bench.leaderboard.sealed.archive import Member, pieces_of, write_archive
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
@@ -224,7 +223,7 @@ def _check_public(target: Path) -> None:
     """Hold the public folder to what submitters do with it: every protocol's questions are read."""
     for path in sorted((target / "protocols").glob("*.toml")):
         protocol = load_protocol(path)
-        read_truths(TRACKS.get(protocol.track), protocol, target, sealed=True)
+        read_truths(protocol, target, sealed=True)
 
 
 def _members(folder: Path, contents: Contents) -> Iterator[Member]:

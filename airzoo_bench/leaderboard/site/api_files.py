@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.site.api import (
@@ -155,7 +155,7 @@ class ApiFiles:
         )
 
     def _about_empty(self, protocol: Protocol) -> About:
-        columns = score_columns(TRACKS.get(protocol.track).scores(protocol, ()))
+        columns = score_columns(load_track(protocol.track).scores(protocol))
         return About(
             protocol.name,
             protocol.title,

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.reconstruction.alignment.camera_sets import (
@@ -23,7 +19,7 @@ from airzoo_bench.reconstruction.alignment.consensus import fit_cameras
 from airzoo_bench.reconstruction.alignment.icp import IcpReport
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
 
-__all__ = ["Alignment", "Residuals", "align", "partners", "with_step", "write_alignments"]
+__all__ = ["Alignment", "Residuals", "align", "alignment_values", "partners", "with_step"]
 
 Method = Literal["none", "sim3", "sim3+icp"]
 
@@ -165,14 +161,8 @@ def _require_cameras(count: int, predicted: int) -> None:
         )
 
 
-def write_alignments(alignments: Mapping[str, Alignment], path: Path) -> None:
-    """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
-    values = {scene: _alignment_values(found) for scene, found in alignments.items()}
-    with atomic_write(path, "w") as stream:
-        stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
-
-
-def _alignment_values(found: Alignment) -> dict[str, Any]:
+def alignment_values(found: Alignment) -> dict[str, Any]:
+    """Return what ``alignment.json`` says: how a scene was aligned, its scale, its residuals."""
     values: dict[str, Any] = {
         "method": found.method,
         "scale": found.transform.scale,

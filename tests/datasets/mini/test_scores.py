@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.depth import depth_to_points
@@ -95,7 +95,7 @@ def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Resul
         query_xy=np.concatenate(photo_xy),
         map_xy=np.concatenate(map_xy),
     )
-    return evaluate(path, data=mini.root, resources=Resources(jobs=2)).result
+    return evaluate(path, data=mini.root, run=Run(jobs=2)).result
 
 
 def sampled(depth: Floats, camera: Cameras, pose: Poses) -> tuple[Floats, Floats]:
@@ -150,7 +150,7 @@ def reconstruct(mini: Prepared, folder: Path, change: Change, smaller: int = 3) 
             extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
             image_names=images.to_numpy(str),
         )
-    return evaluate(folder, data=mini.root, resources=Resources(jobs=2)).result
+    return evaluate(folder, data=mini.root, run=Run(jobs=2)).result
 
 
 def noisy(share: float) -> Change:

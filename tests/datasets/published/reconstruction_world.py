@@ -69,5 +69,5 @@ def score(
     )
     (folder / "protocol.txt").write_text(protocol + "\n")
     scored = evaluate(folder, track="reconstruction", data=data).scored
-    record: dict[str, Any] = scored[scene].record
+    record: dict[str, Any] = scored[scene].records.to_dict("records")[0]
     return record

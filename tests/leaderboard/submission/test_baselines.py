@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import baselines
 from airzoo_bench.leaderboard.baselines import remake
 from airzoo_bench.leaderboard.checks import check_submission
@@ -31,8 +31,8 @@ def test_it_is_made_with_the_stated_settings(
     file = tmp_path / "preds.npz"
     stated = submission(baseline=SETTINGS)
     file.write_bytes(b"made")
-    resources = Resources()
-    found = remake(stated, "retrieval", file, lambda _: False, data=tmp_path, resources=resources)
+    resources = Run()
+    found = remake(stated, "retrieval", file, lambda _: False, data=tmp_path, run=resources)
     assert found.same_bytes
     assert found.alike
     assert found.seconds > 0
@@ -52,12 +52,12 @@ def test_what_came_of_it_is_said(
 
     monkeypatch.setattr(baselines, "run_baseline", run)
     checked = check_submission(home, board, data)
-    found = rescore(checked, data=data, resources=Resources(), make_again=True)
+    found = rescore(checked, data=data, run=Run(), make_again=True)
     assert found.remade is not None
     assert found.remade.same_bytes
     assert "the same to the last byte" in found.lines[-1]
     assert "s a query" in found.lines[-1]
-    assert rescore(checked, data=data, resources=Resources()).remade is None
+    assert rescore(checked, data=data, run=Run()).remade is None
 
 
 @pytest.mark.parametrize("alike", [True, False])
@@ -75,7 +75,7 @@ def test_time_of_another_method_is_not_taken_for_that_of_the_baseline(
 
     monkeypatch.setattr(baselines, "run_baseline", run)
     checked = check_submission(home, board, data)
-    found = rescore(checked, data=data, resources=Resources(), make_again=True)
+    found = rescore(checked, data=data, run=Run(), make_again=True)
     assert found.remade is not None
     assert not found.remade.same_bytes
     assert found.remade.alike is alike

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board
 from airzoo_bench.leaderboard.checks import check_submission
 from airzoo_bench.leaderboard.known import known_submissions
@@ -27,7 +27,7 @@ def test_they_are_sound(tmp_path: Path) -> None:
         assert checked.submission is not None
         assert checked.submission.baseline is not None
         if one.benchmark == "airzoo-demo":
-            rescored = rescore(checked, data=tmp_path, resources=Resources())
+            rescored = rescore(checked, data=tmp_path, run=Run())
             assert rescored.agrees, rescored.lines
             assert rescored.evaluation.result.counts["city"]["near_prior"] == 0
 

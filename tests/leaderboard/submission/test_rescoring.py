@@ -12,7 +12,7 @@ import pytest
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.parts import Resources
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.checks import check_submission
 from airzoo_bench.leaderboard.rescoring import (
     Rescored,
@@ -34,7 +34,7 @@ def home(tmp_path: Path, perfect: Any) -> Path:
 
 
 def scored(home: Path, data: Path) -> Rescored:
-    return rescore(checked(home, data), data=data, resources=Resources())
+    return rescore(checked(home, data), data=data, run=Run())
 
 
 def result_of(home: Path, data: Path) -> Result:
@@ -156,7 +156,7 @@ def test_nothing_is_scored_without_predictions(home: Path, data: Path, tmp_path:
     (home / "preds.npz").unlink()
     found = check_submission(home, write_board(tmp_path / "board"), data)
     with pytest.raises(SubmissionError, match="there are no predictions to score"):
-        rescore(found, data=data, resources=Resources())
+        rescore(found, data=data, run=Run())
 
 
 FIVE, FOUR = [5.0, 1.0, 4.0, 2.0, 3.0], [4.0, 1.0, 3.0, 2.0]

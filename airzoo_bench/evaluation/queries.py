@@ -1,0 +1,196 @@
+"""Predictions with a row a query, of all scenes in one file: read, assigned to scenes, written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, UsageError, first_of
+from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.ids import rows_among, scene_of, with_endings
+from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.evaluation.track import Assignment
+from airzoo_bench.formats.arrays import Arrays, check_fields, protocol_name, texts
+from airzoo_bench.protocol.model import Protocol
+
+__all__ = [
+    "Fields",
+    "QueryPart",
+    "QueryPredictions",
+    "assign_queries",
+    "check_npz",
+    "errors_of",
+    "read_fields",
+    "write_predictions",
+]
+
+C = TypeVar("C")
+
+_SHOWN = 3
+_SHOWN_LETTERS = 80
+
+
+@dataclass(frozen=True, eq=False)
+class QueryPredictions(Generic[C]):
+    """A prediction file with a row a query, as read.
+
+    Attributes
+    ----------
+    protocol : str or None
+        The protocol that the file names.
+    query_ids : (N,) str
+        ``scene/name``.
+    content : C
+        What is predicted for these queries.
+    """
+
+    path: Path
+    protocol: str | None
+    query_ids: NDArray[np.str_]
+    content: C
+
+
+@dataclass(frozen=True, eq=False)
+class QueryPart:
+    """The predictions for the Q queries of a scene.
+
+    Attributes
+    ----------
+    predictions : QueryPredictions
+        Those of all scenes.
+    rows : (Q,) int
+        The row of each query in them, -1 where there is none.
+    """
+
+    predictions: Any
+    rows: NDArray[np.intp]
+
+
+def assign_queries(
+    predictions: QueryPredictions[Any], truths: Sequence[Any], protocol: Protocol
+) -> Assignment:
+    """Find the row that answers each query; without truths, the rows of each scene by their ids."""
+    ids, scenes = predictions.query_ids, [scene.id for scene in protocol.scenes]
+    if not truths:
+        named = scene_of(ids)
+        parts = [QueryPart(predictions, np.flatnonzero(named == scene)) for scene in scenes]
+        if not any(part.rows.size for part in parts):
+            raise _other_benchmark(predictions, protocol, f"{scenes[0]}/...")
+        return Assignment(parts)
+    wanted = [truth.queries["id"].to_numpy(str) for truth in truths]
+    asked = np.concatenate(wanted)
+    found = rows_among(asked, ids)
+    if (found < 0).all():
+        raise _other_benchmark(predictions, protocol, str(asked[0]))
+    strange = np.ones(len(ids), np.bool_)
+    strange[found[found >= 0]] = False
+    ends = np.cumsum([len(some) for some in wanted])[:-1]
+    parts = [QueryPart(predictions, rows) for rows in np.split(found, ends)]
+    missing = asked[found < 0]
+    covered = f"{len(asked) - len(missing):,} of {counted(len(asked), 'query')}"
+    notes = _notes(asked, missing, ids[strange])
+    return Assignment(parts, covered, notes, int(strange.sum()))
+
+
+def _notes(
+    asked: NDArray[np.str_], missing: NDArray[np.str_], strange: NDArray[np.str_]
+) -> list[str]:
+    """Name the first queries that are missing, and the first ids that are no queries."""
+    notes = []
+    if missing.size:
+        named = first_of(missing, len(asked), _SHOWN)
+        notes.append(f"queries that the predictions lack, scored at their worst: {named}")
+    if strange.size:
+        # Each id stands once: what a mistyped one means is among the queries that are missing.
+        absent = missing.tolist()
+        shown = [
+            repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1)
+            for name in strange[:_SHOWN].tolist()
+        ]
+        named = first_of([*shown, *strange[_SHOWN:]], shown=_SHOWN)
+        notes.append(f"ids of the predictions that are no queries, left aside: {named}")
+    return notes
+
+
+def _other_benchmark(
+    predictions: QueryPredictions[Any], protocol: Protocol, example: str
+) -> PredictionError:
+    """Return the error for predictions none of whose ids belongs to the benchmark."""
+    ids = predictions.query_ids
+    known = {name.lower(): one.id for one in protocol.scenes for name in (one.title, one.id)}
+    scenes = sorted(set(scene_of(ids).tolist()) - set(known.values()))
+    meant = [f"{known[name.lower()]} for {name}" for name in scenes if name.lower() in known]
+    fix = "name the right protocol with --protocol; `airzoo-bench template` writes the ids"
+    if with_endings(ids):
+        fix = "leave out the file's ending: ids are names without it"
+    elif meant:
+        fix = f"write the scene as the protocol does: {', '.join(meant[:3])}"
+    return PredictionError(
+        f"none of its query ids belongs to {protocol.benchmark}: {first_of(ids, len(ids))}",
+        where=f"{predictions.path}, field 'query_ids'",
+        expected=f"ids such as {example}",
+        fix=fix,
+    )
+
+
+@dataclass(frozen=True)
+class Fields(Generic[C]):
+    """One of the forms that predictions of a track can have: its fields, and how to read them.
+
+    Attributes
+    ----------
+    needed, optional : tuple of str
+        Besides ``query_ids`` and ``protocol``. A file that has the field `marker` has this form.
+    read : callable
+        Takes the file's arrays and its query ids.
+    """
+
+    marker: str
+    needed: tuple[str, ...]
+    optional: tuple[str, ...]
+    read: Callable[[Arrays, NDArray[np.str_]], C]
+
+
+def read_fields(arrays: Arrays, forms: tuple[Fields[C], ...], expected: str) -> QueryPredictions[C]:
+    """Read predictions in the one form that a file has."""
+    found = [form for form in forms if form.marker in arrays.names()]
+    if len(found) > 1:
+        raise PredictionError(
+            f"holds {' and '.join(form.marker for form in found)}, and they could disagree",
+            where=arrays.path,
+            expected=expected,
+            fix="keep one of them",
+        )
+    form = (*found, forms[0])[0]
+    allowed = ("protocol", "query_ids", *form.needed, *form.optional)
+    check_fields(arrays, ("query_ids", *form.needed), allowed, expected)
+    ids = texts(arrays, "query_ids", 1)
+    content = form.read(arrays, ids)
+    return QueryPredictions(arrays.path, protocol_name(arrays), ids, content)
+
+
+def errors_of(checks: Iterable[Callable[[], None]]) -> Iterator[PredictionError]:
+    """Run checks that raise, and yield what they raise."""
+    for check in checks:
+        try:
+            check()
+        except PredictionError as error:
+            yield error
+
+
+def check_npz(out: Path) -> None:
+    """Refuse, before any work, an output name that does not end in ``.npz``."""
+    if out.suffix != ".npz":
+        raise UsageError("predictions are written as .npz", where=out, fix=f"name it {out}.npz")
+
+
+def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write the arrays of predictions and the name of their protocol as one ``.npz``."""
+    with atomic_write(out) as stream:
+        write_npz(stream, {"protocol": np.array(protocol), **arrays})

@@ -1,0 +1,56 @@
+"""The matching track and its baseline, as the command line shows them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from airzoo_bench.core.options import Option
+from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInfo
+
+__all__ = ["INFO", "SiftSettings"]
+
+
+@dataclass(frozen=True)
+class SiftSettings:
+    """How the baseline matches photos with the map; see `geometry.sift` for features."""
+
+    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
+    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
+    peak_threshold: float = 0.02 / 3  # pycolmap's own
+    ratio: Annotated[
+        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
+    ] = 0.8
+    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
+    doubled: Annotated[bool, DOUBLED] = True
+
+
+INFO = TrackInfo(
+    name="matching",
+    track="airzoo_bench.matching.track:TRACK",
+    summary="Score cross-view matching: translation and pose recall, median error, for each scene.",
+    argument="An .npz of matches, 2D-3D pairs or poses, or a .txt of poses.",
+    example="matches.npz --out results/mymethod --figures",
+    kinds=".npz or .txt",
+    suffixes=(".npz", ".txt"),
+    takes_image_size=True,
+    options=(
+        EvalOption(
+            "figures",
+            "Draw error curves, matches and maps into --out.",
+            "airzoo_bench.report.matching:draw_figures",
+            files=r"errors\.png|.+_(map|matches)\.png",
+        ),
+    ),
+    files={"timings.csv": "airzoo_bench.matching.track:write_timings"},
+    baseline=Baseline(
+        method="SIFT",
+        summary="Match photos to their crops by SIFT, mutual neighbours and ratio test.",
+        settings=SiftSettings(),
+        demo=SiftSettings(doubled=False),
+        out="sift-matches.npz",
+        out_help="The .npz to write.",
+        example="brighton-matching --out matches.npz",
+        predict="airzoo_bench.matching.baseline:predict",
+    ),
+)
