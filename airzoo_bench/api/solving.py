@@ -102,7 +102,6 @@ def solve_pose(
             where="pixels, points3d",
             expected="a row a match in both",
         )
-    # Not validated: a caller may set bounds that no protocol has.
     settings = Solver.model_construct(
         name=solver,
         max_error_px=positive("max_error_px", max_error_px),
