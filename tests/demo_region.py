@@ -27,7 +27,7 @@ from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, World
 from airzoo_bench.datasets.scene_content import SceneContent
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
-from airzoo_bench.geometry.blocks import median_height
+from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track

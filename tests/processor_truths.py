@@ -20,7 +20,7 @@ from airzoo_bench.datasets.mini.prepare import mini_photos
 from airzoo_bench.datasets.mini.world.model import REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import write_raster
 from airzoo_bench.datasets.truths import build_truths
-from airzoo_bench.geometry.depth import depth_to_points
+from airzoo_bench.geometry.poses import depth_to_points
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval

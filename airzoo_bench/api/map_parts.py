@@ -17,9 +17,8 @@ from rasterio import Affine
 from airzoo_bench.api.photos import Photo
 from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.crs import describe_crs
-from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
+from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
 from airzoo_bench.matching.lifting import lift
 
 __all__ = ["Crop", "Items", "Tile"]

@@ -10,9 +10,8 @@ import numpy as np
 from airzoo_bench.api.arrays import as_array, floats, refused
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import FARTHEST, Poses
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
-from airzoo_bench.geometry.rotations import check_rotations
 
 __all__ = ["are_centres", "pose_rows"]
 

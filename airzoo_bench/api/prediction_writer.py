@@ -31,7 +31,7 @@ from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.rotations import check_rotations
+from airzoo_bench.geometry.poses import check_rotations
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol

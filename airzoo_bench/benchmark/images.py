@@ -63,7 +63,7 @@ def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
 
 def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
     """Read one tile (height, width, 3) from its window of the map."""
-    from airzoo_bench.geometry.colours import read_rgb
+    from airzoo_bench.geometry.rasters import read_rgb
 
     window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
     return read_rgb(dom, window)

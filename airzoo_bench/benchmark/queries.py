@@ -14,8 +14,7 @@ from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,11 +21,11 @@ from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
+from airzoo_bench.geometry.heightfield import blocked_heights
 from airzoo_bench.geometry.poses import world_to_camera
-from airzoo_bench.geometry.units import vertical_m
+from airzoo_bench.geometry.vertical import vertical_m
 from airzoo_bench.reconstruction.regions import Box, box_of
 
 __all__ = ["check_cloud", "check_cloud_crs"]

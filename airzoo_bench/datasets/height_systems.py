@@ -14,7 +14,7 @@ from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.datasets.photo_options import HeightOptions
 from airzoo_bench.datasets.sources import vertical_unit_m
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.vertical import changed_heights, heights_crs, stated_heights_crs
 
@@ -59,17 +59,14 @@ def heights_of_surface(
     if source.equals(surface):
         return heights_m, ""
     try:
-        changed = changed_heights(heights_m, lonlat, source, surface)
+        changed, operation = changed_heights(heights_m, lonlat, source, surface)
     except UserError as error:
         raise error.inside(option) from error
-    by = changed.heights_m - heights_m
+    by = changed - heights_m
     by = by[np.isfinite(by)]
     if not (np.abs(by) > _SAME_M).any():
         return heights_m, ""
-    accuracy = f", good to {changed.accuracy_m:g} m" if changed.accuracy_m is not None else ""
-    return changed.heights_m, (
-        f"{float(np.median(by)):+.2f} m (median; PROJ: {changed.operation}{accuracy})"
-    )
+    return changed, f"{float(np.median(by)):+.2f} m (median; PROJ: {operation})"
 
 
 def check_accuracy(options: HeightOptions) -> None:

@@ -6,13 +6,8 @@ import shutil
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from airzoo_bench.geometry.raster_files import place_source, source_elements, source_of
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.geometry.virtual_rasters import (
-    is_virtual,
-    place_source,
-    source_elements,
-    source_of,
-)
 
 __all__ = ["copy_map"]
 
@@ -20,7 +15,7 @@ __all__ = ["copy_map"]
 def copy_map(source: Path, target: Path) -> None:
     """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster."""
     with opened(source) as dataset:
-        files, virtual = [Path(name) for name in dataset.files], is_virtual(dataset)
+        files, virtual = [Path(name) for name in dataset.files], dataset.driver == "VRT"
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(source, target)
     for file in files:

@@ -9,10 +9,9 @@ import numpy as np
 from rasterio.enums import Resampling
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry.blocks import small_cache
-from airzoo_bench.geometry.frames import change_of_plane
-from airzoo_bench.geometry.map_pixels import to_map_pixels
-from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
+from airzoo_bench.geometry.crs import change_of_plane
+from airzoo_bench.geometry.heightfield import small_cache
+from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world, to_map_pixels
 
 __all__ = ["MapFacts", "check_overlap", "map_facts"]
 

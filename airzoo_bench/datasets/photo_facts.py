@@ -15,10 +15,9 @@ from airzoo_bench.benchmark.queries import SceneInputs, poses_of
 from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.blocks import blocked_heights
-from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.frames import from_lonlat, geodesic_distance_m, to_lonlat
-from airzoo_bench.geometry.missing_heights import nearest_heights
+from airzoo_bench.geometry.crs import LOCAL_CRS, from_lonlat, geodesic_distance_m, to_lonlat
+from airzoo_bench.geometry.heightfield import blocked_heights
+from airzoo_bench.geometry.rays import nearest_heights
 
 __all__ = [
     "Cameras3D",

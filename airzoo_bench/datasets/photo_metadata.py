@@ -1,7 +1,7 @@
 """Where a photo says that it was taken: position in EXIF, gimbal angles in DJI's XMP.
 
 Position is EXIF's where it has one (its seconds have four decimals, 3 mm), DJI's otherwise. Angles
-are as `geometry.rotations` takes them.
+are as `geometry.poses` takes them.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
-from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import (
+    describe_crs,
+    from_lonlat,
+    grid_convergence_deg,
+    horizontal_crs,
+)
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 
 __all__ = ["PhotoPrior", "priors_to_poses", "read_dji_texts", "read_prior"]
 
@@ -57,7 +59,7 @@ class PhotoPrior:
     altitude_m : float or None
         Above sea level or ellipsoid: photos do not say reliably which.
     yaw_deg, pitch_deg, roll_deg : float or None
-        Of the gimbal; see `geometry.rotations`.
+        Of the gimbal; see `geometry.poses`.
     relative_altitude_m : float or None
         Above the place of take-off.
     """

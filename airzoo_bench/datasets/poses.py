@@ -26,8 +26,7 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import unambiguous_json, validation_message
 from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import check_rotations
+from airzoo_bench.geometry.poses import Poses, check_rotations
 
 __all__ = ["read_poses"]
 

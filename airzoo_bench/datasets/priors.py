@@ -19,10 +19,7 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.datasets.photo_facts import median
 from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import (
-    rotation_angle_deg,
-)
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 if TYPE_CHECKING:
     import pandas as pd

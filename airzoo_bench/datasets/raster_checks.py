@@ -10,9 +10,8 @@ from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.datasets.photo_facts import Cameras3D
 from airzoo_bench.datasets.scene_facts import footprints_of
-from airzoo_bench.geometry.blocks import HeightSurvey, survey_heights
 from airzoo_bench.geometry.crs import describe_crs
-from airzoo_bench.geometry.heightfield import CORNERS, metres_of
+from airzoo_bench.geometry.heightfield import CORNERS, HeightSurvey, metres_of, survey_heights
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, opened, pixel_to_world
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.settings import Gallery

@@ -23,8 +23,8 @@ from airzoo_bench.datasets.raster_checks import (
 from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_facts
 from airzoo_bench.datasets.sources import check_dsm_crs, check_metres, check_names, metric_crs
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
-from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import grouped_reasons
 from airzoo_bench.retrieval.truth import RetrievalTruth

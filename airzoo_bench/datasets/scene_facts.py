@@ -29,14 +29,14 @@ from airzoo_bench.datasets.priors import (
     without_prior,
 )
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.blocks import HeightSurvey
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
-from airzoo_bench.geometry.map_pixels import to_map_pixels
+from airzoo_bench.geometry.heightfield import HeightSurvey
 from airzoo_bench.geometry.poses import rays_to_world
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     gsd_m,
     open_info,
+    to_map_pixels,
 )
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth

@@ -9,7 +9,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.rotations import check_rotations
+from airzoo_bench.geometry.poses import check_rotations
 from airzoo_bench.reconstruction.alignment.similarity import Similarity
 
 __all__ = ["read_matrix", "similarity_of"]

@@ -20,11 +20,15 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.map_pixels import to_map_pixels
-from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.units import check_true_metres, vertical_m
+from airzoo_bench.geometry.crs import (
+    check_true_metres,
+    describe_crs,
+    horizontal_crs,
+    same_plane,
+    to_lonlat,
+)
+from airzoo_bench.geometry.rasters import open_info, to_map_pixels
+from airzoo_bench.geometry.vertical import vertical_m
 
 __all__ = [
     "check_dsm_crs",

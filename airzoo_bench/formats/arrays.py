@@ -18,7 +18,6 @@ from airzoo_bench.formats.parquet import read_columns
 __all__ = [
     "Arrays",
     "as_floating",
-    "check_characters",
     "check_fields",
     "check_length",
     "numbers",
@@ -30,13 +29,12 @@ __all__ = [
 
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
-_BLOCK_CODES = 1 << 20
 _BYTES_OF_DOUBLE = 8
 _COPIES_OF_TEXT = 4  # that a run makes while it splits, sorts and compares ids
-_N_CODES = 0x110000
-_EXAMPLE = "ids of photos such as city/DJI_0001"
-_EXAMPLES = dict.fromkeys(
-    ("ranked_ids", "gallery_ids"), "ids of tiles such as city/512_00000_00256, from tiles.parquet"
+_BLOCK_CODES = 1 << 20
+_NOT_PRINTED = (
+    *((1, 31), (127, 160), (0x200B, 0x200F), (0x2028, 0x202F), (0x2060, 0x206F)),
+    (0xFEFF, 0xFEFF),
 )
 
 
@@ -75,9 +73,8 @@ class _Parquet:
                 f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
                 where=self.path,
                 expected="the same protocol in every row",
-                fix="write a file for each protocol",
             )
-        return named.reshape(-1)[:1].reshape(()) if named.size else np.array("")
+        return np.array(named[0] if named.size else "")
 
     map = read
 
@@ -159,44 +156,37 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             name,
             values,
             expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
-            fix=f"np.array({name}, dtype=str), with {_EXAMPLES.get(name, _EXAMPLE)}",
+            fix=f"np.array({name}, dtype=str), with ids such as `airzoo-bench template` writes",
         )
     copies = f"field '{name}' while its ids are compared"
     arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
-    check_characters(arrays.path, name, values)
+    _check_characters(arrays.path, name, values)
     return values
 
 
-def check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
+def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
     """Refuse ids that could forge a line of a message, steer a terminal, or fill a screen."""
     if not ids.size:
         return
-    flat = np.ascontiguousarray(ids).reshape(-1)
-    step = max(1, _BLOCK_CODES // max(ids.dtype.itemsize // 4, 1))
-    blocks = [flat[start : start + step] for start in range(0, len(flat), step)]
-    unprintable = np.concatenate([_unprintable(block) for block in blocks])
-    long = np.concatenate([np.char.str_len(block) > _LONGEST_ID for block in blocks])
-    for wrong, what, expected in (
-        (unprintable, "characters that do not print", "printable characters only"),
-        (long, f"more than {_LONGEST_ID} characters", f"at most {_LONGEST_ID} characters"),
-    ):
-        rows = np.flatnonzero(wrong.reshape(len(ids), -1).any(axis=1)).tolist()
-        if rows:
-            raise PredictionError(
-                f"ids with {what} in {first_of(rows, len(ids), noun='row')}, counted from 0",
-                where=f"{path}, field '{name}'",
-                expected=expected,
-                fix="take the ids from the benchmark; `airzoo-bench template` writes them",
-            )
+    codes = np.ascontiguousarray(ids).view(np.uint32).reshape(len(ids), -1, ids.itemsize // 4)
+    step = max(1, _BLOCK_CODES // codes[0].size)
+    wrong = [_is_wrong(codes[start : start + step]) for start in range(0, len(codes), step)]
+    rows = np.flatnonzero(np.concatenate(wrong)).tolist()
+    if rows:
+        raise PredictionError(
+            f"ids that are longer than {_LONGEST_ID} characters or hold some that do not print "
+            f"in {first_of(rows, len(ids), noun='row')}, counted from 0",
+            where=f"{path}, field '{name}'",
+            expected=f"at most {_LONGEST_ID} printable characters",
+            fix="take the ids from the benchmark; `airzoo-bench template` writes them",
+        )
 
 
-def _unprintable(ids: NDArray[np.str_]) -> NDArray[np.bool_]:
-    codes = ids.view(np.uint32).reshape(len(ids), -1)
-    used = np.zeros(_N_CODES, np.bool_)
-    used[codes] = True
-    bad = [code for code in np.flatnonzero(used[1:]) + 1 if not chr(code).isprintable()]
-    nul_inside: NDArray[np.bool_] = np.count_nonzero(codes, axis=-1) != np.char.str_len(ids)
-    return np.logical_or(nul_inside, np.isin(codes, bad).any(axis=-1)) if bad else nul_inside
+def _is_wrong(codes: NDArray[np.uint32]) -> NDArray[np.bool_]:
+    found = [codes[..., _LONGEST_ID:] != 0, (codes[..., :-1] == 0) & (codes[..., 1:] != 0)]
+    found += [(codes >= first) & (codes <= last) for first, last in _NOT_PRINTED]
+    wrong: NDArray[np.bool_] = np.any([one.any(axis=(1, 2)) for one in found], axis=0)
+    return wrong
 
 
 def numbers(

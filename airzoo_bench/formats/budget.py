@@ -12,23 +12,16 @@ __all__ = ["Budget"]
 
 @dataclass(frozen=True)
 class Budget:
-    """What the parts of a file take, and the most that they may take together.
+    """What the parts of a file take in memory, and the most that they may take together.
 
-    Readers name each part before they allocate it. What a run makes of a part (numbers of 16 bits
-    become 64, names become text of Python) counts, not what the part takes in the file.
-
-    Attributes
-    ----------
-    limit_bytes : int
-    taken : dict
-        Bytes by part.
+    Readers name each part before they allocate it, with the bytes that a run makes of it.
     """
 
     limit_bytes: int
     taken: dict[str, int] = field(default_factory=dict)
 
     def hold(self, path: Path, part: str, nbytes: int, fix: str | None = None) -> None:
-        """Count a part; one that is named again counts once, with the more that it takes."""
+        """Count a part; one that is named again counts once, with its larger size."""
         self.taken[part] = max(nbytes, self.taken.get(part, 0))
         others = sum(self.taken.values()) - self.taken[part]
         if self.taken[part] + others > self.limit_bytes:

@@ -34,13 +34,6 @@ class MatFile:
     path : Path
     limit_bytes : int
         The most that the arrays that are read may take in memory together.
-
-    Raises
-    ------
-    UnreadableError
-        It is no such file.
-    PredictionError
-        It is damaged.
     """
 
     def __init__(self, path: Path, limit_bytes: int) -> None:
@@ -52,7 +45,6 @@ class MatFile:
                     "no MATLAB 5 file",
                     where=path,
                     expected="what scipy.io.savemat writes; version 7.3 is HDF5",
-                    fix="save it with scipy.io.savemat",
                 )
         with self._readable():
             self._names = {name for name, _, _ in scipy.io.whosmat(path)}
@@ -63,26 +55,20 @@ class MatFile:
 
     def numbers(self, name: str) -> NDArray[Any]:
         """Read an array of numbers, in C order."""
-        values = self._read(name)
-        if values.dtype.kind not in "biuf":
-            raise self._damaged(f"variable {name!r} holds no numbers")
-        # The file has columns first: while these become rows, both are there.
-        self.budget.hold(self.path, f"variable {name!r}", 2 * values.nbytes)
+        values = self._read(name, "biuf")
         return np.ascontiguousarray(values, values.dtype.newbyteorder("="))
 
     def texts(self, name: str) -> list[str]:
         """Read an array of characters as its rows, without the blanks that fill them up."""
-        values = self._read(name)
-        if values.dtype.kind != "U" or values.ndim != 1:
-            raise self._damaged(f"variable {name!r} holds no lines of text")
-        self.budget.hold(self.path, f"variable {name!r}", 2 * values.nbytes)
-        return [str(row).rstrip(" \0") for row in values]
+        return [str(row).rstrip(" \0") for row in self._read(name, "U").reshape(-1)]
 
-    def _read(self, name: str) -> NDArray[Any]:
+    def _read(self, name: str, kinds: str) -> NDArray[Any]:
         with self._readable():
             values = scipy.io.loadmat(self.path, variable_names=[name], chars_as_strings=True)[name]
-        if not isinstance(values, np.ndarray):
-            raise self._damaged(f"variable {name!r} is no plain array")
+            if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds:
+                raise TypeError(f"variable {name!r} holds no array of the type that is needed")
+        # The file has columns first: while these become rows, both are there.
+        self.budget.hold(self.path, f"variable {name!r}", 2 * values.nbytes)
         return values
 
     @contextmanager
@@ -92,12 +78,10 @@ class MatFile:
                 yield
         except _DAMAGE as error:
             why = "".join(one for one in str(error)[:200] if one.isprintable())
-            raise self._damaged(why or type(error).__name__) from error
-
-    def _damaged(self, reason: str) -> PredictionError:
-        return PredictionError(
-            f"damaged or cut off, or of a kind that is not read here: {reason}",
-            where=self.path,
-            expected="arrays of numbers and text, as scipy.io.savemat writes them",
-            fix="write or copy the file again",
-        )
+            raise PredictionError(
+                "damaged or cut off, or of a kind that is not read here: "
+                f"{why or type(error).__name__}",
+                where=self.path,
+                expected="arrays of numbers and text, as scipy.io.savemat writes them",
+                fix="write or copy the file again",
+            ) from error

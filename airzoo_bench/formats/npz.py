@@ -1,49 +1,55 @@
-"""Reading ``.npz`` files that strangers wrote: no pickle, no surprise in size, no traceback.
+"""``.npy`` and ``.npz`` files: no pickle, no memory beyond what was agreed, no copies of maps.
 
-Every member's header is checked before a byte of its data is touched: the dtype must be numbers or
-text, the size it states must be the size that the archive holds, and all that is read must fit the
-memory limit together. Members saved without compression (``numpy.savez``) can be mapped instead of
-read, so descriptors may be larger than memory.
+A member's header is held against the size that the archive states before its data are touched.
+Members that ``numpy.savez`` stored are mapped, so that descriptors may be larger than memory.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+import tokenize
+import warnings
 import zipfile
 import zlib
-from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.npy import read_header
 
-__all__ = ["DAMAGE", "ArrayEntry", "NpzFile", "damaged"]
+__all__ = ["ArrayEntry", "NpyHeader", "NpzFile", "map_numbers", "read_header"]
 
-_MAX_MEMBERS = 64
+_NUMBERS, _KINDS = "biuf", "biufUS"
 _LOCAL_HEADER_BYTES = 30
-_KINDS = "biufUS"
-_MAX_DIMENSIONS = 8
+_PIECE_BYTES = 1 << 22
+_MAX_CODE_POINT, _SURROGATES = 0x10FFFF, (0xD800, 0xDFFF)
+_FIX_COPY = "write or copy the file again"
 _FIX_LARGE = "save arrays of numbers by numpy.savez, uncompressed, to have them read in pieces"
-_MAX_CODE_POINT = 0x10FFFF
-_SURROGATES = (0xD800, 0xDFFF)
-_LOOKS_LIKE = {
-    b"\x93NUMPY": "a single .npy array",
-    b"\x89HDF\r\n": "an HDF5 file",
-    b"PAR1": "a parquet file",
-    b"\x80": "a Python pickle",
-    b"PK": "a zip archive that was cut off or damaged",
-}
-_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-DAMAGE = (EOFError, OSError, RuntimeError, ValueError, zipfile.BadZipFile, zlib.error)
-"""What zipfile and its decompressor raise over damaged bytes, and `read_header`."""
+# What `ast.literal_eval` and `numpy.dtype` raise over a text, and NumPy over what they return.
+_HEADER_FAULTS = (
+    *(EOFError, MemoryError, OverflowError, RecursionError, SyntaxError, TypeError, ValueError),
+    *(struct.error, tokenize.TokenError),
+)
+# What zipfile and its decompressors raise over damaged bytes, and `read_header`.
+_DAMAGE = (
+    *(EOFError, NotImplementedError, OSError, RuntimeError, ValueError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+
+
+class NpyHeader(NamedTuple):
+    """What a header states; nothing of it is checked against the data."""
+
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
 
 
 @dataclass(frozen=True)
@@ -60,8 +66,46 @@ class ArrayEntry:
 
     @property
     def nbytes(self) -> int:
-        """Size of the data in bytes, in exact integers (headers may state absurd shapes)."""
+        """Size of the data in bytes, in exact integers."""
         return math.prod(self.shape) * self.dtype.itemsize
+
+
+def read_header(stream: IO[bytes]) -> NpyHeader:
+    """Read the header of an npy stream, which then stands at the data."""
+    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    version = npy.read_magic(stream)
+    if version not in readers:
+        raise ValueError(f"version {version} of the npy format is not for plain arrays")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of headers that NumPy needs to fix
+            return NpyHeader(*readers[version](stream))
+    except _HEADER_FAULTS as error:
+        raise ValueError(str(error) or type(error).__name__) from error
+
+
+def map_numbers(path: Path) -> NDArray[Any]:
+    """Map the numbers that ``numpy.save`` wrote, none of which is read yet."""
+    try:
+        with path.open("rb") as stream:
+            shape, fortran_order, dtype = read_header(stream)
+            offset = stream.tell()
+        if dtype.kind not in _NUMBERS or not dtype.isnative:
+            raise ValueError(
+                "pickled Python objects, never loaded" if dtype.hasobject else f"{dtype.str} data"
+            )
+        size = path.stat().st_size - offset
+        if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size:
+            raise ValueError(f"it states the shape {str(shape)[:80]}, and holds {size:,} bytes")
+    except (OSError, ValueError) as error:
+        raise PredictionError(
+            f"no array of numbers, or a damaged one: {str(error)[:200]}",
+            where=path,
+            expected="a file as numpy.save writes it",
+            fix=_FIX_COPY,
+        ) from error
+    if not size:
+        return np.empty(shape, dtype)
+    return np.memmap(path, dtype, "r", offset, shape, "F" if fortran_order else "C")
 
 
 class NpzFile:
@@ -70,16 +114,10 @@ class NpzFile:
     Parameters
     ----------
     path : Path
-        The file.
     limit_bytes : int
         The most that the arrays that are read may take in memory together.
     untouched : collection of str
         Names of arrays that are passed over, as if the file had none of them.
-
-    Raises
-    ------
-    PredictionError
-        It is not an npz, is cut off or damaged, or holds Python objects.
     """
 
     def __init__(self, path: Path, limit_bytes: int, untouched: Collection[str] = ()) -> None:
@@ -95,23 +133,28 @@ class NpzFile:
         """Read one array into memory."""
         entry = self.entries[name]
         what = f"field '{name}' (shape {entry.shape}, {entry.dtype})"
-        self.budget.hold(self.path, what, _bytes_in_memory(entry), _FIX_LARGE)
+        # Bytes become text when they are read, which takes four more bytes a character.
+        copies = 5 if entry.dtype.kind == "S" else 1
+        self.budget.hold(self.path, what, entry.nbytes * copies, _FIX_LARGE)
+        flat = np.empty(math.prod(entry.shape), entry.dtype)
         try:
             with zipfile.ZipFile(self.path) as archive, archive.open(entry.member) as stream:
                 stream.read(entry.header_bytes)
-                array = _fill(stream, entry)
-        except DAMAGE as error:
-            raise damaged(self.path, name, str(error)) from error
+                _fill(stream, flat)
+                if stream.read(1):  # at its end, zipfile compares the checksum as well
+                    raise EOFError("there is more data than the header says")
+        except _DAMAGE as error:
+            raise _damaged(self.path, name, str(error)) from error
+        array = flat.reshape(entry.shape, order="F" if entry.fortran_order else "C")
         return _checked_text(array, self.path, name)
 
     def map(self, name: str) -> NDArray[Any]:
         """Map one array from disk where it is stored plainly, else read it."""
         entry = self.entries[name]
-        plain = not (entry.compressed or entry.fortran_order or entry.nbytes == 0)
-        if not (plain and entry.dtype.kind in "biuf" and entry.dtype.isnative):
+        plain = entry.dtype.kind in _NUMBERS and entry.dtype.isnative and entry.nbytes > 0
+        if entry.compressed or entry.fortran_order or not plain:
             return self.read(name)
-        offset = _data_offset(self.path, entry)
-        return np.memmap(self.path, entry.dtype, "r", offset, entry.shape)
+        return np.memmap(self.path, entry.dtype, "r", _data_offset(self.path, entry), entry.shape)
 
 
 def _entries(path: Path, untouched: Collection[str]) -> list[ArrayEntry]:
@@ -124,87 +167,59 @@ def _entries(path: Path, untouched: Collection[str]) -> list[ArrayEntry]:
         )
     try:
         with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-            if len(members) > _MAX_MEMBERS:
-                raise _not_npz(path, f"it holds {len(members):,} members")
-            _check_members(path, members)
+            names = archive.namelist()
+            wrong = next((name for name in names if not name.endswith(".npy")), None)
+            if wrong is not None or len(set(names)) < len(names):
+                what = "a member twice" if wrong is None else f"{wrong[:80]!r}, which is no array"
+                raise ValueError(f"it holds {what}")
             passed_over = {f"{name}.npy" for name in untouched}
-            kept = [member for member in members if member.filename not in passed_over]
+            kept = [one for one in archive.infolist() if one.filename not in passed_over]
             return [_entry(path, archive, member) for member in kept]
-    except DAMAGE as error:
-        raise _not_npz(path, _impression(path)) from error
-
-
-def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
-    for name, count in Counter(member.filename for member in members).items():
-        if not name.endswith(".npy"):
-            raise _not_npz(path, f"its member {name[:80]!r} is not an array (.npy)")
-        if count > 1:
-            raise _not_npz(path, f"it holds the member {name[:80]!r} {count} times")
-    if any(member.flag_bits & 0x1 for member in members):
-        raise _not_npz(path, "it is encrypted")
-    if any(member.compress_type not in _COMPRESSIONS for member in members):
-        raise _not_npz(path, "it is compressed in a way that NumPy does not write")
+    except _DAMAGE as error:
+        raise UnreadableError(
+            f"not an npz file, or a damaged one: {str(error)[:200]}",
+            where=path,
+            expected="a file written by numpy.savez or numpy.savez_compressed",
+            fix="`airzoo-bench template` writes an example",
+        ) from error
 
 
 def _entry(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayEntry:
     name = member.filename.removesuffix(".npy")
     try:
         with archive.open(member) as stream:
-            shape, fortran_order, dtype = read_header(stream)
+            header = read_header(stream)
             header_bytes = stream.tell()
-    except DAMAGE as error:
-        raise damaged(path, name, str(error)) from error
+    except _DAMAGE as error:
+        raise _damaged(path, name, str(error)) from error
+    shape, fortran_order, dtype = header
     compressed = member.compress_type != zipfile.ZIP_STORED
     entry = ArrayEntry(name, shape, dtype, fortran_order, compressed, member, header_bytes)
-    _check_header(path, entry)
+    if entry.dtype.kind not in _KINDS:
+        raise PredictionError(
+            f"field '{name}' holds pickled Python objects, which are never loaded"
+            if entry.dtype.hasobject
+            else f"field '{name}' has dtype {entry.dtype}",
+            where=path,
+            expected="arrays of numbers or of fixed-width text",
+            fix=f"save it as text, np.array({name}, dtype=str), or each part under its own name",
+        )
+    size = member.file_size - header_bytes
+    sound = all(0 <= side < 1 << 62 for side in shape) and dtype.itemsize > 0
+    if not sound or entry.nbytes != size:
+        stated = f"{str(entry.shape)[:80]} of {entry.dtype.str[:20]}, the archive {size:,} bytes"
+        raise _damaged(path, name, f"its header states {stated}")
     return entry
 
 
-def _check_header(path: Path, entry: ArrayEntry) -> None:
-    if entry.dtype.hasobject:
-        raise PredictionError(
-            f"field '{entry.name}' holds pickled Python objects, which are never loaded",
-            where=path,
-            expected="arrays of numbers or of fixed-width text",
-            fix=f"save it as text: np.array({entry.name}, dtype=str)",
-        )
-    if entry.dtype.kind not in _KINDS:
-        raise PredictionError(
-            f"field '{entry.name}' has dtype {entry.dtype}",
-            where=path,
-            expected="numbers or text",
-            fix="save each part under its own name: `airzoo-bench template` writes an example",
-        )
-    sound = len(entry.shape) <= _MAX_DIMENSIONS and all(0 <= n < 1 << 62 for n in entry.shape)
-    if not sound or entry.dtype.itemsize == 0:
-        stated = str((entry.shape, entry.dtype.str))[:80]
-        raise damaged(path, entry.name, f"its header states the shape and type {stated}")
-    size = entry.member.file_size - entry.header_bytes
-    if entry.nbytes != size:
-        reason = f"its header states {entry.nbytes:,} bytes, the archive holds {size:,}"
-        raise damaged(path, entry.name, reason)
-
-
-def _bytes_in_memory(entry: ArrayEntry) -> int:
-    # Bytes become text when they are read, which takes four more bytes a character.
-    return entry.nbytes * (5 if entry.dtype.kind == "S" else 1)
-
-
-def _fill(stream: IO[bytes], entry: ArrayEntry) -> NDArray[Any]:
-    # Reading into an array of the checked size bounds the memory: a member that unpacks to more
-    # than its header says is never unpacked beyond it.
-    flat = np.empty(math.prod(entry.shape), entry.dtype)
-    view = memoryview(flat.view(np.uint8).data if flat.nbytes else b"")
-    done = 0
-    while done < len(view):
-        count = stream.readinto(view[done : done + (1 << 22)])  # type: ignore[attr-defined]
+def _fill(stream: IO[bytes], array: NDArray[Any]) -> None:
+    """Read an array's bytes: no more are unpacked than it holds."""
+    view = memoryview(array.reshape(-1).view(np.uint8).data if array.nbytes else b"")
+    while view:
+        count = stream.readinto(view[:_PIECE_BYTES])  # type: ignore[attr-defined]
         if not count:
             raise EOFError("the data ends early")
-        done += count
-    if stream.read(1):
-        raise EOFError("there is more data than the header says")
-    return flat.reshape(entry.shape, order="F" if entry.fortran_order else "C")
+        view = view[count:]
 
 
 def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
@@ -212,58 +227,28 @@ def _checked_text(array: NDArray[Any], path: Path, name: str) -> NDArray[Any]:
         try:
             return np.char.decode(array, "utf-8")
         except UnicodeDecodeError as error:
-            raise PredictionError(
-                f"field '{name}' holds bytes that are not UTF-8",
-                where=path,
-                expected="text",
-                fix=f"save it as text: np.array({name}, dtype=str)",
-            ) from error
-    if array.dtype.kind == "U" and array.size and array.dtype.itemsize:
-        native = array.astype(array.dtype.newbyteorder("="), order="C", copy=False)
-        codes = native.reshape(-1).view(np.uint32)
+            raise _damaged(path, name, "it holds bytes that are not UTF-8") from error
+    if array.dtype.kind == "U" and array.size:
+        array = array.astype(array.dtype.newbyteorder("="), order="C", copy=False)
+        codes = array.reshape(-1).view(np.uint32)
         surrogate = (codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1])
         if codes.max() > _MAX_CODE_POINT or surrogate.any():
-            raise damaged(path, name, "it holds characters outside Unicode")
-        return native
+            raise _damaged(path, name, "it holds characters outside Unicode")
     return array
 
 
 def _data_offset(path: Path, entry: ArrayEntry) -> int:
     with path.open("rb") as stream:
         stream.seek(entry.member.header_offset)
-        local = stream.read(_LOCAL_HEADER_BYTES)
-    if len(local) < _LOCAL_HEADER_BYTES or local[:4] != b"PK\x03\x04":
-        raise damaged(path, entry.name, "its local header is missing")
-    name_bytes, extra_bytes = struct.unpack("<HH", local[26:30])
-    start = entry.member.header_offset + _LOCAL_HEADER_BYTES + name_bytes + extra_bytes
-    offset = int(start + entry.header_bytes)
-    if offset + entry.nbytes > path.stat().st_size:
-        raise damaged(path, entry.name, "the file ends before its data does")
-    return offset
+        local = stream.read(_LOCAL_HEADER_BYTES).ljust(_LOCAL_HEADER_BYTES, b"\0")
+        name_bytes, extra_bytes = struct.unpack("<HH", local[26:])
+        start: int = stream.tell() + name_bytes + extra_bytes + entry.header_bytes
+        if local[:4] != b"PK\x03\x04" or start + entry.nbytes > path.stat().st_size:
+            raise _damaged(path, entry.name, "the file ends before its data does")
+    return start
 
 
-def _impression(path: Path) -> str:
-    with path.open("rb") as stream:
-        head = stream.read(8)
-    for magic, text in _LOOKS_LIKE.items():
-        if head.startswith(magic):
-            return f"it looks like {text}"
-    return "it is empty" if not head else f"it begins with the bytes {head.hex(' ')}"
-
-
-def _not_npz(path: Path, impression: str) -> UnreadableError:
-    return UnreadableError(
-        f"not an npz file: {impression}",
-        where=path,
-        expected="a file written by numpy.savez or numpy.savez_compressed",
-        fix="`airzoo-bench template` writes an example",
-    )
-
-
-def damaged(path: Path, name: str, reason: str) -> PredictionError:
-    """Make the error of a field whose bytes are not what they should be."""
+def _damaged(path: Path, name: str, reason: str) -> PredictionError:
     return PredictionError(
-        f"field '{name}' is damaged or cut off: {reason}",
-        where=path,
-        fix="write or copy the file again",
+        f"field '{name}' is damaged or cut off: {reason[:200]}", where=path, fix=_FIX_COPY
     )

@@ -7,39 +7,32 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from PIL import Image
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
 __all__ = ["opened_photo"]
+
+# Pillow raises SyntaxError and ValueError over headers.
+_DAMAGE = (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError)
 
 
 @contextmanager
 def opened_photo(
     path: Path, fix: str = "copy it again, or take it out of the folder"
-) -> Iterator[Image]:
+) -> Iterator[Image.Image]:
     """Open a photo; what Pillow makes of a bad one inside the block becomes BenchmarkError."""
-    from PIL import Image
-
-    # Pillow raises SyntaxError and ValueError over headers, and warns of large photos, which a
-    # survey's are.
-    damage = (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError)
     try:
+        # Pillow warns of large photos, which a survey's are.
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             yield image
-    except damage as error:
+    except _DAMAGE as error:
+        reason = getattr(error, "strerror", None) or str(error)
         raise BenchmarkError(
-            f"not a readable photo: {_brief(error, path)}",
+            f"not a readable photo: {reason.replace(f' {str(path)!r}', '')}",
             where=path,
             expected="a complete " + ", ".join(PHOTO_SUFFIXES) + " file",
             fix=fix,
         ) from error
-
-
-def _brief(error: Exception, path: Path) -> str:
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return text.replace(f" {str(path)!r}", "")

@@ -1,4 +1,4 @@
-"""Array types of the package, small products, and the refusal of faulty cameras."""
+"""Array types of the package, products without BLAS, and the refusal of faulty cameras."""
 
 from __future__ import annotations
 
@@ -9,31 +9,16 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, first_of
 
-__all__ = ["Bools", "Floats", "Ints", "apply_matrix", "multiply", "refuse_cameras", "transposed"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
 def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
-    """Multiply vectors by matrices of three columns, ``matrix @ vector``.
+    """Multiply vectors (..., 3) by matrices (..., 3, 3); leading dimensions broadcast.
 
-    Written as three products and two sums, not as a BLAS call: a BLAS kernel may round
-    differently with the number of rows it is given, and the same vector must give the same
-    bytes in every block.
-
-    Parameters
-    ----------
-    matrix : (..., 3, 3) array
-        What the vectors are multiplied by.
-    vectors : (..., 3) array
-        Leading dimensions broadcast against those of `matrix`.
-
-    Returns
-    -------
-    (..., 3) array
-        matrix @ vector, of the broadcast shape.
+    Written as three products and two sums: a BLAS kernel may round differently with the number
+    of rows it is given, and the same vector must give the same bytes in every block.
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
@@ -41,40 +26,17 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
 
 
 def multiply(a: Floats, b: Floats) -> Floats:
-    """Multiply matrices (..., 3, 3), ``a @ b``, by `apply_matrix`: without BLAS.
-
-    Parameters
-    ----------
-    a, b : (..., 3, 3) arrays
-        Leading dimensions broadcast.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        a @ b, of the broadcast shape.
-    """
-    columns = apply_matrix(a[..., None, :, :], np.swapaxes(b, -1, -2))
-    return np.swapaxes(columns, -1, -2)
+    """Multiply matrices (..., 3, 3) without BLAS; leading dimensions broadcast."""
+    return transposed(apply_matrix(a[..., None, :, :], transposed(b)))
 
 
 def transposed(matrices: Floats) -> Floats:
-    """Transpose matrices, whatever their leading dimensions.
-
-    Parameters
-    ----------
-    matrices : (..., 3, 3) array
-        Not copied.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        A view of them.
-    """
+    """Return a view of matrices (..., M, N) as (..., N, M)."""
     return np.swapaxes(matrices, -1, -2)
 
 
 def refuse_cameras(
-    bad: Bools | np.bool_,
+    bad: NDArray[np.bool_] | np.bool_,
     what: str,
     *,
     names: Sequence[object] | None = None,
@@ -83,25 +45,9 @@ def refuse_cameras(
     expected: str | None = None,
     fix: str | None = None,
 ) -> None:
-    """Raise CameraError where any camera is bad: how many of how many, the first three by name.
+    """Raise a CameraError that names the first three bad cameras and says how many there are.
 
-    Parameters
-    ----------
-    bad : (N,) bool array
-        Which cameras are bad; a scalar for one.
-    what : str
-        What is wrong, to be followed by the count.
-    names : sequence of N, optional
-        Names of the cameras; their indices where left out.
-    details : sequence of N str, optional
-        Put in brackets behind each name.
-    where, expected, fix : optional
-        See `UserError`.
-
-    Raises
-    ------
-    CameraError
-        When any of `bad` is true.
+    `details` holds a text for every camera, shown in brackets behind the bad ones.
     """
     rows = np.flatnonzero(bad).tolist()
     if not rows:

@@ -2,6 +2,17 @@
 
 Pixel centres sit at integer + 0.5: the image's corner is (0, 0) and its far corner (width, height).
 Camera axes are OpenCV's: x right, y down, z forward.
+
+Lens distortion is Brown-Conrady's with OpenCV's coefficients k1 k2 p1 p2 k3 (``calib3d``). For
+points on the plane z = 1, with s = x^2 + y^2 and radial = 1 + k1 s + k2 s^2 + k3 s^3:
+
+    x_d = x radial + 2 p1 x y + p2 (s + 2 x^2)
+    y_d = y radial + p1 (s + 2 y^2) + 2 p2 x y
+
+The model is a polynomial: far enough from the axis most sets of coefficients fold back, and two
+rays meet one pixel. A point is in the *range* of the model while it is nearer to the axis than the
+first turning point of r radial(r^2) and the Jacobian is positive definite there; in the range the
+map is one to one. (The Jacobian is symmetric: the distortion is the gradient of a function.)
 """
 
 from __future__ import annotations
@@ -15,36 +26,29 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, refuse_cameras
-from airzoo_bench.geometry.lens import distort, in_range, undistort
 
-__all__ = ["Cameras", "anchor_pixels", "back_project", "project"]
-
-_FIELDS = ("width", "height", "focal", "principal_point", "distortion")
 # Entries of K that should be 0 or 1 may be off by this much: far below any effect on a pixel.
 _K_TOLERANCE = 1e-9
 # Beyond these no camera is, and squares of rays overflow.
 _LEAST_FOCAL_PX, _LARGEST_PX = 1e-6, 1e12
+# Residual of undistorted points, relative to 1 + their size; Newton steps; points at a time.
+_TOLERANCE = 1e-12
+_MAX_STEPS = 100
+_BLOCK = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
 class Cameras:
     """Intrinsics of N cameras.
 
-    Parameters
+    Attributes
     ----------
     width, height : (N,) int64 array
         Image size in pixels.
-    focal : (N, 2) array
-        fx, fy in pixels.
-    principal_point : (N, 2) array
-        cx, cy in pixels, the image's corner being (0, 0).
+    focal, principal_point : (N, 2) array
+        fx, fy and cx, cy in pixels.
     distortion : (N, 5) array
         k1 k2 p1 p2 k3, OpenCV's order; zeros make a pinhole.
-
-    Raises
-    ------
-    CameraError
-        When the arrays do not have these shapes.
     """
 
     width: Ints
@@ -52,12 +56,6 @@ class Cameras:
     focal: Floats
     principal_point: Floats
     distortion: Floats
-
-    def __post_init__(self) -> None:
-        count = len(self.focal)
-        shapes = ((count,), (count,), (count, 2), (count, 2), (count, 5))
-        for name, shape in zip(_FIELDS, shapes, strict=True):
-            _require_shape(name, getattr(self, name), shape)
 
     @classmethod
     def from_matrices(
@@ -68,29 +66,14 @@ class Cameras:
         distortion: ArrayLike | None = None,
         names: Sequence[object] | None = None,
     ) -> Cameras:
-        """Build cameras from calibration matrices, refusing what is none.
+        """Build cameras from calibration matrices (N, 3, 3); raise CameraError where one is none.
 
-        Parameters
-        ----------
-        K : (N, 3, 3) array
-            Rows (fx, 0, cx), (0, fy, cy), (0, 0, 1).
-        width, height : (N,) array or scalar
-            Image size in pixels.
-        distortion : (N, 4) or (N, 5) array, optional
-            k1 k2 p1 p2 and k3; a pinhole where left out.
-        names : sequence of N, optional
-            Names of the cameras for messages.
-
-        Raises
-        ------
-        CameraError
-            Bad shapes, entries that are not finite, a focal length that is not positive, skew or
-            other entries that should be zero, a size that is not a positive whole number. The
-            first three cameras are named, with how many there are.
+        Width and height are (N,) or scalars; the distortion is (N, 4) k1 k2 p1 p2 or (N, 5).
         """
         matrices = np.asarray(K, dtype=np.float64)
         count = len(matrices) if matrices.ndim else 0
-        _require_shape("K", matrices, (count, 3, 3))
+        if matrices.shape != (count, 3, 3):
+            raise CameraError(f"K has shape {matrices.shape}", expected=f"shape {(count, 3, 3)}")
         _check_matrices(matrices, names)
         return cls(
             width=_sizes("width", width, count, names),
@@ -99,22 +82,6 @@ class Cameras:
             principal_point=matrices[:, :2, 2].copy(),
             distortion=_distortion(distortion, count, names),
         )
-
-    @classmethod
-    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
-        """Return the cameras of some batches, one after the other; at least one batch.
-
-        Parameters
-        ----------
-        parts : sequence of Cameras
-            At least one.
-
-        Returns
-        -------
-        Cameras
-            In their order.
-        """
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS))
 
     def __len__(self) -> int:
         return len(self.focal)
@@ -128,41 +95,15 @@ class Cameras:
         return matrices
 
     def take(self, index: Any) -> Cameras:
-        """Return the cameras at an integer, index array, mask or slice, as Cameras.
-
-        Parameters
-        ----------
-        index : int, slice or array
-            Of integers, or a mask (N,).
-
-        Returns
-        -------
-        Cameras
-            One for an integer.
-        """
+        """Return the cameras at an integer, index array, mask or slice, as Cameras."""
         rows = np.atleast_1d(np.arange(len(self))[index])
-        return Cameras(*(getattr(self, name)[rows] for name in _FIELDS))
+        return Cameras(*(values[rows] for values in vars(self).values()))
 
     def scaled(self, width: ArrayLike, height: ArrayLike) -> Cameras:
         """Return the cameras of the images resized to `width` x `height`.
 
         With the image's corner at (0, 0) focal length and principal point scale alike; the
         distortion works on normalised points and stays.
-
-        Parameters
-        ----------
-        width, height : (N,) array or scalar
-            In pixels.
-
-        Returns
-        -------
-        Cameras
-            Focal length and principal point in the new pixels.
-
-        Raises
-        ------
-        CameraError
-            A size that is not a positive whole number.
         """
         new_width = _sizes("width", width, len(self), None)
         new_height = _sizes("height", height, len(self), None)
@@ -172,20 +113,10 @@ class Cameras:
 
 
 def project(cameras: Cameras, points_cam: Floats) -> Floats:
-    """Project points of the camera frame.
+    """Project points (N, M, 3) of the camera frame to pixels (N, M, 2), also outside the image.
 
-    Parameters
-    ----------
-    cameras : Cameras
-        N cameras; one broadcasts over all points.
-    points_cam : (N, M, 3) array
-        x right, y down, z forward.
-
-    Returns
-    -------
-    (N, M, 2) array
-        Pixels, also outside the image. NaN where the point has no image: z <= 0, or outside the
-        range of the lens model (where the polynomial would fold it back into the image).
+    NaN where the point has no image: z <= 0, or outside the range of the lens model, where the
+    polynomial would fold it back into the image. One camera broadcasts over all points.
     """
     z = points_cam[..., 2:]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -197,19 +128,9 @@ def project(cameras: Cameras, points_cam: Floats) -> Floats:
 
 
 def back_project(cameras: Cameras, pixels: Floats) -> Floats:
-    """Turn pixels into unit rays of the camera frame, lens distortion undone.
+    """Turn pixels (N, M, 2) into unit rays (N, M, 3) of the camera frame, distortion undone.
 
-    Parameters
-    ----------
-    cameras : Cameras
-        N cameras; one broadcasts over all pixels.
-    pixels : (N, M, 2) array
-        The image's corner is (0, 0).
-
-    Returns
-    -------
-    (N, M, 3) array
-        Unit vectors; NaN for pixels beyond the range of the lens model (see `undistort`).
+    NaN for pixels beyond the range of the lens model. One camera broadcasts over all pixels.
     """
     distorted = (pixels - cameras.principal_point[:, None]) / cameras.focal[:, None]
     xy = undistort(distorted, cameras.distortion)
@@ -219,54 +140,145 @@ def back_project(cameras: Cameras, pixels: Floats) -> Floats:
 
 
 def anchor_pixels(cameras: Cameras, inset: float = 1 / 16) -> Floats:
-    """Return the four anchor pixels of the retrieval ground truth (PROTOCOLS.md, track 1).
+    """Return the anchor pixels (N, 4, 2) of the retrieval truth: top left, then clockwise.
 
-    Parameters
-    ----------
-    cameras : Cameras
-        N cameras.
-    inset : float
-        Distance from the border as a share of width and height, 0 <= inset < 0.5; 0 gives the
-        image's corners.
-
-    Returns
-    -------
-    (N, 4, 2) array
-        Pixels: top left, top right, bottom right, bottom left.
-
-    Raises
-    ------
-    CameraError
-        `inset` out of its bounds.
+    The inset from the border is a share of width and height; 0 gives the image's corners.
     """
     if not 0.0 <= inset < 0.5:
         raise CameraError(f"anchor inset {inset} is not possible", expected="0 <= inset < 0.5")
     near, far = inset, 1.0 - inset
     share = np.array([(near, near), (far, near), (far, far), (near, far)])
-    size = np.stack((cameras.width, cameras.height), axis=-1)
-    anchors: Floats = share * size[:, None]
+    anchors: Floats = share * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
     return anchors
 
 
-def _require_shape(name: str, array: Any, shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise CameraError(f"{name} has shape {array.shape}", expected=f"shape {shape}")
+def distort(xy: Floats, distortion: Floats) -> Floats:
+    """Distort points (N, M, 2) by the polynomial of (N, 5) coefficients, also outside its range."""
+    return np.stack(_model(xy[..., 0], xy[..., 1], _columns(distortion)), axis=-1)
+
+
+def in_range(xy: Floats, distortion: Floats) -> Bools:
+    """Tell which undistorted points (N, M) lie where the model is one to one."""
+    limit = _range_limit(distortion)[:, None]
+    return _in_range(xy[..., 0], xy[..., 1], _columns(distortion), limit)
+
+
+def undistort(xy: Floats, distortion: Floats) -> Floats:
+    """Find the points of the range that `distort` takes to `xy`; NaN where there is none.
+
+    Damped Newton steps from the axis with the analytic Jacobian, until the residual is below
+    1e-12 (times 1 + max(|x|, |y|)).
+    """
+    count = max(len(xy), len(distortion))
+    target = np.broadcast_to(xy, (count, *xy.shape[1:]))
+    if not distortion.any():
+        return np.where(np.isfinite(target).all(axis=-1, keepdims=True), target, np.nan)
+    flat = target.reshape(-1, 2)
+    camera = np.zeros(len(flat), np.int64)
+    if len(distortion) > 1:
+        camera = np.repeat(np.arange(count), target.shape[1])
+    limit = _range_limit(distortion)
+    solved = np.empty_like(flat)
+    for start in range(0, len(flat), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        # A step from near the fold may go very far; it is refused by its residual.
+        with np.errstate(over="ignore", invalid="ignore"):
+            solved[part] = _newton(flat[part], distortion[camera[part]], limit[camera[part]])
+    return solved.reshape(target.shape)
+
+
+def _newton(target: Floats, coefficients: Floats, limit: Floats) -> Floats:
+    """Solve model(xy) = target (P, 2) for each row; NaN where the steps do not get there."""
+    solved = np.full(target.shape, np.nan)
+    todo = np.flatnonzero(np.isfinite(target).all(axis=-1))
+    xy = np.zeros((len(todo), 2))
+    residual = target[todo]
+    damping = np.ones(len(todo))
+    tolerance = _TOLERANCE * (1.0 + np.abs(target).max(axis=-1))
+    for _ in range(_MAX_STEPS):
+        open_ = np.abs(residual).max(axis=-1) > tolerance[todo]
+        solved[todo[~open_]] = xy[~open_]
+        todo, xy, residual, damping = todo[open_], xy[open_], residual[open_], damping[open_]
+        if not todo.size:
+            break
+        k = coefficients[todo].T
+        trial = xy + damping[:, None] * _newton_step(xy, residual, k)
+        new = target[todo] - np.stack(_model(trial[:, 0], trial[:, 1], k), axis=-1)
+        better = _in_range(trial[:, 0], trial[:, 1], k, limit[todo])
+        better &= np.hypot(*new.T) < np.hypot(*residual.T)
+        xy = np.where(better[:, None], trial, xy)
+        residual = np.where(better[:, None], new, residual)
+        damping = np.where(better, np.minimum(1.0, 2.0 * damping), 0.5 * damping)
+    return solved
+
+
+def _newton_step(xy: Floats, residual: Floats, k: Sequence[Floats] | Floats) -> Floats:
+    xx, xy_, yy = _jacobian(xy[:, 0], xy[:, 1], k)
+    determinant = xx * yy - xy_ * xy_
+    step_x = (yy * residual[:, 0] - xy_ * residual[:, 1]) / determinant
+    step_y = (xx * residual[:, 1] - xy_ * residual[:, 0]) / determinant
+    return np.stack((step_x, step_y), axis=-1)
+
+
+def _model(x: Floats, y: Floats, k: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
+    k1, k2, p1, p2, k3 = k
+    s = x * x + y * y
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    x_d = x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x)
+    y_d = y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y
+    return x_d, y_d
+
+
+def _jacobian(x: Floats, y: Floats, k: Sequence[Floats] | Floats) -> tuple[Floats, Floats, Floats]:
+    """Return d x_d/dx, d x_d/dy (= d y_d/dx) and d y_d/dy."""
+    k1, k2, p1, p2, k3 = k
+    s = x * x + y * y
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    slope = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    xx = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+    yy = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+    return xx, x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y, yy
+
+
+def _in_range(x: Floats, y: Floats, k: Sequence[Floats] | Floats, limit: Floats) -> Bools:
+    xx, xy, yy = _jacobian(x, y, k)
+    inside: Bools = (x * x + y * y < limit) & (xx + yy > 0.0) & (xx * yy > xy * xy)
+    return inside
+
+
+def _range_limit(distortion: Floats) -> Floats:
+    """Return the squared radius (N,) at which r radial(r^2) first turns; infinite without one."""
+    companion = np.zeros((len(distortion), 3, 3))
+    companion[:, 0, 0] = -3.0 * distortion[:, 0]
+    companion[:, 0, 1] = -5.0 * distortion[:, 1]
+    companion[:, 0, 2] = -7.0 * distortion[:, 4]
+    companion[:, 1, 0] = companion[:, 2, 1] = 1.0
+    roots = np.linalg.eigvals(companion)
+    real = np.abs(roots.imag) <= 1e-7 * np.abs(roots.real)
+    inverse = np.where(real & (roots.real > 0.0), roots.real, 0.0).max(axis=-1, initial=0.0)
+    with np.errstate(divide="ignore"):
+        return 1.0 / np.asarray(inverse, dtype=np.float64)
+
+
+def _columns(distortion: Floats) -> list[Floats]:
+    return [distortion[:, None, index] for index in range(5)]
 
 
 def _check_matrices(matrices: Floats, names: Sequence[object] | None) -> None:
-    def refuse(bad: Bools | np.bool_, what: str) -> None:
-        expected = "K = [fx 0 cx; 0 fy cy; 0 0 1] with fx, fy > 0, in pixels"
-        refuse_cameras(bad, what, names=names, expected=expected)
-
-    refuse(~np.isfinite(matrices).all(axis=(1, 2)), "K has NaN or infinite entries")
     focal, entries = matrices[:, (0, 1), (0, 1)], np.abs(matrices).max(axis=(1, 2))
-    refuse((focal <= 0.0).any(axis=1), "K has no positive focal length")
-    beyond = (focal < _LEAST_FOCAL_PX).any(axis=1) | (entries > _LARGEST_PX)
-    refuse(beyond, f"K has a focal length below {_LEAST_FOCAL_PX:g} px or an entry above 1e12")
-    refuse(np.abs(matrices[:, 0, 1]) > _K_TOLERANCE, "K has skew")
-    refuse(np.abs(matrices[:, 1, 0]) > _K_TOLERANCE, "K has a non-zero entry in row 2, column 1")
     off = np.abs(matrices[:, 2] - (0.0, 0.0, 1.0)).max(axis=1)
-    refuse(off > _K_TOLERANCE, "K has a last row other than 0 0 1")
+    limits = f"a focal length below {_LEAST_FOCAL_PX:g} px or an entry above {_LARGEST_PX:g}"
+    faults = {
+        "NaN or infinite entries": ~np.isfinite(matrices).all(axis=(1, 2)),
+        "no positive focal length": (focal <= 0.0).any(axis=1),
+        limits: (focal < _LEAST_FOCAL_PX).any(axis=1) | (entries > _LARGEST_PX),
+        "skew": np.abs(matrices[:, 0, 1]) > _K_TOLERANCE,
+        "a non-zero entry in row 2, column 1": np.abs(matrices[:, 1, 0]) > _K_TOLERANCE,
+        "a last row other than 0 0 1": off > _K_TOLERANCE,
+    }
+    expected = "K = [fx 0 cx; 0 fy cy; 0 0 1] with fx, fy > 0, in pixels"
+    for fault, bad in faults.items():
+        refuse_cameras(bad, f"K has {fault}", names=names, expected=expected)
 
 
 def _sizes(name: str, value: ArrayLike, count: int, names: Sequence[object] | None) -> Ints:

@@ -1,38 +1,40 @@
-"""Coordinate reference systems (CRS): their map plane, whether two have the same, their names."""
+"""Coordinate reference systems (CRS): map planes, WGS84, ECEF, east-north-up, true metres.
+
+A CRS is anything pyproj takes: an EPSG code, ``"EPSG:4547"``, WKT, a CRS of pyproj or rasterio.
+Horizontal coordinates are always x, y or lon, lat, whatever the axis order of the CRS, and NaN
+beyond its domain. Heights of geodetic coordinates are above the WGS84 ellipsoid.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import Any
 
-from pyproj import CRS
+import numpy as np
+from numpy.typing import ArrayLike
+from pyproj import CRS, Geod, Proj, Transformer
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.core.errors import RasterError, UserError
-
-__all__ = ["LOCAL_CRS", "check_same_crs", "describe_crs", "horizontal_crs", "same_plane"]
+from airzoo_bench.core.errors import CameraError, RasterError, UserError
+from airzoo_bench.geometry.arrays import Floats
 
 LOCAL_CRS = "local"
 """Names a frame in metres, z up, that has no place on the earth."""
+LONLAT_CRS = "EPSG:4326"
+"""Longitude and latitude in degrees, x before y."""
+
+_WGS84 = CRS.from_epsg(4326)
+# Scene coordinates are metres where the CRS's scale differs from 1 by less than this.
+_MOST_SCALE_ERROR = 0.005
+# Half the length of meridian whose direction is measured, some 11 m: the curvature of the meridian
+# on the grid and the last digits of millions of metres then both stay below 1e-8 degrees.
+_STEP_DEG = 1e-4
 
 
 def horizontal_crs(crs: Any) -> CRS:
-    """Return the horizontal part of a CRS, given as anything pyproj takes.
-
-    Parameters
-    ----------
-    crs : Any
-        An EPSG code, ``"EPSG:4547"``, WKT, a PROJ string, a CRS of pyproj or rasterio.
-
-    Returns
-    -------
-    CRS
-        Of two axes.
-
-    Raises
-    ------
-    UserError
-        A CRS that PROJ does not know, or that is neither projected nor geographic.
-    """
+    """Return the horizontal part of a CRS; refuse one that is neither projected nor geographic."""
     if isinstance(crs, str) and crs == LOCAL_CRS:  # a CRS compares itself through PROJ, slowly
         raise UserError(
             "the frame is local: it has no place on the earth",
@@ -49,23 +51,42 @@ def horizontal_crs(crs: Any) -> CRS:
     return flat
 
 
-def check_same_crs(a: Any, b: Any, what: str) -> None:
-    """Refuse two CRS whose map planes differ, see `same_plane`.
+def describe_crs(crs: CRS) -> str:
+    """Name a CRS for messages, such as "EPSG:32615 (WGS 84 / UTM zone 15N)"."""
+    code = crs.to_epsg()
+    if code is None:
+        return crs.name if crs.name != "unknown" else crs.to_string()[:80]
+    return f"EPSG:{code} ({crs.name})"
 
-    Parameters
-    ----------
-    a, b : Any
-        See `horizontal_crs`.
-    what : str
-        What the two belong to, such as ``"DOM and DSM"``.
 
-    Raises
-    ------
-    RasterError
-        They differ; both are named.
-    UserError
-        See `horizontal_crs`.
+def same_plane(first: Any, second: Any) -> bool:
+    """Tell whether two CRS have one map plane.
+
+    They do when PROJ finds them equivalent, or gives them one EPSG code, or finds their
+    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
+    their axes. A vertical part is left aside.
     """
+    a, b = horizontal_crs(first), horizontal_crs(second)
+    code = a.to_epsg()
+    if a.equals(b, ignore_axis_order=True) or (code is not None and code == b.to_epsg()):
+        return True
+    # WKT 1 has no place for EPSG:4547's northing-easting axes: PROJ then finds whole and part
+    # different, though the parts agree.
+    if a.geodetic_crs is None or b.geodetic_crs is None:
+        return False
+    axes = (
+        sorted((axis.direction, axis.unit_conversion_factor) for axis in crs.axis_info)
+        for crs in (a, b)
+    )
+    return (
+        a.geodetic_crs.equals(b.geodetic_crs, ignore_axis_order=True)
+        and a.coordinate_operation == b.coordinate_operation
+        and next(axes) == next(axes)
+    )
+
+
+def check_same_crs(a: Any, b: Any, what: str) -> None:
+    """Refuse two CRS whose map planes differ; `what` names the two, such as "DOM and DSM"."""
     if same_plane(a, b):
         return
     first, second = horizontal_crs(a), horizontal_crs(b)
@@ -76,61 +97,122 @@ def check_same_crs(a: Any, b: Any, what: str) -> None:
     )
 
 
-def same_plane(first: Any, second: Any) -> bool:
-    """Whether two CRS have one map plane.
+def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
+    """Take coordinates (..., 2) of a CRS to WGS84 longitude and latitude in degrees."""
+    return _transformed(_transformer(horizontal_crs(crs), _WGS84), xy)
 
-    They do when PROJ finds them equivalent, or gives them one EPSG code, or finds their
-    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
-    their axes. A vertical part is left aside.
 
-    Parameters
-    ----------
-    first, second : Any
-        See `horizontal_crs`.
+def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
+    """Take WGS84 longitude and latitude (..., 2) to a CRS; the inverse of `to_lonlat`."""
+    return _transformed(_transformer(_WGS84, horizontal_crs(crs)), lonlat)
 
-    Returns
-    -------
-    bool
-        False where their coordinates differ.
 
-    Raises
-    ------
-    UserError
-        See `horizontal_crs`.
+def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
+    """Return a function that takes coordinates (..., 2) of one CRS to another.
+
+    It leaves them as they are where the two have one plane, and goes through WGS84 otherwise.
     """
-    a, b = horizontal_crs(first), horizontal_crs(second)
-    code = a.to_epsg()
-    if a.equals(b, ignore_axis_order=True) or (code is not None and code == b.to_epsg()):
-        return True
-    # WKT 1 has no place for EPSG:4547's northing-easting axes: PROJ then finds whole and part
-    # different, though the parts agree.
-    if a.geodetic_crs is None or b.geodetic_crs is None:
-        return False
-    return (
-        a.geodetic_crs.equals(b.geodetic_crs, ignore_axis_order=True)
-        and a.coordinate_operation == b.coordinate_operation
-        and _axes(a) == _axes(b)
+    if same_plane(source, target):
+        return lambda xy: xy
+    return lambda xy: from_lonlat(target, to_lonlat(source, xy))
+
+
+def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
+    """Move longitudes by whole turns to within 180 degrees of one: none jumps at +-180."""
+    given = np.asarray(lonlat, dtype=np.float64)
+    turns = np.round((about_lon - given[..., 0]) / 360)
+    return given + 360 * np.stack([turns, np.zeros_like(turns)], axis=-1)
+
+
+def geodetic_to_ecef(lonlatheight: ArrayLike) -> Floats:
+    """Take lon, lat (degrees), height (m) on WGS84, (..., 3), to ECEF metres (EPSG:4978)."""
+    return _transformed(_transformer(CRS.from_epsg(4979), CRS.from_epsg(4978)), lonlatheight)
+
+
+def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
+    """Take ECEF metres (..., 3) to lon, lat (degrees), height (m) on WGS84 (EPSG:4979)."""
+    return _transformed(_transformer(CRS.from_epsg(4978), CRS.from_epsg(4979)), xyz)
+
+
+def enu_axes(lonlat: ArrayLike) -> Floats:
+    """Return rotations (N, 3, 3) from local ENU frames to ECEF: columns are east, north and up."""
+    lon, lat = np.radians(np.asarray(lonlat, dtype=np.float64)).T
+    east = (-np.sin(lon), np.cos(lon), np.zeros_like(lon))
+    north = (-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat))
+    up = (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+    return np.array((east, north, up)).T
+
+
+def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike, *, jobs: int = 1) -> Floats:
+    """Return lengths of geodesics on the WGS84 ellipsoid, by PROJ (Karney 2013), in threads."""
+    a, b = np.broadcast_arrays(
+        np.asarray(lonlat_a, dtype=np.float64), np.asarray(lonlat_b, dtype=np.float64)
     )
+    columns = [np.ascontiguousarray(end[..., axis]).ravel() for end in (a, b) for axis in (0, 1)]
+    parts = zip(*(np.array_split(column, jobs) for column in columns), strict=True)
+    geod = Geod(ellps="WGS84")
+    with ThreadPoolExecutor(jobs) as pool:
+        found = list(pool.map(lambda part: geod.inv(*part)[2], parts))
+    return np.asarray(np.concatenate(found), np.float64).reshape(a.shape[:-1])
 
 
-def _axes(crs: CRS) -> list[tuple[str, float]]:
-    return sorted((axis.direction, axis.unit_conversion_factor) for axis in crs.axis_info)
+def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
+    """Return how far a metre of a projected CRS is from a metre on the ground, at worst.
 
-
-def describe_crs(crs: CRS) -> str:
-    """Name a CRS for messages: its EPSG code where it has one, and its name.
-
-    Parameters
-    ----------
-    crs : CRS
-        Of pyproj or rasterio.
-
-    Returns
-    -------
-    str
-        Such as "EPSG:32615 (WGS 84 / UTM zone 15N)".
+    The largest |k - 1| of Tissot's indicatrix over directions (Snyder, Map Projections: A Working
+    Manual, 1987, section 4), as PROJ computes it; infinite beyond the projection.
     """
-    code = crs.to_epsg()
-    if code is None:
-        return crs.name if crs.name != "unknown" else crs.to_string()[:80]
-    return f"EPSG:{code} ({crs.name})"
+    place = np.asarray(lonlat, dtype=np.float64)
+    factors = Proj(horizontal_crs(crs)).get_factors(place[..., 0], place[..., 1])
+    axes = np.stack((factors.tissot_semimajor, factors.tissot_semiminor), axis=-1)
+    error = np.abs(axes - 1.0).max(axis=-1)
+    return np.where(np.isfinite(error), error, np.inf)
+
+
+def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
+    """Refuse a projected CRS whose scale at some places differs from 1 by 0.5 % or more."""
+    worst = float(np.max(scale_error(crs, lonlat), initial=0.0))
+    if not worst < _MOST_SCALE_ERROR:
+        lon, lat = np.asarray(lonlat, dtype=np.float64).reshape(-1, 2)[0]
+        found = "beyond it" if np.isinf(worst) else f"where its scale is off by {worst:.1%}"
+        raise CameraError(
+            f"coordinates of {describe_crs(crs)} are no metres here: the scene is at longitude "
+            f"{lon:.4f}, latitude {lat:.4f}, {found}",
+            where=where,
+            expected=f"a projected CRS whose scale at the scene is within {_MOST_SCALE_ERROR:.1%} "
+            "of 1, such as the UTM zone",
+            fix="transform poses, DSM and cloud to such a CRS",
+        )
+
+
+def grid_convergence_deg(crs: Any, lonlat: ArrayLike) -> Floats:
+    """Return the angle from true north to the north of a projected CRS, clockwise positive.
+
+    An azimuth on the grid is the true azimuth less the convergence.
+    """
+    plane = horizontal_crs(crs)
+    if not plane.is_projected:
+        raise CameraError(
+            f"{plane.name} has no grid to turn camera poses to",
+            expected="a projected CRS in metres",
+        )
+    place = np.asarray(lonlat, dtype=np.float64)
+    south, north = place.copy(), place.copy()
+    south[..., 1] = np.maximum(place[..., 1] - _STEP_DEG, -90.0)
+    north[..., 1] = np.minimum(place[..., 1] + _STEP_DEG, 90.0)
+    x, y = np.moveaxis(from_lonlat(plane, north) - from_lonlat(plane, south), -1, 0)
+    return np.asarray(-np.degrees(np.arctan2(x, y)), dtype=np.float64)
+
+
+@lru_cache(maxsize=64)
+def _transformer(source: CRS, target: CRS) -> Transformer:
+    return Transformer.from_crs(source, target, always_xy=True)
+
+
+def _transformed(transformer: Transformer, points: ArrayLike) -> Floats:
+    given = np.asarray(points, dtype=np.float64)
+    columns: list[Any] = [given[..., axis].ravel() for axis in range(given.shape[-1])]
+    moved = np.stack(transformer.transform(*columns), axis=-1).reshape(given.shape)
+    # PROJ answers with infinity where it cannot, and looks at one coordinate at a time.
+    usable = np.isfinite(given).all(axis=-1) & np.isfinite(moved).all(axis=-1)
+    return np.where(usable[..., None], moved, np.nan)

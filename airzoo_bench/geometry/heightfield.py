@@ -1,4 +1,4 @@
-"""Heights on a grid (DSM, DTM) and the surface between them.
+"""Heights on a grid (DSM, DTM), in memory or read by blocks, and the surface between them.
 
 The surface is bilinear between pixel centres. Where one of the four neighbours has no height it is
 the height of the nearest neighbour that has one and is nearer than a pixel; else there is none.
@@ -7,12 +7,15 @@ From the outermost pixel centres to the raster's border it is level.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rasterio
 from numpy.typing import ArrayLike, NDArray
 from rasterio import Affine
 from rasterio.enums import MaskFlags
@@ -27,17 +30,7 @@ from airzoo_bench.geometry.rasters import (
     pixel_to_world,
     world_to_pixel,
 )
-from airzoo_bench.geometry.units import height_unit_m
-
-__all__ = [
-    "CORNERS",
-    "HeightField",
-    "Heights",
-    "height_type",
-    "metres_of",
-    "read_heights",
-    "read_metres",
-]
+from airzoo_bench.geometry.vertical import height_unit_m
 
 Heights = NDArray[np.float32] | NDArray[np.float64]
 
@@ -47,24 +40,24 @@ CORNERS: Ints = np.array(((0, 0), (1, 0), (0, 1), (1, 1)))
 # Points sampled at a time: few enough for the processor's cache.
 _BLOCK = 1 << 14
 _GIB = 1 << 30
+_MOST_BYTES = 2 * _GIB
 # Kinds of file whose heights float32 holds without loss.
 _NARROW = ("float32", "int8", "int16", "uint8", "uint16")
 # GDAL takes numbers this near to the nodata value (relative) for nodata, or some of them.
 _NEAR_NODATA = 1e-5
+# Blocks of a raster larger than memory: pixels a side, how many are kept, pixels of a scan.
+_SIDE = 256
+_BLOCKS = 1024
+_SCAN_PIXELS = 1 << 20
+_CACHE_BYTES = 64 << 20
+_DIGIT_BITS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """Heights of a grid.
+    """Heights (H, W) of a grid, NaN where there is none; never infinite.
 
-    Parameters
-    ----------
-    heights : (H, W) float32 or float64 array
-        NaN where there is no height; never infinite.
-    transform : affine.Affine or sequence of 6 float
-        Pixel (column, row; corner at 0, 0) to coordinates of `crs`.
-    crs : Any
-        Anything pyproj takes.
+    The transform takes pixels (column, row; corner at 0, 0) to coordinates of the CRS.
     """
 
     heights: Heights
@@ -77,15 +70,19 @@ class HeightField:
 
     @classmethod
     def read(
-        cls,
-        path: str | Path,
-        bounds: tuple[float, float, float, float] | None = None,
-        limit_bytes: int = 2 * _GIB,
+        cls, path: str | Path, bounds: tuple[float, float, float, float] | None = None
     ) -> HeightField:
-        """Read the heights of a raster's first band, or of a part of it."""
+        """Read a raster's first band, or what lies in bounds (left, bottom, right, top) of it."""
         info = open_info(path)
         window = _window(info, bounds)
-        _check_size(info, window, np.dtype(height_type(info.dtype)).itemsize, limit_bytes)
+        size = window.width * window.height * np.dtype(height_type(info.dtype)).itemsize
+        if size > _MOST_BYTES:
+            raise RasterError(
+                f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
+                where=path,
+                expected=f"at most {_MOST_BYTES / _GIB:.2f} GiB",
+                fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
+            )
         with opened(path) as dataset:
             heights = read_metres(dataset, window)
         a, b, _, d, e, _ = info.transform[:6]
@@ -100,11 +97,11 @@ class HeightField:
         return float(low), float(high)
 
     def sample(self, xy: ArrayLike) -> Floats:
-        """Height (...) of the surface at world coordinates (..., 2) in the field's CRS."""
+        """Return the surface's heights (...) at world coordinates (..., 2) in the field's CRS."""
         return self.sample_pixels(world_to_pixel(self.transform, xy))
 
     def sample_pixels(self, colrow: ArrayLike) -> Floats:
-        """Height of the surface at pixel coordinates (..., 2); see `sample`."""
+        """Return the surface's heights (...) at pixel coordinates (..., 2)."""
         points = np.asarray(colrow, dtype=np.float64)
         flat = points.reshape(-1, 2)
         sampled = np.full(len(flat), np.nan)
@@ -126,13 +123,13 @@ class HeightField:
         return inside
 
     def corner_heights(self, cell: Ints) -> Floats:
-        """Heights (P, 4) at the corners of cells of the grid of pixel centres."""
+        """Return heights (P, 4) at the corners of cells (P, 2) of the grid of pixel centres."""
         last = np.array(self.heights.shape[::-1]) - 1
         column, row = np.moveaxis(np.clip(cell[:, None] + CORNERS, 0, last), -1, 0)
         return self.heights_at(column, row)
 
     def heights_at(self, column: Ints, row: Ints) -> Floats:
-        """Heights (...) of pixels of the raster; NaN where there is none."""
+        """Return heights (...) of pixels of the raster; NaN where there is none."""
         picked: Floats = self._flat.take(row * self.heights.shape[1] + column).astype(np.float64)
         return picked
 
@@ -142,7 +139,7 @@ class HeightField:
         return flat
 
     def _surface(self, grid: Floats) -> Floats:
-        """Height at points (P, 2) of the grid of pixel centres (first centre = 0, 0)."""
+        """Return heights at points (P, 2) of the grid of pixel centres (first centre = 0, 0)."""
         (column, right, a), (row, below, b) = map(_neighbours, grid.T, self.heights.shape[::-1])
         surface = (1.0 - a) * (1.0 - b) * self.heights_at(column, row)
         surface += a * (1.0 - b) * self.heights_at(right, row)
@@ -156,10 +153,57 @@ class HeightField:
 
 
 def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:
-    """Pixels before and behind positions between pixel centres, and the share of the way."""
+    """Return pixels before and behind positions between pixel centres, and the share of the way."""
     clamped = np.clip(position, 0.0, size - 1.0)
     before = clamped.astype(np.int64)
     return before, np.minimum(before + 1, size - 1), clamped - before
+
+
+def _with_gaps(heights: Floats, local: Floats) -> Floats:
+    """Return heights at points (P, 2) of cells some of whose corners (P, 4) have none."""
+    weights = np.abs(1.0 - CORNERS - local[:, None]).prod(axis=-1)
+    # A neighbour of no weight is no neighbour: on the line between two pixels only they count.
+    complete = ~(np.isnan(heights) & (weights > 0.0)).any(axis=-1)
+    bilinear = (weights * np.where(weights > 0.0, heights, 0.0)).sum(axis=-1)
+    # The nearest corner that has a height, nearer than a pixel; the first of equals.
+    away = ((local[:, None] - CORNERS) ** 2).sum(axis=-1)
+    away = np.where(np.isnan(heights) | (away >= 1.0), np.inf, away)
+    pick = np.argmin(away, axis=-1)[:, None]
+    found = np.isfinite(np.take_along_axis(away, pick, axis=-1))
+    nearest = np.where(found, np.take_along_axis(heights, pick, axis=-1), np.nan)[:, 0]
+    return np.where(complete, bilinear, nearest)
+
+
+def _window(info: RasterInfo, bounds: tuple[float, float, float, float] | None) -> Window:
+    if bounds is None:
+        return Window(0, 0, info.width, info.height)
+    left, bottom, right, top = bounds
+    box = np.array(((left, bottom), (left, top), (right, bottom), (right, top)))
+    pixels = world_to_pixel(info.transform, box)
+    size = (info.width, info.height)
+    low = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
+    high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
+    if not (high > low).all():
+        corners = pixel_to_world(info.transform, np.array(size, np.float64) * CORNERS)
+        extent = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
+        raise RasterError(
+            f"bounds {bounds} miss the raster",
+            where=info.path,
+            expected=f"left, bottom, right, top that meet {extent}",
+            fix="check that the bounds are in the raster's CRS",
+        )
+    return Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
+
+
+def height_type(stored: str) -> type[np.float32] | type[np.float64]:
+    """Return the narrowest type that holds heights stored in another without loss."""
+    return np.float32 if stored in _NARROW else np.float64
+
+
+def metres_of(dataset: Any) -> tuple[float, float]:
+    """Return scale and offset that make metres of stored numbers: the file's, times its unit's."""
+    unit = height_unit_m(dataset)
+    return float(dataset.scales[0]) * unit, float(dataset.offsets[0]) * unit
 
 
 def read_metres(dataset: Any, window: Window) -> Heights:
@@ -172,17 +216,8 @@ def read_metres(dataset: Any, window: Window) -> Heights:
     return scaled
 
 
-def metres_of(dataset: Any) -> tuple[float, float]:
-    """Scale and offset that make metres of stored numbers: the file's own, times its unit's."""
-    unit = height_unit_m(dataset)
-    return float(dataset.scales[0]) * unit, float(dataset.offsets[0]) * unit
-
-
 def read_heights(dataset: Any, window: Window, dtype: Any) -> Heights:
-    """Read band 1 with NaN where the file (nodata, mask) or the number (not finite) has no height.
-
-    The values are as stored, without the file's scale and offset.
-    """
+    """Read band 1 as stored, with NaN where the file (nodata, mask) or the number has no height."""
     heights: Heights | None = _read_plain(dataset, window, np.dtype(dtype))
     if heights is None:
         band = dataset.read(1, window=window, masked=True)
@@ -192,7 +227,10 @@ def read_heights(dataset: Any, window: Window, dtype: Any) -> Heights:
 
 
 def _read_plain(dataset: Any, window: Window, dtype: np.dtype[Any]) -> Heights | None:
-    """Read floats whose only mark is a nodata value; None where GDAL's own mask is needed."""
+    """Read floats whose only mark is a nodata value, three times as fast as through GDAL's mask.
+
+    None where that mask is needed.
+    """
     plain = dataset.mask_flag_enums[0] in ([MaskFlags.all_valid], [MaskFlags.nodata])
     if not plain or dataset.dtypes[0] != dtype.name:
         return None
@@ -209,57 +247,171 @@ def _read_plain(dataset: Any, window: Window, dtype: np.dtype[Any]) -> Heights |
     return heights
 
 
-def height_type(stored: str) -> type[np.float32] | type[np.float64]:
-    """Return the narrowest type that holds heights stored in another without loss."""
-    return np.float32 if stored in _NARROW else np.float64
+def small_cache() -> rasterio.Env:
+    """Return a context in which GDAL keeps few blocks: by default it takes 5 % of the memory."""
+    return rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES)
 
 
-def _with_gaps(heights: Floats, local: Floats) -> Floats:
-    """Height at points (P, 2) of cells some of whose corners (P, 4) have none."""
-    weights = np.abs(1.0 - CORNERS - local[:, None]).prod(axis=-1)
-    # A neighbour of no weight is no neighbour: on the line between two pixels only they count.
-    complete = ~(np.isnan(heights) & (weights > 0.0)).any(axis=-1)
-    bilinear = (weights * np.where(weights > 0.0, heights, 0.0)).sum(axis=-1)
-    return np.where(complete, bilinear, _nearest(heights, local))
+def window_shape(dataset: Any, pixels: int) -> tuple[int, int]:
+    """Return width and height of windows of whole blocks of the file, of about so many pixels."""
+    high, wide = dataset.block_shapes[0]
+    width = min(wide * max(int(pixels**0.5) // wide, 1), dataset.width)
+    height = min(high * max(pixels // width // high, 1), dataset.height)
+    return width, height
 
 
-def _nearest(heights: Floats, local: Floats) -> Floats:
-    """Height of the nearest corner that has one, nearer than a pixel; the first of equals."""
-    away = ((local[:, None] - CORNERS) ** 2).sum(axis=-1)
-    away = np.where(np.isnan(heights) | (away >= 1.0), np.inf, away)
-    pick = np.argmin(away, axis=-1)[:, None]
-    found = np.isfinite(np.take_along_axis(away, pick, axis=-1))
-    nearest: Floats = np.where(found, np.take_along_axis(heights, pick, axis=-1), np.nan)[:, 0]
-    return nearest
+def _windows(dataset: Any) -> Iterator[Window]:
+    width, height = window_shape(dataset, _SCAN_PIXELS)
+    for row in range(0, dataset.height, height):
+        for column in range(0, dataset.width, width):
+            yield _clipped(dataset, column, row, width, height)
 
 
-def _window(info: RasterInfo, bounds: tuple[float, float, float, float] | None) -> Window:
-    if bounds is None:
-        return Window(0, 0, info.width, info.height)
-    left, bottom, right, top = bounds
-    box = np.array(((left, bottom), (left, top), (right, bottom), (right, top)))
-    pixels = world_to_pixel(info.transform, box)
-    size = (info.width, info.height)
-    low = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
-    high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
-    if not (high > low).all():
-        corners = pixel_to_world(info.transform, np.array((0.0, 0.0)) + np.array(size) * CORNERS)
-        extent = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
-        raise RasterError(
-            f"bounds {bounds} miss the raster",
-            where=info.path,
-            expected=f"left, bottom, right, top that meet {extent}",
-            fix="check that the bounds are in the raster's CRS",
-        )
-    return Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
+def _clipped(dataset: Any, column: int, row: int, width: int, height: int) -> Window:
+    right, below = dataset.width - column, dataset.height - row
+    return Window(column, row, min(width, right), min(height, below))
 
 
-def _check_size(info: RasterInfo, window: Window, itemsize: int, limit_bytes: int) -> None:
-    size = window.width * window.height * itemsize
-    if size > limit_bytes:
-        raise RasterError(
-            f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
-            where=info.path,
-            expected=f"at most {limit_bytes / _GIB:.2f} GiB",
-            fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
-        )
+@dataclass(frozen=True)
+class HeightSurvey:
+    """Heights of a raster in metres, by one pass over it; NaN where there is none.
+
+    `at_low` pixels have the lowest height to the last bit, `next_low` is the lowest above it, and
+    `beyond` pixels lie outside the limits that were asked for.
+    """
+
+    pixels: int
+    valid: int
+    low: float
+    high: float
+    at_low: int
+    next_low: float
+    beyond: int
+
+    @property
+    def valid_share(self) -> float:
+        """Share of pixels that have a height."""
+        return self.valid / self.pixels
+
+
+def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSurvey:
+    """Pass once over a raster's heights, in bounded memory; count those outside two limits."""
+    pixels = valid = at_low = beyond = 0
+    low = high = next_low = np.nan
+    with small_cache(), opened(path) as dataset:
+        for window in _windows(dataset):
+            heights = read_metres(dataset, window)
+            there = heights[~np.isnan(heights)].astype(np.float64)
+            pixels, valid = pixels + heights.size, valid + there.size
+            least = there.min(initial=np.inf)
+            if there.size and not low <= least:
+                low, next_low, at_low = least, low, 0
+            at_low += int((there == low).sum())
+            above = there.min(initial=np.inf, where=there > low)
+            next_low = np.fmin(next_low, above) if above < np.inf else next_low
+            high = np.fmax(high, there.max()) if there.size else high
+            beyond += int(((there < lowest) | (there > highest)).sum())
+    return HeightSurvey(pixels, valid, float(low), float(high), at_low, float(next_low), beyond)
+
+
+def median_height(path: str | Path) -> float:
+    """Return the exact median of all valid heights of a raster, in metres and bounded memory.
+
+    The two middle heights are found digit by digit, 16 bits a pass over the file.
+    """
+    with opened(path) as dataset:
+        dtype = np.dtype(height_type(dataset.dtypes[0]))
+        bits = dtype.itemsize * 8
+        prefixes, ranks = [0, 0], [0, 0]
+        for shift in range(bits - _DIGIT_BITS, -1, -_DIGIT_BITS):
+            counts = _digit_counts(dataset, dtype, shift, prefixes)
+            if shift == bits - _DIGIT_BITS:
+                total = int(counts[0].sum())
+                if not total:
+                    raise RasterError("no valid height", where=path, fix="check its nodata value")
+                ranks = [(total - 1) // 2, total // 2]
+            for which, prefix in enumerate(prefixes):
+                below = np.cumsum(counts[prefix])
+                digit = int(np.searchsorted(below, ranks[which], side="right"))
+                ranks[which] -= int(below[digit] - counts[prefix][digit])
+                prefixes[which] = (prefix << _DIGIT_BITS) | digit
+        scale, offset = metres_of(dataset)
+        lower, upper = (_height_of_key(prefix, dtype) for prefix in prefixes)
+        return (lower + upper) / 2.0 * scale + offset
+
+
+def _digit_counts(
+    dataset: Any, dtype: np.dtype[Any], shift: int, prefixes: list[int]
+) -> dict[int, Ints]:
+    """Count, for each prefix, the 16 bits at `shift` of the keys that begin with it."""
+    counts = {prefix: np.zeros(1 << _DIGIT_BITS, dtype=np.int64) for prefix in prefixes}
+    for window in _windows(dataset):
+        heights = read_heights(dataset, window, dtype)
+        keys = _sorting_keys(heights[~np.isnan(heights)]) >> np.uint64(shift)
+        for prefix, count in counts.items():
+            digits = keys[keys >> np.uint64(_DIGIT_BITS) == np.uint64(prefix)]
+            digits &= np.uint64((1 << _DIGIT_BITS) - 1)
+            count += np.bincount(digits.astype(np.int64), minlength=len(count))
+    return counts
+
+
+def _sorting_keys(heights: Heights) -> NDArray[np.uint64]:
+    """Return unsigned integers in the heights' order: the sign bit flipped, or all of negatives."""
+    bits = heights.dtype.itemsize * 8
+    raw = heights.view(f"u{heights.dtype.itemsize}").astype(np.uint64)
+    sign = np.uint64(1 << (bits - 1))
+    return np.where(raw & sign, np.uint64((1 << bits) - 1) ^ raw, raw | sign)
+
+
+def _height_of_key(key: int, dtype: np.dtype[Any]) -> float:
+    bits = dtype.itemsize * 8
+    sign = 1 << (bits - 1)
+    raw = key ^ sign if key & sign else key ^ ((1 << bits) - 1)
+    return float(np.array(raw, dtype=f"u{dtype.itemsize}").view(dtype))
+
+
+@contextmanager
+def blocked_heights(path: str | Path) -> Iterator[HeightField]:
+    """Open a raster's first band as a height field that reads blocks when they are asked for."""
+    info = open_info(path)
+    with small_cache(), opened(path) as dataset:
+        dtype: Any = read_metres(dataset, Window(0, 0, 1, 1)).dtype
+        nothing = np.broadcast_to(dtype.type(np.nan), (info.height, info.width))
+        yield _BlockedHeightField(nothing, info.transform, info.crs, dataset)
+
+
+@dataclass(frozen=True, eq=False)
+class _BlockedHeightField(HeightField):
+    """A height field whose `heights` have a shape only."""
+
+    dataset: Any
+
+    @cached_property
+    def height_range(self) -> tuple[float, float]:
+        low = high = np.nan
+        for window in _windows(self.dataset):
+            heights = read_metres(self.dataset, window)
+            low = np.fmin(low, np.fmin.reduce(heights, axis=None))
+            high = np.fmax(high, np.fmax.reduce(heights, axis=None))
+        return float(low), float(high)
+
+    def heights_at(self, column: Ints, row: Ints) -> Floats:
+        picked = np.empty(column.shape)
+        across = self.heights.shape[1] // _SIDE + 1
+        blocks, which = np.unique(row // _SIDE * across + column // _SIDE, return_inverse=True)
+        order = np.argsort(which, axis=None, kind="stable")
+        ends = np.cumsum(np.bincount(which.ravel(), minlength=len(blocks)))
+        for block, points in zip(blocks.tolist(), np.split(order, ends)[:-1], strict=True):
+            heights = self._block(*divmod(block, across))
+            inside = row.flat[points] % _SIDE, column.flat[points] % _SIDE
+            picked.flat[points] = heights[inside]
+        return picked
+
+    @cached_property
+    def _block(self) -> Callable[[int, int], Heights]:
+        @lru_cache(maxsize=_BLOCKS)
+        def read(down: int, across: int) -> Heights:
+            window = _clipped(self.dataset, across * _SIDE, down * _SIDE, _SIDE, _SIDE)
+            return read_metres(self.dataset, window)
+
+        return read

@@ -16,24 +16,14 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
-
-__all__ = [
-    "COARSEST_M",
-    "centre_errors_m",
-    "narrow_type",
-    "pose_errors_m",
-    "rounding_errors",
-    "was_rounded_to",
-]
+from airzoo_bench.geometry.poses import matrix_to_quaternion
 
 COARSEST_M = 0.01
-"""What is written of an answer may move its camera by this much."""
+"""The digits of an answer may move its camera by this much."""
 
-_MOST_POWER = 300.0  # of ten, which a double holds with room to spare
 _UNIFORM = 12.0**-0.5
 _OF_QUATERNION = 8.0**0.5
-# What is written with more decimals of its leading digit fixes any camera on Earth to 0.1 mm.
+# A number with more decimals of its leading digit fixes any camera on Earth to 0.1 mm.
 _DECIMALS = 11
 # Products of rotations that were computed in float64 are off by a few of its steps.
 _EXACT = 1e-14
@@ -41,34 +31,17 @@ _EXACT = 1e-14
 _BEYOND_CHANCE = 4.0
 # So many bits are not 0 by chance: once in a thousand.
 _CHANCE_BITS = 10
-# Fewer centres than this may have few decimals by their nature, and those at one height may be
-# places of a grid.
-_ENOUGH_CENTRES = 3
 # Digits of quaternions that are looked for; 3e-9 moves a camera on Earth by 5 cm at most.
 _RENORMALISED_DIGITS = range(3, 9)
-_NEIGHBOURS = np.array((-1.0, 0.0, 1.0))[:, None, None]
-_ALIKE, _NEARLY_WHOLE, _NOISE = 1e-6, 1e-6, 1e-15
 _NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
 def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
-    """Tell numbers that went through a narrower type from those that merely fit it.
+    """Tell numbers that went through float16 or float32 from those that merely fit it.
 
     Numbers of a lattice, such as whole pixels, use the last bit of the narrower type in one power
     of two only; those that were rounded to it use it in all. A few whole pixels may do so by
     chance: then few bits of the large ones are 0 that the lattice does not ask for.
-
-    Parameters
-    ----------
-    values : array of float64
-        Finite.
-    kind : type
-        ``np.float16`` or ``np.float32``.
-
-    Returns
-    -------
-    bool
-        False for numbers of a lattice, such as whole pixels.
     """
     if not _fits(values, kind):
         return False
@@ -81,90 +54,36 @@ def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
     return bool(np.maximum(exponent - bits - lattice, 0).sum() >= _CHANCE_BITS)
 
 
-def _fits(values: Floats, kind: type[np.floating[Any]]) -> bool:
-    with np.errstate(over="ignore"):
-        return bool((values.astype(kind) == values).all())
-
-
 def narrow_type(values: Floats) -> type[np.floating[Any]] | None:
-    """Return float16 or float32 where numbers went through it, see `was_rounded_to`.
-
-    Parameters
-    ----------
-    values : array of float64
-        Finite.
-
-    Returns
-    -------
-    type or None
-        The narrower of the two that fits.
-    """
+    """Return float16 or float32 where numbers went through it, see `was_rounded_to`."""
     return next((kind for kind in _NARROW if was_rounded_to(values, kind)), None)
 
 
-def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
-    steps: Floats = np.abs(np.spacing(values.astype(kind))).astype(np.float64)
-    return steps
-
-
 def rounding_errors(values: Floats) -> Floats:
-    """Estimate by how much rounding to float16, float32 or few decimal digits has moved numbers.
+    """Estimate by how much rounding to a narrow type or to few decimal digits has moved numbers.
 
-    Parameters
-    ----------
-    values : (...) array
-        Finite, all written in the same way.
-
-    Returns
-    -------
-    (...) array
-        Root mean squares, in their unit; 0 where the numbers have more digits than matter.
+    All are taken to be written in the same way; 0 where they have more digits than matter.
     """
     kind = narrow_type(values)
     if kind is not None:
         return _steps(values, kind) * _UNIFORM
     leading = np.ceil(np.log10(np.where(values == 0, 1.0, np.abs(values)))) - 1.0
-    leading = np.clip(leading, -_MOST_POWER, _MOST_POWER)
-    digits = _fewest(values, 10.0**-leading)
+    leading = np.clip(leading, -300.0, 300.0)  # powers that a double holds with room to spare
+    digits = _fewest_decimals(values, 10.0**-leading)
     if digits is None or not values.any():
         return np.zeros_like(values)
     # Written with so many digits, or with so many decimals: the coarser of the two is the step.
-    decimals = _fewest(values, np.ones_like(values))
+    decimals = _fewest_decimals(values, np.ones_like(values))
     step = np.where(values == 0, 0.0, 10.0 ** (leading - digits))
     return np.maximum(step, 0.0 if decimals is None else 10.0**-decimals) * _UNIFORM
 
 
-def _fewest(values: Floats, unit: Floats) -> int | None:
-    """Count the decimals that all of values * unit are written with; None for many."""
-    few = None
-    for decimals in range(_DECIMALS, -1, -1):
-        scaled = values * unit * 10.0**decimals
-        if (np.abs(scaled - np.round(scaled)) > 1e-15 * np.maximum(np.abs(scaled), 1.0)).any():
-            break
-        few = decimals
-    return few
-
-
 def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats | None) -> Floats:
-    """Estimate how far rounding has moved cameras whose centres are -R^T t.
+    """Estimate how far (N,) rounding has moved cameras whose centres are -R^T t.
 
-    What counts is the larger of two signs: the digits that the file keeps, and how far rotations
-    are from orthonormal (or quaternions from unit length), which shows digits that were lost
-    before.
-
-    Parameters
-    ----------
-    rotations : (N, 3, 3) array
-        As the file has them, or made of its quaternions.
-    translations : (N, 3) array
-        t of x_cam = R X + t.
-    quaternions : (N, 4) array or None
-        None where the file has matrices.
-
-    Returns
-    -------
-    (N,) array
-        In the unit of the translations.
+    `rotations` (N, 3, 3) are as the file has them, or made of its `quaternions` (N, 4). The larger
+    of two signs counts: the digits that the file keeps, and how far rotations are from orthonormal
+    (or quaternions from unit length), which shows digits that were lost before.
     """
     if quaternions is None:
         product = np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)
@@ -180,17 +99,61 @@ def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats |
         turned = np.where(off > _BEYOND_CHANCE * kept, off, kept)
     else:
         weight = _OF_QUATERNION
-        turned = _renormalised_errors(
-            matrix_to_quaternion(rotations) if quaternions is None else quaternions
-        )
-    axes = np.round(rotations, 12)
-    if np.isin(np.abs(axes), (0.0, 1.0)).all():
-        moved = _of_centres(-np.einsum("nji,nj->ni", axes, translations))
-    else:
-        moved = _of_translations(translations)
+        unit = matrix_to_quaternion(rotations) if quaternions is None else quaternions
+        turned = _renormalised_errors(unit)
     by_turn = weight * turned * np.sqrt((translations**2).sum(axis=1))
+    moved = _translation_errors(rotations, translations)
     errors: Floats = np.hypot(by_turn, np.sqrt((moved**2).sum(axis=1)))
     return errors
+
+
+def centre_errors_m(centres: Floats) -> Floats:
+    """Estimate how far (N,) rounding has moved camera centres (N, 3) that are given as they are.
+
+    Fewer than three may have few decimals by their nature, and those at one height may be places
+    of a grid: their error is 0.
+    """
+    if len(np.unique(centres, axis=0)) < 3 or np.ptp(centres[:, 2]) == 0:
+        return np.zeros(len(centres))
+    errors: Floats = np.sqrt((rounding_errors(centres) ** 2).sum(axis=1))
+    return errors
+
+
+def _fits(values: Floats, kind: type[np.floating[Any]]) -> bool:
+    with np.errstate(over="ignore"):
+        return bool((values.astype(kind) == values).all())
+
+
+def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
+    steps: Floats = np.abs(np.spacing(values.astype(kind))).astype(np.float64)
+    return steps
+
+
+def _fewest_decimals(values: Floats, unit: Floats) -> int | None:
+    """Count the decimals that all of values * unit are written with; None for many."""
+    few = None
+    for decimals in range(_DECIMALS, -1, -1):
+        scaled = values * unit * 10.0**decimals
+        if (np.abs(scaled - np.round(scaled)) > 1e-15 * np.maximum(np.abs(scaled), 1.0)).any():
+            break
+        few = decimals
+    return few
+
+
+def _translation_errors(rotations: Floats, translations: Floats) -> Floats:
+    """Estimate errors (N, 3) of translations by their own digits.
+
+    Turns by 90 degrees carry the centres over into t as they are, so that their plan is judged.
+    Others are on no lattice: one of them shows which type they fit.
+    """
+    axes = np.round(rotations, 12)
+    if np.isin(np.abs(axes), (0.0, 1.0)).all():
+        centres = -np.einsum("nji,nj->ni", axes, translations)
+        kind = narrow_type(centres[:, :2])
+        return np.zeros_like(centres) if kind is None else _steps(centres, kind) * _UNIFORM
+    errors = rounding_errors(translations)
+    kind = next((kind for kind in _NARROW if _fits(translations, kind)), None)
+    return errors if kind is None else np.maximum(errors, _steps(translations, kind) * _UNIFORM)
 
 
 def _renormalised_errors(quaternions: Floats) -> Floats:
@@ -198,14 +161,14 @@ def _renormalised_errors(quaternions: Floats) -> Floats:
     size = np.abs(quaternions)
     largest = size.max(axis=1, initial=0.0, keepdims=True)
     # Rows of one size, such as those of nadir, are the same at any number of digits.
-    rows = np.flatnonzero(((size > _ALIKE) & (size < largest - _ALIKE)).any(axis=1))
+    rows = np.flatnonzero(((size > 1e-6) & (size < largest - 1e-6)).any(axis=1))
     for digits in (*_NARROW, *_RENORMALISED_DIGITS) if len(rows) else ():
         step = _grid(largest[rows], digits)
-        whole = np.round(largest[rows] / step) + _NEIGHBOURS
+        whole = np.round(largest[rows] / step) + np.array((-1.0, 0.0, 1.0))[:, None, None]
         scaled = size[rows] * (whole * step / largest[rows])
         step = _grid(scaled, digits)
         off = np.abs(scaled - np.round(scaled / step) * step)
-        if (off < _NEARLY_WHOLE * step + _NOISE).all(axis=2).any(axis=0).all():
+        if (off < 1e-6 * step + 1e-15).all(axis=2).any(axis=0).all():
             errors: Floats = np.sqrt((_grid(size, digits) ** 2).mean(axis=1)) * _UNIFORM
             return errors
     return np.zeros(len(size))
@@ -213,39 +176,6 @@ def _renormalised_errors(quaternions: Floats) -> Floats:
 
 def _grid(values: Floats, digits: int | type[np.floating[Any]]) -> Floats:
     """Return the steps in which numbers of a narrow type, or of a number of decimals, go."""
-    return (
-        np.full_like(values, 10.0**-digits) if isinstance(digits, int) else _steps(values, digits)
-    )
-
-
-def centre_errors_m(centres: Floats) -> Floats:
-    """Estimate how far rounding has moved camera centres that are given as they are.
-
-    Parameters
-    ----------
-    centres : (N, 3) array
-        Finite.
-
-    Returns
-    -------
-    (N,) array
-        0 where fewer than three differ, or all lie at one height: those may be meant as they are.
-    """
-    few = len(np.unique(centres, axis=0)) < _ENOUGH_CENTRES
-    if few or np.ptp(centres[:, 2]) == 0:
-        return np.zeros(len(centres))
-    errors: Floats = np.sqrt((rounding_errors(centres) ** 2).sum(axis=1))
-    return errors
-
-
-def _of_centres(centres: Floats) -> Floats:
-    """Estimate errors of centres that turns by 90 degrees carried over into t as they are."""
-    kind = narrow_type(centres[:, :2])
-    return np.zeros_like(centres) if kind is None else _steps(centres, kind) * _UNIFORM
-
-
-def _of_translations(translations: Floats) -> Floats:
-    """Estimate errors of translations that are on no lattice: one of them shows what they fit."""
-    errors = rounding_errors(translations)
-    kind = next((kind for kind in _NARROW if _fits(translations, kind)), None)
-    return errors if kind is None else np.maximum(errors, _steps(translations, kind) * _UNIFORM)
+    if isinstance(digits, int):
+        return np.full_like(values, 10.0**-digits)
+    return _steps(values, digits)

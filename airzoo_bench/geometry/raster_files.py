@@ -1,64 +1,46 @@
-"""The files that a raster's numbers rest on, and the checksum of these."""
+"""The files that a raster's numbers rest on, and the checksum of these.
+
+A virtual raster (VRT) is XML that names the files it is made of. GDAL tells it by its content,
+whatever its ending, and reads names of elements and attributes in letters of either case.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.geometry.virtual_rasters import content_of, is_virtual
-from airzoo_bench.storage.rasters import Pointer, pointed, pointed_sha256, pointer_at
+from airzoo_bench.storage.rasters import pointed, pointed_sha256, pointer_at
 
-__all__ = ["raster_files", "raster_sha256"]
-
-_OVERVIEWS = ".ovr"
 # What GDAL lists next to a raster, and whose content shows in what the raster says of itself.
-_SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", _OVERVIEWS)
+_SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")
 _WITHOUT_SIDE_FILES = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_PAM_ENABLED": "NO",
     "GDAL_GEOREF_SOURCES": "INTERNAL",
 }
+_SOURCES = ("sourcefilename", "sourcedataset")  # the latter of warped rasters
+_PLACE = "relativeToVRT"
 
 
 def raster_files(path: Path) -> list[Path]:
-    """Return the files of a raster that its content rests on, its own first.
-
-    These are world files and other side files, and what a virtual raster is made of.
-
-    Parameters
-    ----------
-    path : Path
-        Of the raster.
-
-    Returns
-    -------
-    list of Path
-        The others are sorted.
-
-    Raises
-    ------
-    RasterError
-        It cannot be read.
-    """
-    found, waiting = [path], [path]
-    while waiting:
-        with opened(waiting.pop()) as dataset:
-            parts = [Path(name).absolute() for name in dataset.files]
-        more = [part for part in parts if part not in found and part.is_file()]
-        waiting += [part for part in more if _is_virtual(part)]
-        found += more
+    """Return a raster's file, then its side files and those a virtual raster is made of, sorted."""
+    found = _listed_files(path)
+    for part in found:  # grows: what a virtual raster names may be virtual
+        with suppress(RasterError):  # a side file
+            found += [one for one in _listed_files(part) if one not in found]
     return [path, *sorted(set(found) - {path, path.absolute()})]
 
 
-def _is_virtual(path: Path) -> bool:
-    try:
-        with opened(path) as dataset:
-            return is_virtual(dataset)
-    except RasterError:  # a side file
-        return False
+def _listed_files(path: Path) -> list[Path]:
+    with opened(path) as dataset:
+        listed = [Path(name).absolute() for name in dataset.files]
+    return [one for one in listed if one.is_file()]
 
 
 def raster_sha256(path: Path) -> str:
@@ -67,76 +49,43 @@ def raster_sha256(path: Path) -> str:
     It is the same wherever the files stand: that of the raster's own file, unless others beside it
     change how this is read, such as a world file, a mask, or an ``.aux.xml`` with a nodata value,
     a scale or a grid. Then it is over the bytes of all that hold numbers, and what the raster says
-    of itself because of the rest; statistics and overviews change nothing.
+    of itself because of the rest; statistics and overviews change nothing. That of a virtual
+    raster is over its own text and the checksums of the rasters that this names.
 
-    Of a virtual raster (VRT) it is over its own text and the checksums of the rasters that this
-    names; overviews of these count where it does not take them pixel by pixel, since GDAL then
-    reads its numbers from them.
-
-    Parameters
-    ----------
-    path : Path
-        Also of a mirror, where the raster lies at a URL.
-
-    Returns
-    -------
-    str
-        In hexadecimal.
-
-    Raises
-    ------
-    RasterError
-        It cannot be read, or lies at a URL and rests on more than one file there.
+    A raster at a URL must be one file there.
     """
-    return _Sums().of(path, shrunk=False)
+    return _raster_sha256(path, {})
 
 
-class _Sums:
-    """The checksums of a raster and of all it is made of, each found once."""
+def _raster_sha256(path: Path, known: dict[Path, str]) -> str:
+    place = path.resolve()
+    if place not in known:
+        known[place] = _computed_sha256(path, known)
+    return known[place]
 
-    def __init__(self) -> None:
-        self._known: dict[tuple[Path, bool], str | None] = {}  # None while they are under way
 
-    def of(self, path: Path, shrunk: bool) -> str:
-        """Return a raster's; `shrunk` where it is read at another size than its own."""
-        place = path.resolve(), shrunk
-        found = self._known[place] if place in self._known else self._computed(path, shrunk)
-        if found is None:
-            raise RasterError("a virtual raster that is made of itself", where=path)
-        self._known[place] = found
-        return found
-
-    def _computed(self, path: Path, shrunk: bool) -> str:
-        self._known[path.resolve(), shrunk] = None
-        pointer = pointer_at(pointed(path))
-        with opened(path) as dataset:
-            virtual, stated = is_virtual(dataset), _stated(dataset)
-            files = [Path(name) for name in dataset.files[1:]]
-        if virtual:
-            own = self._of_virtual(path, shrunk, pointer)
-        else:
-            own = sha256_of(path) if pointer is None else pointed_sha256(path, pointer)
-        beside = _holding_numbers(path, files, virtual=virtual, shrunk=shrunk)
-        if beside and pointer is not None:
-            raise RasterError(
-                f"at a URL, with files beside it that nobody can hold to a checksum: "
-                f"{beside[0].name}",
-                where=path,
-                expected="one file that holds all of it",
-                fix="put masks into the file (gdal_translate) before `prepare`, and upload that",
-            )
-        if not beside and stated == _stated_alone(path):
-            return own
-        return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])
-
-    def _of_virtual(self, path: Path, shrunk: bool, pointer: Pointer | None) -> str:
-        if pointer is not None:
-            raise RasterError(
-                "a virtual raster at a URL, whose sources nobody can hold to a checksum",
-                where=path,
-                fix="make one GeoTIFF of it (gdal_translate -of COG), and prepare with that",
-            )
-        return fingerprint(content_of(path, lambda source, less: self.of(source, shrunk or less)))
+def _computed_sha256(path: Path, known: dict[Path, str]) -> str:
+    pointer = pointer_at(pointed(path))
+    with opened(path) as dataset:
+        virtual, stated = dataset.driver == "VRT", _stated(dataset)
+        files = [Path(name) for name in dataset.files[1:]]
+    if virtual:
+        files = [one for one in files if str(one).startswith(f"{path}.")]
+    beside = [one for one in files if one.suffix.lower() not in _SIDE_FILES]
+    if pointer is not None and (virtual or beside):
+        raise RasterError(
+            "at a URL, and rests on other files, which nobody can hold to a checksum",
+            where=path,
+            expected="one file that holds all of it",
+            fix="make one GeoTIFF of it before `prepare` (gdal_translate -of COG), and upload that",
+        )
+    if virtual:
+        own = fingerprint(_virtual_content(path, known))
+    else:
+        own = sha256_of(path) if pointer is None else pointed_sha256(path, pointer)
+    if not beside and stated == _stated_alone(path):
+        return own
+    return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])
 
 
 def _stated(dataset: Any) -> list[Any]:
@@ -157,8 +106,48 @@ def _stated_alone(path: Path) -> list[Any] | None:
         return None
 
 
-def _holding_numbers(path: Path, files: list[Path], *, virtual: bool, shrunk: bool) -> list[Path]:
-    """Return the files beside a raster that hold numbers, without those it is made of."""
-    left_out = [ending for ending in _SIDE_FILES if not (shrunk and ending == _OVERVIEWS)]
-    parts = [one for one in files if not virtual or str(one).startswith(f"{path}.")]
-    return [one for one in parts if one.suffix.lower() not in left_out]
+def _virtual_content(path: Path, known: dict[Path, str]) -> str:
+    """Return a virtual raster's XML with checksums in place of the names of files."""
+    try:
+        tree = ET.parse(path)
+    except ET.ParseError as error:
+        raise RasterError(f"is no XML: {error}", where=path) from error
+    for element in source_elements(tree):
+        source = source_of(element, path)
+        _forget_place(element)
+        element.text = _raster_sha256(source, known)
+    return ET.canonicalize(ET.tostring(tree.getroot(), "unicode"), strip_text=True)
+
+
+def source_elements(tree: ET.ElementTree[ET.Element]) -> Iterator[ET.Element]:
+    """Yield the elements of a virtual raster whose texts name files."""
+    yield from (one for one in tree.iter() if one.tag.lower() in _SOURCES)
+
+
+def source_of(element: ET.Element, path: Path) -> Path:
+    """Return the file that an element of the virtual raster at `path` names.
+
+    Refuse a name that GDAL looks for in the folder in which a program happens to be started.
+    """
+    named = Path(element.text or "")
+    places = {value for name, value in element.items() if name.lower() == _PLACE.lower()}
+    if places != {"1"} and not named.is_absolute():
+        raise RasterError(
+            f"is made of a file whose folder it does not say: {str(named)[:200]}",
+            where=path,
+            expected=f'{_PLACE}="1" at names that begin where the raster lies',
+            fix="write it again (gdalbuildvrt), or make one GeoTIFF of all (gdal_translate)",
+        )
+    return path.parent / named
+
+
+def place_source(element: ET.Element, name: str) -> None:
+    """Have an element name another file, relative to the folder of the virtual raster."""
+    _forget_place(element)
+    element.text = name
+    element.set(_PLACE, "1")
+
+
+def _forget_place(element: ET.Element) -> None:
+    for name in [one for one in element.attrib if one.lower() == _PLACE.lower()]:
+        del element.attrib[name]

@@ -1,4 +1,4 @@
-"""Georeferenced rasters: what a GeoTIFF says of itself, and its grid.
+"""Georeferenced rasters: what a GeoTIFF says of itself, its grid, and its colours.
 
 In pixel coordinates column comes before row; the raster's corner is (0, 0), the centre of its
 first pixel (0.5, 0.5). A transform is an affine.Affine or a sequence (a, b, c, d, e, f):
@@ -10,34 +10,31 @@ What rasterio or GDAL makes of a bad file becomes one RasterError.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rasterio
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
+from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
+from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
-from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat
-from airzoo_bench.storage.rasters import Pointer, pointed, pointer_at
-
-__all__ = [
-    "RasterInfo",
-    "gsd_m",
-    "open_info",
-    "opened",
-    "pixel_to_world",
-    "world_to_pixel",
-    "world_to_pixel_steps",
-]
-
+from airzoo_bench.geometry.crs import (
+    change_of_plane,
+    describe_crs,
+    geodesic_distance_m,
+    horizontal_crs,
+    to_lonlat,
+    unwrapped,
+)
+from airzoo_bench.storage.rasters import pointed, pointer_at
 
 # What an environment may have set otherwise, and no checksum shows: where the pixels of a GeoTIFF
 # lie, and whether damaged ones are zeros.
@@ -50,21 +47,7 @@ _FIXED = {
 
 @dataclass(frozen=True)
 class RasterInfo:
-    """What a georeferenced raster says of itself.
-
-    Attributes
-    ----------
-    width, height : int
-        Pixels.
-    transform : affine.Affine
-        Pixel (column, row; corner at 0, 0) to coordinates of `crs`.
-    nodata : float or None
-        As the file says; may be NaN.
-    bands : int
-        How many.
-    dtype : str
-        Of the first band, such as ``"float32"``.
-    """
+    """Size, grid and type of a georeferenced raster; `nodata` may be NaN, `dtype` is band 1's."""
 
     path: Path
     width: int
@@ -77,7 +60,7 @@ class RasterInfo:
 
 
 def open_info(path: str | Path) -> RasterInfo:
-    """Read what a georeferenced raster says of itself."""
+    """Read size, grid and type of a raster; refuse one without a georeference."""
     with opened(path) as dataset:
         return RasterInfo(
             path=Path(path),
@@ -93,15 +76,15 @@ def open_info(path: str | Path) -> RasterInfo:
 
 @contextmanager
 def opened(path: str | Path, **settings: str) -> Iterator[Any]:
-    """Open a raster for reading; yields rasterio's dataset."""
+    """Open a raster for reading, here or where it lies; yields rasterio's dataset."""
     if not pointed(Path(path)).is_file():
         raise RasterError("no such file", where=path)
     pointer = pointer_at(Path(path))
-    settings = _FIXED | ({} if pointer is None else pointer.settings()) | settings
     if pointer is not None:
-        _forget_other_versions(pointer)
+        # GDAL would keep parts of a file that may be another one when it is opened again.
+        settings = {"CPL_VSIL_CURL_NON_CACHED": pointer.virtual} | pointer.settings() | settings
     try:
-        with rasterio.Env(**settings):
+        with rasterio.Env(**_FIXED | settings):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", NotGeoreferencedWarning)
                 dataset = rasterio.open(path if pointer is None else pointer.virtual)
@@ -116,24 +99,8 @@ def opened(path: str | Path, **settings: str) -> Iterator[Any]:
         ) from error
 
 
-_versions: dict[str, str] = {}
-"""Of the rasters at URLs that this process has opened: what GDAL may keep parts of."""
-
-
-def _forget_other_versions(pointer: Pointer) -> None:
-    """Have GDAL drop what it keeps of another version: it does not ask whether that still holds."""
-    before = _versions.setdefault(pointer.virtual, pointer.version)
-    if before == pointer.version != "":
-        return
-    _versions[pointer.virtual] = pointer.version
-    settings = pointer.settings() | {"CPL_VSIL_CURL_NON_CACHED": pointer.virtual}
-    with suppress(RasterioError), warnings.catch_warnings(), rasterio.Env(**settings):
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        rasterio.open(pointer.virtual).close()
-
-
 def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
-    """Take pixel coordinates to the raster's CRS."""
+    """Take pixel coordinates (..., 2) to the raster's CRS."""
     a, b, c, d, e, f = transform[:6]
     points = np.asarray(colrow, dtype=np.float64)
     column, row = points[..., 0], points[..., 1]
@@ -155,8 +122,26 @@ def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
     return np.stack(((e * x - b * y) / determinant, (a * y - d * x) / determinant), axis=-1)
 
 
+def to_map_pixels(source: Any, raster: RasterInfo) -> Callable[[Floats], Floats]:
+    """Return a function that takes coordinates (..., 2) of a CRS to pixels of a raster.
+
+    Longitudes take the turn that is nearest to the middle of a raster in degrees: PROJ gives them
+    from -180 to 180, and a map may go from 179.9 to 180.1.
+    """
+    change = change_of_plane(source, raster.crs)
+    middle = pixel_to_world(raster.transform, (raster.width / 2.0, raster.height / 2.0))
+
+    def pixels(xy: Floats) -> Floats:
+        world = change(xy)
+        if raster.crs.is_geographic:
+            world = unwrapped(world, middle[0])
+        return world_to_pixel(raster.transform, world)
+
+    return pixels
+
+
 def gsd_m(info: RasterInfo) -> tuple[float, float]:
-    """Ground sampling distance at the raster's centre, in metres: between columns, between rows."""
+    """Return the metres between columns and between rows on the ground at the raster's centre."""
     centre = np.array((info.width / 2.0, info.height / 2.0))
     steps = np.array(((-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)))
     ends = to_lonlat(info.crs, pixel_to_world(info.transform, centre + steps))
@@ -168,6 +153,62 @@ def gsd_m(info: RasterInfo) -> tuple[float, float]:
             fix="check the geotransform and the CRS of the file",
         )
     return x, y
+
+
+def read_rgb(
+    path: str | Path,
+    window: tuple[int, int, int, int] | None = None,
+    *,
+    long_side_px: int | None = None,
+) -> NDArray[np.uint8]:
+    """Read colours (H, W, 3) of a window (column, row, width, height), at most so many px long.
+
+    Grey is repeated, alpha dropped.
+    """
+    with opened(path) as dataset:
+        column, row, width, height = window or (0, 0, dataset.width, dataset.height)
+        inside = column >= 0 and row >= 0 and width > 0 and height > 0
+        if not inside or column + width > dataset.width or row + height > dataset.height:
+            raise RasterError(
+                f"window {window} (column, row, width, height) is not inside the raster",
+                where=path,
+                expected=f"a part of {dataset.width} x {dataset.height} px",
+            )
+        scale = min(1.0, (long_side_px or max(width, height)) / max(width, height))
+        pixels = dataset.read(
+            _rgb_bands(dataset, path),
+            window=Window(column, row, width, height),
+            out_shape=(3, max(1, round(height * scale)), max(1, round(width * scale))),
+            resampling=Resampling.average,
+        )
+    return np.ascontiguousarray(np.moveaxis(pixels, 0, -1))
+
+
+def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
+    kinds = list(dataset.colorinterp)
+    rgb = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+    if all(kind in kinds for kind in rgb):
+        bands = [kinds.index(kind) + 1 for kind in rgb]
+    elif len(kinds) <= 2 and ColorInterp.palette not in kinds:
+        bands = [1, 1, 1]
+    elif len(kinds) in (3, 4):
+        bands = [1, 2, 3]
+    else:
+        raise RasterError(
+            f"no colours: {len(kinds)} bands ({', '.join(kind.name for kind in kinds)})",
+            where=path,
+            expected="grey or RGB, with or without alpha",
+            fix="gdal_translate -b for the bands, -expand rgb for a palette",
+        )
+    dtypes = {dataset.dtypes[band - 1] for band in bands}
+    if dtypes != {"uint8"}:
+        raise RasterError(
+            f"colours are {', '.join(sorted(dtypes))}",
+            where=path,
+            expected="8 bit (uint8)",
+            fix="gdal_translate -ot Byte -scale",
+        )
+    return bands
 
 
 def _georeference(dataset: Any, path: str | Path) -> Any:

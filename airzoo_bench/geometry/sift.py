@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.geometry.arrays import Floats, Ints
 
-__all__ = ["Descriptors", "Grey", "extract", "mutual_nearest"]
-
 Grey = NDArray[np.uint8]
 Descriptors = NDArray[np.float32]
 

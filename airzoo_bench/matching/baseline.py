@@ -25,11 +25,9 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
+from airzoo_bench.geometry.crs import LONLAT_CRS, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, to_map_pixels
 from airzoo_bench.geometry.sift import Grey, extract, mutual_nearest
 from airzoo_bench.matching.info import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol

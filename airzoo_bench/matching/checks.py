@@ -18,13 +18,14 @@ from airzoo_bench.core.ids import check_ids
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import project
-from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
-from airzoo_bench.geometry.rotations import (
+from airzoo_bench.geometry.poses import (
+    Poses,
     matrix_to_quaternion,
     quaternion_to_matrix,
     rotation_angle_deg,
+    world_to_camera,
 )
+from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import (
     Correspondences,

@@ -19,9 +19,8 @@ from rasterio.windows import Window
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.blocks import small_cache, window_shape
-from airzoo_bench.geometry.frames import change_of_plane
-from airzoo_bench.geometry.heightfield import HeightField, read_metres
+from airzoo_bench.geometry.crs import change_of_plane
+from airzoo_bench.geometry.heightfield import HeightField, read_metres, small_cache, window_shape
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     open_info,

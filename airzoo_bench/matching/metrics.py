@@ -13,7 +13,7 @@ import numpy as np
 
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import rotation_angle_deg
 
 __all__ = ["PoseErrors", "area_share", "pose_errors", "within"]
 

@@ -19,16 +19,14 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import (
     Arrays,
-    check_characters,
     check_length,
     numbers,
     open_arrays,
     wrong_type,
 )
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import FARTHEST, Poses
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
-from airzoo_bench.geometry.rotations import check_rotations, quaternion_to_matrix
 
 __all__ = [
     "Correspondences",
@@ -303,7 +301,6 @@ def _read_pose_list(path: Path) -> MatchingPredictions:
             fix="trajectories of TUM and KITTI are read with --reader tum or kitti, and --names",
         )
     names = np.array([row[0] for row in rows if row], dtype=str)
-    check_characters(path, "name", names)
     values = np.array([row[1] for row in rows if row], dtype=np.float64)
     # As AerialExtreMatch writes that there is none.
     values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
@@ -315,6 +312,8 @@ def _name_and_pose(line: str) -> tuple[str, list[float]] | None:
     """Split a line; a name may have spaces, and its later words are no numbers: DJI 0001.JPG."""
     name, *columns = line.strip().rsplit(None, 7)
     if len(columns) < 7 or any(_number(word) is not None for word in name.split()[1:]):
+        return None
+    if not name.isprintable() or len(name) > 256:  # no id, and no line of a message
         return None
     pose = [number for number in map(_number, columns) if number is not None]
     stem, dot, ending = name.rpartition(".")

@@ -25,23 +25,25 @@ from airzoo_bench.benchmark.queries import (
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.blocks import blocked_heights
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.frames import change_of_plane
-from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.map_pixels import to_map_pixels
-from airzoo_bench.geometry.missing_heights import HeightAt, meet_missing, nearest_heights
-from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.geometry.crs import change_of_plane
+from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
+from airzoo_bench.geometry.poses import Poses, rays_to_world, rotation_angle_deg
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     open_info,
     opened,
     pixel_to_world,
+    to_map_pixels,
     world_to_pixel,
 )
-from airzoo_bench.geometry.rays import intersect_heightfield
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.rays import (
+    HeightAt,
+    intersect_heightfield,
+    meet_missing,
+    nearest_heights,
+)
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap, own_map, with_truth_as_prior
 

@@ -33,7 +33,7 @@ class _AerialExtreMatch(PairFiles):
 
     def knows(self, path: Path) -> bool:
         """See `PairFiles.knows`."""
-        from airzoo_bench.formats.npy import read_header
+        from airzoo_bench.formats.npz import read_header
 
         try:
             with path.open("rb") as stream:
@@ -66,7 +66,7 @@ class _AerialExtreMatch(PairFiles):
         import numpy as np
 
         from airzoo_bench.formats.budget import Budget
-        from airzoo_bench.formats.npy import map_numbers
+        from airzoo_bench.formats.npz import map_numbers
 
         mapped = map_numbers(path)
         if mapped.ndim != 2 or mapped.shape[1] != _COLUMNS:

@@ -39,7 +39,7 @@ class AnyLocReader(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        from airzoo_bench.formats.npy import map_numbers
+        from airzoo_bench.formats.npz import map_numbers
         from airzoo_bench.readers.image_bag import read_bag
         from airzoo_bench.readers.lengths import compared
         from airzoo_bench.readers.retrieval import SceneImages
@@ -75,7 +75,7 @@ def _files(path: Path) -> Iterator[Path]:
 
 def _shape(path: Path) -> tuple[int, ...]:
     """Return the shape of a file's numbers; none where it is no such file, or damaged."""
-    from airzoo_bench.formats.npy import map_numbers
+    from airzoo_bench.formats.npz import map_numbers
 
     try:
         shape: tuple[int, ...] = map_numbers(path).shape if path.is_file() else ()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["CLOUD_TRAJECTORY", "CloudTrajectory"]
 
 _TUM, _KITTI = 8, 12
-_CLOUDS = (".ply", ".pcd", ".las", ".laz", ".xyz", ".pts", ".ply.gz", ".pcd.gz")
+_CLOUDS = (".ply", ".pcd", ".las", ".laz", ".xyz", ".pts")
 _SURE = 0.55  # of a method that writes such files, its own reader is surer
 
 
@@ -88,7 +88,7 @@ def _columns(path: Path) -> int | None:
 def _trajectory(path: Path, memory: int) -> Trajectory:
     import numpy as np
 
-    from airzoo_bench.geometry.rotations import quaternion_to_matrix
+    from airzoo_bench.geometry.poses import quaternion_to_matrix
 
     values = pose_rows(path, _columns(path) or _TUM, named=False, memory_bytes=memory).values
     wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))

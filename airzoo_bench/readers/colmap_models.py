@@ -88,7 +88,7 @@ def model_scene(scenes: ScenePlaces, place: Path, folder: Path, memory: int) -> 
 
     from airzoo_bench.formats.budget import Budget
     from airzoo_bench.formats.clouds.cloud import FileCloud
-    from airzoo_bench.geometry.rotations import quaternion_to_matrix
+    from airzoo_bench.geometry.poses import quaternion_to_matrix
     from airzoo_bench.readers.view_files import GivenArrays
     from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
     from airzoo_bench.reconstruction.image_poses import image_poses

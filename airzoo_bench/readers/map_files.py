@@ -49,7 +49,7 @@ def npy_size(path: Path) -> tuple[tuple[int, ...], Any, int]:
     """Return shape, dtype and the byte where the data of an npy file begin."""
     import math
 
-    from airzoo_bench.formats.npy import read_header
+    from airzoo_bench.formats.npz import read_header
 
     try:
         with path.open("rb") as stream:

@@ -116,7 +116,7 @@ def _map_centre(reference: ReferenceMap) -> Floats:
     """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
     import numpy as np
 
-    from airzoo_bench.geometry.frames import change_of_plane
+    from airzoo_bench.geometry.crs import change_of_plane
     from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 
     dom = reference.dom

@@ -89,7 +89,7 @@ def read_trajectory(path: Path, *, w_first: bool) -> Trajectory:
     import numpy as np
 
     from airzoo_bench.core.files import read_text
-    from airzoo_bench.geometry.rotations import quaternion_to_matrix
+    from airzoo_bench.geometry.poses import quaternion_to_matrix
 
     text = read_text(path, PredictionError, "trajectory", _LIMIT_BYTES)
     rows: list[list[float]] = []

@@ -82,7 +82,7 @@ def _decoded(file: NpzFile) -> tuple[Any, Any]:
     import numpy as np
 
     from airzoo_bench.formats.arrays import numbers
-    from airzoo_bench.geometry.rotations import unit_quaternion_to_matrix
+    from airzoo_bench.geometry.poses import unit_quaternion_to_matrix
     from airzoo_bench.readers.view_files import as_maps
 
     shape = (None, 9) if len(file.entries["pose_enc"].shape) == 2 else (1, None, 9)

@@ -33,7 +33,6 @@ __all__ = [
 ]
 
 _MOST_FIELDS = 64
-_STREAMED_BYTES = 64 << 20
 # What zipfile raises over damaged bytes, and opening over what may not be read.
 _UNREADABLE = (OSError, RuntimeError, ValueError, zipfile.BadZipFile)
 
@@ -177,11 +176,6 @@ def read_views(
 
 def as_maps(file: NpzFile, name: str, ndim: int) -> Any:
     """Return maps (N, H, W) or (N, H, W, 3), without an axis of 1 before or behind."""
-    import numpy as np
-
-    from airzoo_bench.formats.npz_rows import RowStream
-    from airzoo_bench.reconstruction.maps import LazyMaps
-
     entry = file.entries[name]
     shape = _stripped(entry.shape, ndim)
     if len(shape) != ndim:
@@ -191,10 +185,6 @@ def as_maps(file: NpzFile, name: str, ndim: int) -> Any:
             expected=f"shape ({', '.join('NHW'[:ndim])}{', 3' * (ndim - 3)})",
             fix="save what the method returns as it is",
         )
-    large = entry.nbytes > min(_STREAMED_BYTES, file.budget.limit_bytes // 8)
-    if entry.compressed and large and not entry.fortran_order:
-        stream = RowStream(file, name, shape)
-        return LazyMaps(np.arange(shape[0]), shape[1:], entry.dtype, stream)
     return file.map(name).reshape(shape)
 
 

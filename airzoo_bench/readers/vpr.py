@@ -184,7 +184,7 @@ def _descriptors(
     log: VprLog, images: SceneImages, names: NameSource, budget: Budget
 ) -> tuple[NamedRows, NamedRows]:
     """Map the gallery of one log folder, read its queries, and name both."""
-    from airzoo_bench.formats.npy import map_numbers
+    from airzoo_bench.formats.npz import map_numbers
 
     folder, rows = log.folder, {}
     for file in (_DATABASE, _QUERIES):

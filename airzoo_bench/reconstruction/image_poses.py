@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import CameraError, PredictionError, first_of
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import FARTHEST, Poses
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import pose_errors_m
-from airzoo_bench.geometry.rotations import check_rotations
 
 __all__ = [
     "BYTES_A_CAMERA",

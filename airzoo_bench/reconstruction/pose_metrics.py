@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.reconstruction.motions import (
     angle_deg,
     lengths,

@@ -8,7 +8,7 @@
     plaza.npz               depth maps or point maps with cameras, or a cloud
     substation/cloud.laz    or a folder a scene, with one such file
     substation/cameras.npz
-    harbour/shards/*.laz    or a cloud in shards (.las, .laz, .parquet), in the order of their names
+    harbour/shards/*.laz    or a cloud in shards (.las, .laz), in the order of their names
 
 A file alone is a prediction of one scene, named as the file is. A folder within an archive that
 holds all the rest is stepped over. Files as methods write them come from readers, as
@@ -25,7 +25,7 @@ from pathlib import Path, PurePosixPath
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
-from airzoo_bench.formats.clouds.formats import open_cloud, stem_of
+from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.shards import SHARD_SUFFIXES, open_shards
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
@@ -136,7 +136,7 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
-        entries = {stem_of(path.name): _Entry((member,), None)}
+        entries = {path.stem: _Entry((member,), None)}
         return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
     bundle = open_bundle(path, unpacked_limit_bytes)
     wrapper = _wrapper(bundle.members)
@@ -188,7 +188,7 @@ def _wrapper(members: tuple[Member, ...]) -> str:
 
 def _is_text(name: str) -> bool:
     """Say whether it may as well be a remark: beside another cloud of its scene it is not read."""
-    return name.lower().removesuffix(".gz").endswith(TEXT_SUFFIXES)
+    return name.lower().endswith(TEXT_SUFFIXES)
 
 
 def _scene(name: str) -> tuple[str | None, bool]:
@@ -200,7 +200,7 @@ def _scene(name: str) -> tuple[str | None, bool]:
         return path.parts[0], path.name == _CAMERAS
     if name.endswith(f".{_CAMERAS}"):
         return name.removesuffix(f".{_CAMERAS}"), True
-    return stem_of(name), False
+    return path.stem, False
 
 
 def _scene_of_shard(name: str) -> str | None:

@@ -9,8 +9,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
 from airzoo_bench.reconstruction.alignment.similarity import fit_many
 from airzoo_bench.reconstruction.motions import angle_deg, relative_poses

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.geometry.rasters import RasterInfo, read_rgb
 from airzoo_bench.report.labels import error_label
 from airzoo_bench.report.maps import jpeg, retrieved
 from airzoo_bench.report.packing import data_uri

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section, tile_columns

@@ -15,10 +15,8 @@ from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.frames import change_of_plane
-from airzoo_bench.geometry.map_pixels import to_map_pixels
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world
+from airzoo_bench.geometry.crs import change_of_plane
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb, to_map_pixels
 from airzoo_bench.matching.predictions import Correspondences
 from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap
 from airzoo_bench.report.curves import share_below

@@ -14,8 +14,8 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.crs import LONLAT_CRS
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, to_map_pixels
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.frames import to_lonlat, unwrapped
+from airzoo_bench.geometry.crs import to_lonlat, unwrapped
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
@@ -54,7 +54,7 @@ class Footprints:
         return missed
 
     def about(self, lon: float) -> Footprints:
-        """Return the same with longitudes unwrapped about one; see `frames.unwrapped`."""
+        """Return the same with longitudes unwrapped about one; see `crs.unwrapped`."""
         lonlat, centres = (
             np.round(unwrapped(part, lon), LONLAT_DECIMALS) for part in (self.lonlat, self.centres)
         )

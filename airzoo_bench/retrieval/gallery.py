@@ -13,8 +13,7 @@ from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.crs import describe_crs
-from airzoo_bench.geometry.frames import geodesic_distance_m, to_lonlat, unwrapped
+from airzoo_bench.geometry.crs import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world
 from airzoo_bench.retrieval.footprints import box_areas, polygon_areas
 from airzoo_bench.retrieval.settings import Gallery

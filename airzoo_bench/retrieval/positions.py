@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 
 __all__ = ["Between", "degrees_apart", "distances_of", "farthest", "metres_apart"]
 

@@ -19,9 +19,9 @@ from airzoo_bench.benchmark.queries import (
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import LONLAT_CRS
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.map_pixels import LONLAT_CRS, to_map_pixels
-from airzoo_bench.geometry.rasters import RasterInfo
+from airzoo_bench.geometry.rasters import RasterInfo, to_map_pixels
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
 from airzoo_bench.retrieval.pairs import Positives

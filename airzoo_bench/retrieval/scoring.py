@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
 from airzoo_bench.retrieval.image_scores import image_columns
 from airzoo_bench.retrieval.metrics import first_hit_rank, recall_at

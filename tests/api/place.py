@@ -13,7 +13,7 @@ from rasterio import Affine
 
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from tests.geometry.support import looking_down
 from tests.support import NORTH_WEST, PLACE_CRS, run_main, write_raster
 

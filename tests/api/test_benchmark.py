@@ -20,8 +20,8 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.cameras import project
-from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
 from tests.api.place import GROUND_M, NAME, NAMES, PHOTO_SIZE, PRIOR_OFF_M, true_poses

@@ -1,7 +1,7 @@
 """What is public says what it takes, returns and raises; numpydoc reads it.
 
 Public are the names of `airzoo_bench`, what other packages implement or register with, and the
-modules of formulas. Geometry that reads rasters or pictures is none of them.
+modules of scores' formulas.
 """
 
 from __future__ import annotations
@@ -26,15 +26,9 @@ from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.evaluation.track import Track
 
 ROOT = Path(ab.__file__).parent
-OF_FILES = {"blocks", "colours", "heightfield", "march", "rasters", "sift"}
 FORMULAS = [
     *("retrieval.metrics", "retrieval.distance_metrics"),
     *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
-    *(
-        f"geometry.{path.stem}"
-        for path in sorted((ROOT / "geometry").glob("[a-z]*.py"))
-        if path.stem not in OF_FILES
-    ),
 ]
 CONTRACTS = (Track,)
 # No summary; parameters missing, unknown, in another order, without type or description; the same

@@ -12,9 +12,8 @@ import pandas as pd
 import pytest
 from typer.testing import Result
 
-from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.frames import geodesic_distance_m
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world
+from airzoo_bench.geometry.crs import geodesic_distance_m
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb
 from airzoo_bench.results.result import read_result
 from airzoo_bench.retrieval.truth import read_truth
 from tests.own_protocols import photo_protocols

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from tests.datasets.xmp import packet
 from tests.support import MAP_SIZE_M, NORTH_WEST, PLACE_CRS, Place
 

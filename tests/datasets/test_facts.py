@@ -11,7 +11,7 @@ from rasterio import Affine
 
 from airzoo_bench.benchmark.queries import SceneInputs
 from airzoo_bench.datasets.scene_facts import _share_inside
-from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.protocol.lookup import shipped_protocols
 from tests.support import MAP_SIZE_M, Place, run_main, write_raster

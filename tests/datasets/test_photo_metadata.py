@@ -12,7 +12,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from tests.datasets.xmp import packet
 
 GPS = {

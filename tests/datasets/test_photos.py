@@ -18,13 +18,13 @@ from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.photo_options import PhotoOptions
 from airzoo_bench.datasets.photos import prepare_photos
 from airzoo_bench.formats.clouds.shards import shards_in
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.parts import hold_crops, hold_tiles
 from tests.datasets.prepared_photos import positives, prepared, truth_in
 from tests.own_protocols import photo_protocols
-from tests.reconstruction.shard_support import write_parquet
+from tests.reconstruction.shard_support import write_laz
 from tests.support import (
     NORTH_WEST,
     PLACE_CRS,
@@ -227,7 +227,7 @@ def test_a_true_cloud_in_shards_makes_truth_for_reconstruction(tmp_path: Path) -
     centres = np.array([image["center"] for image in images])
     points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0)
     for number, part in enumerate(np.array_split(points, 3)):
-        write_parquet(cloud / f"{number}.parquet", part)
+        write_laz(cloud / f"{number}.laz", part)
     sources = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, cloud=cloud)
     result = prepare_photos(
         sources,

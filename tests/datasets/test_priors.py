@@ -8,8 +8,7 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.datasets.priors import prior_errors
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from tests.datasets.tagged import NAMES, tag
 from tests.geometry.support import quick, seeds
 from tests.support import Place, run_main

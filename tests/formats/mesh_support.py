@@ -76,11 +76,6 @@ OBJ_CUBE = (
 )
 
 
-OFF_CUBE = (
-    "OFF\n# a cube\n8 6 0\n"
-    + "".join("{} {} {}\n".format(*corner) for corner in CUBE.tolist())
-    + "".join("4 {} {} {} {} 255 0 0\n".format(*quad) for quad in CUBE_QUADS.tolist())
-)
 CUBE_TRIANGLES = np.concatenate([CUBE_QUADS[:, [0, 1, 2]], CUBE_QUADS[:, [0, 2, 3]]])
 
 

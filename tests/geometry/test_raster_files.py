@@ -11,8 +11,10 @@ import rasterio
 import rasterio.shutil
 from rasterio.errors import NotGeoreferencedWarning
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.raster_files import raster_sha256
+from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.datasets.map_copies import copy_map
+from airzoo_bench.geometry.raster_files import raster_files, raster_sha256
+from airzoo_bench.geometry.rasters import opened
 from airzoo_bench.matching.truth import check_dsm, dsm_checksum
 from tests.support import write_raster
 
@@ -79,28 +81,82 @@ def test_a_world_file_where_the_file_has_no_grid(tmp_path: Path) -> None:
     assert found[0] != found[1]
 
 
-def test_a_header_beside_the_numbers_is_part_of_it(tmp_path: Path, surface: Path) -> None:
-    rasterio.shutil.copy(surface, tmp_path / "dsm.bil", driver="EHdr")
-    header = tmp_path / "dsm.hdr"
-    plain = raster_sha256(tmp_path / "dsm.bil")
-    header.write_text(header.read_text() + "NODATA 100\n")
-    assert raster_sha256(tmp_path / "dsm.bil") != plain
+PLACED = """<VRTDataset rasterXSize="8" rasterYSize="4"><VRTRasterBand dataType="Float32" band="1">
+{}</VRTRasterBand></VRTDataset>"""
+SOURCE = """<SimpleSource><SourceFilename relativeToVRT="{relative}">{name}</SourceFilename>
+<SourceBand>1</SourceBand><SrcRect xOff="0" yOff="0" xSize="4" ySize="4"/>
+<DstRect xOff="{at}" yOff="0" xSize="4" ySize="4"/></SimpleSource>"""
 
 
-def test_the_scale_of_a_virtual_raster(tmp_path: Path, surface: Path) -> None:
-    virtual = tmp_path / "dsm.vrt"
-    rasterio.shutil.copy(surface, virtual, driver="VRT")
-    plain = raster_sha256(virtual)
-    text = virtual.read_text()
-    assert "<SimpleSource>" in text
-    virtual.write_text(text.replace("<SimpleSource>", "<Offset>7</Offset><SimpleSource>"))
-    assert raster_sha256(virtual) != plain
+def virtual(path: Path, *placed: tuple[str, int], relative: int = 1) -> Path:
+    sources = (SOURCE.format(name=name, at=at, relative=relative) for name, at in placed)
+    path.write_text(PLACED.format("".join(sources)))
+    return path
 
 
-def test_it_is_the_same_wherever_the_files_stand(tmp_path: Path, surface: Path) -> None:
-    Path(f"{surface}.aux.xml").write_text(SIDE_FILES["offset"])
-    other = tmp_path / "other" / "surface.tif"
-    other.parent.mkdir()
-    other.write_bytes(surface.read_bytes())
-    Path(f"{other}.aux.xml").write_text(SIDE_FILES["offset"])
-    assert raster_sha256(other) == raster_sha256(surface)
+@pytest.fixture
+def halves(tmp_path: Path) -> Path:
+    for name, height in (("a.tif", 1.0), ("b.tif", 2.0)):
+        write_raster(tmp_path / name, np.full((1, 4, 4), height, np.float32), crs="EPSG:32633")
+    return tmp_path
+
+
+def test_the_checksum_of_a_virtual_raster_says_where_its_files_are_placed(halves: Path) -> None:
+    one = virtual(halves / "one.vrt", ("a.tif", 0), ("b.tif", 4))
+    places = {
+        "swapped": virtual(halves / "swapped.vrt", ("b.tif", 0), ("a.tif", 4)),
+        "moved": virtual(halves / "moved.vrt", ("a.tif", 0), ("b.tif", 3)),
+        "above": virtual(halves / "above.vrt", ("b.tif", 4), ("a.tif", 0)),
+        "twice": virtual(halves / "twice.vrt", ("a.tif", 0), ("b.tif", 4), ("b.tif", 4)),
+    }
+    found = {name: raster_sha256(path) for name, path in places.items()}
+    assert len({raster_sha256(one), *found.values()}) == 5
+    with opened(one) as left, opened(places["swapped"]) as right:
+        assert (left.read(1) != right.read(1)).all()
+
+
+def test_the_checksum_of_a_virtual_raster_is_the_same_wherever_it_stands(
+    halves: Path, tmp_path: Path
+) -> None:
+    placed = ("a.tif", 0), ("b.tif", 4)
+    one = raster_sha256(virtual(halves / "one.vrt", *placed))
+    by_path = [(str(halves / name), at) for name, at in placed]
+    assert raster_sha256(virtual(halves / "by_path.vrt", *by_path, relative=0)) == one
+    copy_map(halves / "one.vrt", tmp_path / "data" / "dsm.vrt")
+    assert raster_sha256(tmp_path / "data" / "dsm.vrt") == one
+    (halves / "b.tif").write_bytes((halves / "a.tif").read_bytes())
+    assert raster_sha256(halves / "one.vrt") != one
+
+
+@pytest.mark.parametrize("outer", ["n.tif", "n.vrt"])
+@pytest.mark.parametrize("inner", ["in.tif", "in.vrt", "in"])
+def test_virtual_rasters_are_known_by_their_content(halves: Path, outer: str, inner: str) -> None:
+    virtual(halves / inner, ("a.tif", 0))
+    path = virtual(halves / outer, (inner, 0))
+    before = raster_sha256(path)
+    assert {one.name for one in raster_files(path)} == {outer, inner, "a.tif"}
+    copy_map(path, halves / "data" / outer)
+    assert raster_sha256(halves / "data" / outer) == before
+    (halves / "a.tif").write_bytes((halves / "b.tif").read_bytes())
+    assert raster_sha256(path) != before
+
+
+def test_a_file_whose_folder_depends_on_where_a_run_is_started(
+    halves: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """GDAL reads that of the folder of the run, which is not the one beside the raster."""
+    path = virtual(halves / "one.vrt", ("a.tif", 0), relative=0)
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    (other / "a.tif").write_bytes((halves / "b.tif").read_bytes())
+    monkeypatch.chdir(other)
+    with opened(path) as dataset:
+        assert dataset.read(1)[0, 0] == 2.0
+    with pytest.raises(RasterError, match=r"whose folder it does not say: a\.tif"):
+        raster_sha256(path)
+
+
+def test_a_virtual_raster_without_its_files_has_no_checksum(halves: Path) -> None:
+    path = virtual(halves / "one.vrt", ("a.tif", 0), ("c.tif", 4))
+    with pytest.raises(RasterError, match=r"c\.tif: no such file"):
+        raster_sha256(path)

@@ -1,15 +1,26 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
+from rasterio import Affine
 
 from airzoo_bench.core.errors import RasterError
+from airzoo_bench.geometry import rays
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project, project
+from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
-from airzoo_bench.geometry.rays import RayStatus, intersect_plane
+from airzoo_bench.geometry.rasters import pixel_to_world
+from airzoo_bench.geometry.rays import (
+    RayStatus,
+    intersect_heightfield,
+    intersect_plane,
+    nearest_heights,
+)
 
-from .support import LENSES, looking_down, quick, seeds
+from .support import LENSES, looking_down, quick, seeds, write_tif
 
 NAN = np.nan
 UTM = np.array((576661.0, 5188212.0))
@@ -96,3 +107,201 @@ def test_pixel_to_ground_and_back(seed: int) -> None:
     far = np.linalg.norm(hits.points - centres[:, None], axis=-1) > 2000
     near = hits.valid & ~far
     np.testing.assert_allclose(ground[near], hits.points[near], rtol=0, atol=1e-6)
+
+
+def field_of(heights: object, pixel: float = 1.0, crs: object = "EPSG:32615") -> HeightField:
+    """Heights with the first pixel in the south west: x grows with columns, y with rows."""
+    return HeightField(np.array(heights, float), Affine(pixel, 0, 0, 0, pixel, 0), crs)
+
+
+def cast(origin: object, direction: object, field: HeightField, max_range: float = 1e4):
+    shape = np.reshape(np.array(direction, float), (1, -1, 3))
+    return intersect_heightfield(np.array([origin], float), shape, field, max_range)
+
+
+@quick
+@given(seeds)
+def test_on_a_level_or_sloping_dsm_the_hit_is_that_of_the_plane(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(0, 2 * np.pi)
+    a, b = 0.5 * np.cos(turn), 0.5 * np.sin(turn)
+    transform = Affine(a, b, *UTM[:1], b, -a, UTM[1])
+    slope = rng.uniform(-0.1, 0.1, 2)
+    row, column = np.indices((400, 400))
+    # The plane z = slope . (pixel - 0.5) at continuous pixels, exact under bilinear sampling.
+    field = HeightField((column - 200) * slope[0] + (row - 200) * slope[1], transform, "EPSG:32615")
+    foot = pixel_to_world(transform, rng.uniform(180, 220, (4, 2)))
+    origins = np.column_stack((foot, rng.uniform(30, 60, 4)))
+    directions = rng.uniform((-0.15, -0.15, -1), (0.15, 0.15, -0.8), (4, 25, 3))
+    hits = intersect_heightfield(origins, directions, field, 1e4)
+    assert hits.valid.all()
+    tilted = field.sample(hits.points[..., :2])
+    np.testing.assert_allclose(hits.points[..., 2], tilted, rtol=0, atol=1e-7)
+    cross = np.cross(hits.points - origins[:, None], directions)
+    np.testing.assert_allclose(cross, 0.0, atol=1e-6)
+
+    level = HeightField(np.full((400, 400), -3.25), transform, "EPSG:32615")
+    hits = intersect_heightfield(origins, directions, level, 1e4)
+    plane = intersect_plane(origins, directions, -3.25, 1e4)
+    np.testing.assert_allclose(hits.points, plane.points, rtol=0, atol=1e-7)
+    assert np.array_equal(hits.status, plane.status)
+
+
+@quick
+@given(seeds)
+def test_first_crossing_agrees_with_a_fine_march(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    heights = rng.uniform(0, 6, rng.integers(4, 12, 2))
+    heights[rng.random(heights.shape) < rng.choice([0.0, 0.3, 0.7])] = NAN
+    field = field_of(heights, pixel=0.7)
+    size = 0.7 * np.array(heights.shape[::-1])
+    origins = np.column_stack((rng.uniform(0, 1, (20, 2)) * size, rng.uniform(6.1, 12, 20)))
+    directions = rng.normal(size=(20, 3, 3)) * (1, 1, 0.6)
+    directions[..., 2] = -np.abs(directions[..., 2])
+    hits = intersect_heightfield(origins, directions, field, 1e3)
+
+    unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    length = np.arange(0.0, 25.0, 2e-3)
+    for camera, ray in np.ndindex(20, 3):
+        path = origins[camera] + length[:, None] * unit[camera, ray]
+        gap = path[:, 2] - field.sample(path[:, :2])
+        below = np.flatnonzero((gap <= 0) & (path[:, 2] > np.nanmin(heights)))
+        if hits.valid[camera, ray]:
+            found = np.linalg.norm(hits.points[camera, ray] - origins[camera])
+            # Never later than the fine march, and above the surface all the way there.
+            assert not below.size or found <= length[below[0]] + 1e-9
+            assert not (gap[length < found - 1e-9] < -1e-9).any()
+            # Earlier than the march only by less than its step, but for a corner it cut.
+            around = hits.points[camera, ray] + np.outer(np.linspace(0, 1e-6, 9), unit[camera, ray])
+            assert np.nanmin(around[:, 2] - field.sample(around[:, :2])) <= 1e-9
+        else:
+            assert not below.size
+
+
+def test_a_wall_seen_obliquely() -> None:
+    # Ground 0, a wall of 10 m one pixel wide at x = 20.5 (pixel 20); pixels of 1 m. Its face
+    # rises linearly from x = 19.5 to 20.5. A ray along x from (0.5, z 30) that falls 30 m in
+    # 30 m: z = 30.5 - x. On the face h = 10 (x - 19.5): 30.5 - x = 10 x - 195, x = 20.5.
+    heights = np.zeros((40, 60))
+    heights[:, 20] = 10.0
+    field = field_of(heights)
+    hit = cast((0.5, 20.2, 30.0), (1, 0, -1), field)
+    np.testing.assert_allclose(hit.points[0, 0], (20.5, 20.2, 10.0), rtol=0, atol=1e-12)
+    # From 0.5 m lower: z = 30 - x = 10 x - 195, x = 225 / 11.
+    hit = cast((0.5, 20.2, 29.5), (1, 0, -1), field)
+    np.testing.assert_allclose(hit.points[0, 0, ::2], (225 / 11, 105 / 11), rtol=0, atol=1e-12)
+    # Seen obliquely in plan as well, along (1, 1): the same fall a metre of x, the same x.
+    hit = cast((0.5, 5.2, 29.5), (1, 1, -1), field)
+    x = 225 / 11
+    np.testing.assert_allclose(hit.points[0, 0], (x, x + 4.7, 30 - x), rtol=0, atol=1e-12)
+    # A ray that grazes the crest 1 mm below: 2 mm of path in the wall, and it must be met.
+    # z = 10.0215 - 0.001 x: at x = 20.5 it is 10.001, above; 2 mm lower it is 9.999, below.
+    over = cast((0.5, 20.2, 10.021), (1, 0, -0.001), field)
+    assert names(over.status) == ["OFF_RASTER"]
+    into = cast((0.5, 20.2, 10.019), (1, 0, -0.001), field)
+    assert names(into.status) == ["HIT"]
+    assert into.points[0, 0, 0] == pytest.approx(20.5, abs=2e-4)
+
+
+def test_reasons_on_the_dsm() -> None:
+    field = field_of(np.full((20, 30), 5.0))
+    down = (0, 0, -1)
+    assert names(cast((15, 10, 50), down, field).status) == ["HIT"]
+    assert names(cast((15, 10, 50), (1, 0, 0), field).status) == ["NOT_DOWNWARD"]
+    assert names(cast((15, 10, 50), (NAN, 0, 0), field).status) == ["NO_RAY"]
+    # On the surface, under it, and outside the raster below all of it.
+    for origin in ((15, 10, 5), (15, 10, 4), (-50, 10, 4)):
+        assert names(cast(origin, down, field).status) == ["BEHIND"]
+    # 45 m down to the surface: just in range, and just not.
+    assert names(cast((15, 10, 50), down, field, 45.0).status) == ["HIT"]
+    assert names(cast((15, 10, 50), down, field, 44.9).status) == ["BEYOND_RANGE"]
+    # Beside the raster; past it at 45 m height; stopped by the range before it is past.
+    assert names(cast((-1, 10, 50), down, field).status) == ["OFF_RASTER"]
+    assert names(cast((15, 10, 50), (1, 0, -0.1), field).status) == ["OFF_RASTER"]
+    assert names(cast((15, 10, 50), (1, 0, -0.1), field, 5.0).status) == ["BEYOND_RANGE"]
+    # From outside: over the border above the surface, and below it (under ground before).
+    inward = cast((-10, 10, 20), (1, 0, -1), field)
+    np.testing.assert_allclose(inward.points[0, 0], (5, 10, 5), atol=1e-12)
+    heights = np.full((20, 30), 5.0)
+    heights[:, 20:] = 0.0
+    assert names(cast((-10, 10, 12), (1, 0, -1), field_of(heights)).status) == ["OFF_RASTER"]
+    # The border is 14.1 m along the ray, the lowest height 17.0 m: the range is not what ends it.
+    assert names(cast((-10, 10, 12), (1, 0, -1), field_of(heights), 16.0).status) == ["OFF_RASTER"]
+    assert names(cast((-10, 10, 12), (1, 0, -1), field_of(heights), 14.0).status) == [
+        "BEYOND_RANGE"
+    ]
+    # A ray that passes by the raster is off it, however short the range.
+    assert names(cast((-100, 10, 500), (1, 1, -1), field, 5.0).status) == ["OFF_RASTER"]
+    # The last half pixel is level: the border itself is still on the raster.
+    edge = cast((29.9, 10, 50), down, field)
+    np.testing.assert_allclose(edge.points[0, 0], (29.9, 10, 5), atol=1e-12)
+
+
+def test_gaps_in_the_dsm() -> None:
+    # Ground 0 up to pixel 9, none from 10 to 19, ground 3 from pixel 20 on.
+    heights = np.zeros((20, 40))
+    heights[:, 10:20] = NAN
+    heights[:, 20:] = 3.0
+    field = field_of(heights)
+    # Through the gap to the far ground: z = 20 - (x - 5) = 3 at x = 22.
+    clear = cast((5, 10.2, 20), (1, 0, -1), field)
+    np.testing.assert_allclose(clear.points[0, 0], (22, 10.2, 3), atol=1e-12)
+    # z = 15 - (x - 5) is 3 at x = 17, in the gap. The far ground reaches a pixel out of its
+    # first centre, to x = 20.5 - 1 (a pixel away to the side less: sqrt(1 - 0.3^2) for y 10.2,
+    # 0.3 px off the row's centre; the row below is farther).
+    sunk = cast((5, 10.2, 15), (1, 0, -1), field)
+    x = 20.5 - np.sqrt(1 - 0.3**2)
+    np.testing.assert_allclose(sunk.points[0, 0], (x, 10.2, 20 - x), atol=1e-12)
+    assert np.isnan(field.sample((x - 1e-9, 10.2)))
+    assert field.sample((x + 1e-9, 10.2)) == 3.0
+    # Straight down into the gap, and a raster without any height.
+    assert names(cast((15, 10, 20), (0, 0, -1), field).status) == ["OFF_RASTER"]
+    empty = field_of(np.full((4, 4), NAN))
+    assert names(cast((2, 2, 20), (0, 0, -1), empty).status) == ["OFF_RASTER"]
+
+
+def test_hits_do_not_depend_on_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    heights = np.where(rng.random((40, 40)) < 0.2, NAN, rng.uniform(0, 5, (40, 40)))
+    origins = np.column_stack((rng.uniform(0, 40, (6, 2)), np.full(6, 20.0)))
+    directions = rng.normal(size=(6, 9, 3)) - (0, 0, 1)
+    whole = intersect_heightfield(origins, directions, field_of(heights), 1e3)
+    monkeypatch.setattr(rays, "_BLOCK", 5)
+    parts = intersect_heightfield(origins, directions, field_of(heights), 1e3)
+    assert parts.points.tobytes() == whole.points.tobytes()
+    assert parts.status.tobytes() == whole.status.tobytes()
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:2263"])
+def test_a_dsm_in_degrees_or_feet_is_refused(crs: str) -> None:
+    with pytest.raises(RasterError, match="not in metres"):
+        cast((2, 2, 20), (0, 0, -1), field_of(np.zeros((4, 4)), crs=crs))
+
+
+@pytest.mark.parametrize("most_px", [10_000, 500, 7])
+def test_the_nearest_height_by_brute_force(most_px: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    heights = rng.normal(size=(40, 50)).astype(np.float32)
+    heights[rng.random(heights.shape) < 0.7] = NAN
+    path = write_tif(tmp_path / "dsm.tif", heights)
+    step = next(k for k in range(1, 60) if -(-40 // k) * -(-50 // k) <= most_px)
+    rows, columns = np.mgrid[min(step // 2, 39) : 40 : step, min(step // 2, 49) : 50 : step]
+    known = ~np.isnan(heights[rows, columns])
+    rows, columns = rows[known], columns[known]
+    pixels = rng.uniform(-30, 80, (200, 2))
+    # Corners of four pixels, equally near to all: the first in row-major order counts.
+    pixels[:50] = rng.integers(1, 39, (50, 2))
+    away = (pixels[:, :1] - columns - 0.5) ** 2 + (pixels[:, 1:] - rows - 0.5) ** 2
+    first = np.argmin(away, axis=1)
+    wanted = heights[rows[first], columns[first]] if len(rows) else np.full(200, NAN)
+    field = HeightField.read(path)
+    xy = pixel_to_world(field.transform, pixels)
+    with blocked_heights(path) as lazy:
+        for one in (field, lazy):
+            np.testing.assert_array_equal(nearest_heights(one, most_px)(xy), wanted)
+    assert np.isnan(nearest_heights(field, most_px)(np.array([[NAN, 0.0]]))).all()
+
+
+def test_the_nearest_height_of_places_far_beyond_the_raster() -> None:
+    far = np.array([[1e12, 3e11], [-7e15, 2.0]])
+    assert nearest_heights(field_of([[5.0, NAN]]), 100)(far).tolist() == [5.0, 5.0]

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from airzoo_bench.geometry.blocks import median_height
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project, project
-from airzoo_bench.geometry.colours import read_rgb
-from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.heightfield import HeightField, median_height
 from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
-from airzoo_bench.geometry.rasters import world_to_pixel
+from airzoo_bench.geometry.rasters import read_rgb, world_to_pixel
 from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
 
 from .support import BRIGHTON

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg, world_to_camera
 from airzoo_bench.matching.settings import Solver
 from airzoo_bench.matching.solving import PoseEstimate, PoseQueries
 from tests.geometry.support import looking_down

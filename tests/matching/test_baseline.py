@@ -16,9 +16,8 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.photo_metadata import priors_to_poses, read_prior
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.rotations import angles_to_rotations
 from airzoo_bench.matching import baseline
 from airzoo_bench.matching.baseline import Task, _match_task, lie_on_map, match, resample
 from airzoo_bench.matching.info import SiftSettings

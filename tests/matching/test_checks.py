@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
 from airzoo_bench.matching import checks
 from tests.geometry.support import looking_down
 from tests.matching.world import N_QUERIES, SIZE, World, evaluated, matched, refused

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.geometry.poses import matrix_to_quaternion, quaternion_to_matrix
 from airzoo_bench.matching import metrics
 from tests.geometry.support import quick, seeds
 

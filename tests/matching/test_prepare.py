@@ -18,13 +18,13 @@ from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, SceneInp
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.geometry.rotations import (
+from airzoo_bench.geometry.poses import (
+    Poses,
     angles_to_rotations,
     matrix_to_quaternion,
     rotations_to_angles,
 )
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.matching.lifting import LiftStatus, lift
 from airzoo_bench.matching.prepare import CropStatus, build_truth, crop_windows, write_crop
 from airzoo_bench.matching.settings import Crop, Prior

@@ -17,8 +17,8 @@ import pytest
 from rasterio import Affine
 
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.geometry.rotations import rotation_angle_deg
 from airzoo_bench.matching.lifting import Lifted, lift
 from airzoo_bench.matching.metrics import within
 from airzoo_bench.matching.settings import MatchingProtocol

@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.geometry.rotations import (
+from airzoo_bench.geometry.poses import (
     matrix_to_quaternion,
     quaternion_to_matrix,
     rotation_angle_deg,

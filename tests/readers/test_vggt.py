@@ -11,8 +11,6 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import find_reader
-from airzoo_bench.formats import npz_rows
-from airzoo_bench.formats.npz import NpzFile
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import vggt
 from tests.readers.samples.true_views import TrueViews, true_views
@@ -117,31 +115,12 @@ def test_a_scene_that_is_missing_scores_zero(world: World, tmp_path: Path) -> No
         scored(world, tmp_path / "output")
 
 
-def count_streams(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return a list that the names of fields come to that are unpacked row by row."""
-    found: list[str] = []
-
-    class Counted(npz_rows.RowStream):
-        def __init__(self, file: NpzFile, name: str, shape: tuple[int, ...]) -> None:
-            found.append(name)
-            super().__init__(file, name, shape)
-
-    monkeypatch.setattr(npz_rows, "RowStream", Counted)
-    return found
-
-
-def test_compressed_files_give_the_same(
-    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compressed_files_give_the_same(world: World, tmp_path: Path) -> None:
     path = one(world, tmp_path)
     plain = scored(world, path).result.overall
     file = path / "yard" / "predictions.npz"
     np.savez_compressed(file, **vggt.fields(true_views(world, "yard")))
     assert scored(world, path).result.overall == plain
-    # So little memory that each map is unpacked by itself.
-    streams = count_streams(monkeypatch)
-    assert scored(world, path, memory_bytes=300_000).result.overall == plain
-    assert streams == ["depth", "depth_conf"]
 
 
 def test_maps_without_views_are_refused(world: World, tmp_path: Path) -> None:

@@ -1,16 +1,12 @@
-"""Clouds written in shards, of every kind of file."""
+"""Clouds written in shards of LAZ."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import laspy
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-from pyproj import CRS
 
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
@@ -19,16 +15,9 @@ from airzoo_bench.geometry.arrays import Floats
 Write = Callable[[Path, Floats], None]
 
 
-def write_parquet(path: Path, points: Floats, **more: Any) -> None:
-    columns: dict[str, Any] = dict(zip("xyz", points.T, strict=True)) | more
-    pq.write_table(pa.table(columns), path, row_group_size=97)
-
-
-def write_laz(path: Path, points: Floats, *, crs: str | None = None, scale: float = 1e-3) -> None:
+def write_laz(path: Path, points: Floats, scale: float = 1e-3) -> None:
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = np.full(3, scale), np.zeros(3)
-    if crs is not None:
-        header.add_crs(CRS(crs))
+    header.scales, header.offsets = np.full(3, scale), np.floor([*points, np.zeros(3)][0])
     cloud = laspy.LasData(header)
     cloud.xyz = points
     cloud.write(path)

@@ -157,7 +157,7 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
 
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.track import Run
-    from airzoo_bench.geometry.frames import to_lonlat
+    from airzoo_bench.geometry.crs import to_lonlat
     from airzoo_bench.report import matching as matching_figures
 
     path = world.write(tmp_path / "m.npz", world.poses())

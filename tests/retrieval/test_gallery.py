@@ -15,7 +15,7 @@ from pyproj import Transformer
 from rasterio.transform import Affine
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry.frames import unwrapped
+from airzoo_bench.geometry.crs import unwrapped
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import Gallery

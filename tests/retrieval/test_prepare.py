@@ -14,7 +14,7 @@ from rasterio import Affine
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queries
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth

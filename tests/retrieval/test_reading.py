@@ -125,14 +125,6 @@ def test_other_ids_are_refused(name: str, field: str, tmp_path: Path) -> None:
         read_retrieval(saved(tmp_path, **arrays), LIMIT)
 
 
-def test_ids_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("airzoo_bench.formats.arrays._BLOCK_CODES", 20)
-    ids = [f"e/{i:03}" for i in range(100)]
-    ids[97] = "e/\t"
-    with pytest.raises(PredictionError, match=r"do not print in 1 of 100 rows \(97\)"):
-        read_retrieval(saved(tmp_path, query_ids=ids, ranked_ids=[["e/t"]] * 100), LIMIT)
-
-
 @pytest.mark.parametrize("protocol", ["a/b", "..\\b", "x.toml", "/etc/x.toml", "x" * 65])
 def test_a_file_cannot_choose_another_file(protocol: str, tmp_path: Path) -> None:
     path = saved(tmp_path, protocol=protocol, query_ids=IDS, ranked_ids=RANKED)

@@ -22,8 +22,7 @@ from airzoo_bench.core.errors import (
     first_of,
 )
 from airzoo_bench.core.plurals import counted
-from airzoo_bench.formats.npy import read_header
-from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.formats.npz import NpzFile, read_header
 
 __all__ = ["SUFFIXES", "DepthKind", "find_depths", "read_depth"]
 

@@ -20,7 +20,7 @@ from airzoo_bench.datasets.geometry_checks.dataset import (
 )
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS

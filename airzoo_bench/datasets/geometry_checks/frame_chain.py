@@ -14,15 +14,15 @@ import numpy as np
 
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
-from airzoo_bench.geometry.frames import (
+from airzoo_bench.geometry.crs import (
     ecef_to_geodetic,
     enu_axes,
     from_lonlat,
     geodetic_to_ecef,
+    grid_convergence_deg,
     to_lonlat,
 )
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["CLOSES_M", "CLOSES_PX", "RANGES_M", "FrameChain", "check_frame_chain"]
 

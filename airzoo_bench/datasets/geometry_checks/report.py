@@ -18,9 +18,7 @@ from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_report import FLOATING_BELOW, DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
 from airzoo_bench.datasets.scene_facts import SceneFacts
-from airzoo_bench.geometry.crs import horizontal_crs
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.units import check_true_metres
+from airzoo_bench.geometry.crs import check_true_metres, horizontal_crs, to_lonlat
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 if TYPE_CHECKING:

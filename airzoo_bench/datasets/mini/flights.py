@@ -25,10 +25,8 @@ from airzoo_bench.datasets.mini.noise import words
 from airzoo_bench.datasets.mini.world.model import CRS, Region
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
-from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_world
 
 FPS = 30
 """Frames a second."""

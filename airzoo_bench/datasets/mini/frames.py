@@ -38,10 +38,8 @@ from airzoo_bench.datasets.mini.world.model import CRS, World
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import enu_axes, geodetic_to_ecef, to_lonlat
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import matrix_to_quaternion, rotations_to_angles
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import enu_axes, geodetic_to_ecef, grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, rotations_to_angles
 
 IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")

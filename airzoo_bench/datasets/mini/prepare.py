@@ -48,9 +48,8 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from airzoo_bench.geometry.blocks import median_height
-from airzoo_bench.geometry.depth import depth_to_points
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.heightfield import median_height
+from airzoo_bench.geometry.poses import Poses, depth_to_points
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track

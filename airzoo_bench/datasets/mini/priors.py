@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
 
 # Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
 # and gimbal (yaw, pitch, roll).

@@ -23,9 +23,8 @@ from airzoo_bench.datasets.published.dji_rtk import true_positions
 from airzoo_bench.datasets.published.places import folder_content, sub_folder
 from airzoo_bench.datasets.published.reference_maps import find_maps, only_one, with_georeference
 from airzoo_bench.datasets.surveys.dji_tags import photo_cameras, read_tags
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.rasters import gsd_m, open_info
-from airzoo_bench.geometry.rotations import rotation_angle_deg
 
 __all__ = ["REGIONS", "RegionFiles", "RegionOptions", "read_region", "region_files", "region_home"]
 

@@ -30,10 +30,9 @@ from airzoo_bench.datasets.published.reconstructions import (
 )
 from airzoo_bench.geometry.arrays import Floats, multiply
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import LOCAL_CRS
-from airzoo_bench.geometry.frames import ecef_to_geodetic, enu_axes, geodetic_to_ecef
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import (
+from airzoo_bench.geometry.crs import LOCAL_CRS, ecef_to_geodetic, enu_axes, geodetic_to_ecef
+from airzoo_bench.geometry.poses import (
+    Poses,
     angles_to_rotations,
     quaternion_to_matrix,
     rotation_angle_deg,

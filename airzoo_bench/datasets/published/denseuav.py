@@ -145,7 +145,7 @@ def _check_places(path: Path, positions: dict[str, tuple[float, float]]) -> None
     """Refuse positions that are too coarse to tell classes apart, or not on one campus's scale."""
     import numpy as np
 
-    from airzoo_bench.geometry.frames import geodesic_distance_m
+    from airzoo_bench.geometry.crs import geodesic_distance_m
 
     labels = sorted(positions, key=int)
     places = np.array([positions[label] for label in labels])

@@ -14,8 +14,7 @@ from airzoo_bench.datasets.geometry_checks.depth_maps import find_depths, read_d
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.depth import depth_to_points
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, depth_to_points
 from airzoo_bench.reconstruction.prepared import grid_origin
 from airzoo_bench.reconstruction.voxels import VoxelGrid
 

@@ -14,7 +14,7 @@ from airzoo_bench.datasets.photo_metadata import PhotoPrior
 from airzoo_bench.datasets.priors import read_prior_file
 from airzoo_bench.datasets.surveys.dji_stamps import TimeStamp, read_time_stamps
 from airzoo_bench.datasets.surveys.dji_tags import FIXED, DjiTags
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 
 __all__ = ["TruePositions", "true_positions"]
 

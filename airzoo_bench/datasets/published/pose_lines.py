@@ -20,9 +20,8 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_tables import NativeTable, read_lines
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
-from airzoo_bench.geometry.rotations import quaternion_to_matrix
 
 __all__ = [
     "CameraLines",

@@ -20,8 +20,7 @@ from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.published.places import folder_content
-from airzoo_bench.geometry.blocks import small_cache
-from airzoo_bench.geometry.heightfield import height_type, read_heights
+from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
 from airzoo_bench.geometry.rasters import opened
 
 __all__ = ["MapFiles", "find_maps", "only_one", "with_georeference"]

@@ -25,11 +25,9 @@ from airzoo_bench.datasets.published.uav_visloc_layout import (
 from airzoo_bench.datasets.published.uav_visloc_map import flight_map
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.frames import from_lonlat
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import gsd_m, open_info
-from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["read_flight"]
 

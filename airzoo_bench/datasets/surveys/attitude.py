@@ -1,7 +1,7 @@
 """Rotations from three angles, in the conventions that tables of poses use.
 
 ``gimbal``
-    DJI's yaw, pitch, roll of the camera; pitch -90 is nadir (see `geometry.rotations`).
+    DJI's yaw, pitch, roll of the camera; pitch -90 is nadir (see `geometry.poses`).
 ``airframe``
     Yaw, pitch, roll of the body, z-y-x in north-east-down, with the camera fixed below it: at 0, 0,
     0 it looks straight down and the top of the photo is north. Metashape and Pix4D write these.
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.rotations import angles_to_rotations
+from airzoo_bench.geometry.poses import angles_to_rotations
 
 __all__ = ["Convention", "attitudes_to_rotations", "omega_phi_kappa_to_rotations"]
 

@@ -12,7 +12,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.datasets.photo_metadata import PhotoPrior
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 
 __all__ = ["TimeStamp", "photo_time_stamps", "read_time_stamps"]
 

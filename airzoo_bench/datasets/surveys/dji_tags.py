@@ -19,7 +19,7 @@ from airzoo_bench.datasets.surveys.lenses import (
 )
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
+from airzoo_bench.geometry.poses import angles_to_rotations, rotation_angle_deg
 
 __all__ = [
     "FIXED",

@@ -18,7 +18,7 @@ from airzoo_bench.datasets.surveys.crs import map_crs, stated_crs
 from airzoo_bench.datasets.surveys.names import match_names
 from airzoo_bench.datasets.surveys.options import ColmapOptions
 from airzoo_bench.datasets.surveys.survey import given
-from airzoo_bench.geometry.frames import from_lonlat
+from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
 from airzoo_bench.reconstruction.alignment.cameras import Alignment, Residuals, align
 from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity

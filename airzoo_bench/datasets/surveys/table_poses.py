@@ -28,10 +28,8 @@ from airzoo_bench.datasets.surveys.table_angles import (
 )
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import describe_crs
-from airzoo_bench.geometry.frames import from_lonlat, to_lonlat
+from airzoo_bench.geometry.crs import describe_crs, from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.units import grid_convergence_deg
 
 __all__ = ["TablePoses", "read_table_poses"]
 

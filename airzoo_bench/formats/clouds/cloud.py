@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.plurals import counted
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
@@ -19,12 +20,16 @@ __all__ = [
     "Cloud",
     "CloudSource",
     "FileCloud",
-    "as_confidence",
-    "columns_to_points",
+    "cloud_of_columns",
     "read_records",
     "refusal",
+    "too_few",
     "uncounted",
 ]
+
+FIX_COPY = "write or copy the file again"
+_CONFIDENCE = ("confidence", "conf")
+_STORED_POINTS = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +62,6 @@ class CloudSource(Protocol):
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most that many at a time."""
-
-
-_STORED_POINTS = 1 << 20
-
-FIX_COPY = "write or copy the file again"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +119,27 @@ class FileCloud:
 class ArrayPieces:
     """Reads a cloud from arrays, which may be mapped: points (N, 3) and confidence (N,)."""
 
-    points: Floats
-    confidence: NDArray[np.float32] | None
+    points: NDArray[Any]
+    confidence: NDArray[Any] | None = None
 
     def __call__(self, size: int) -> Iterator[Cloud]:
         """Yield all points, at most `size` at a time."""
         for start in range(0, len(self.points), size):
             part = slice(start, start + size)
-            trust = None if self.confidence is None else np.array(self.confidence[part])
-            yield Cloud(np.array(self.points[part]), None, trust)
+            columns = dict(zip("xyz", self.points[part].T, strict=True))
+            if self.confidence is not None:
+                columns["confidence"] = self.confidence[part]
+            yield cloud_of_columns(columns)
+
+
+def cloud_of_columns(columns: Mapping[str, NDArray[Any]]) -> Cloud:
+    """Make a cloud of columns (N,) by name: x, y, z, and perhaps confidence."""
+    points = np.empty((len(columns["x"]), 3))
+    for axis, name in enumerate("xyz"):
+        points[:, axis] = columns[name]
+    found = next((columns[name] for name in _CONFIDENCE if name in columns), None)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return Cloud(points, None, None if found is None else found.astype(np.float32))
 
 
 def refusal(
@@ -137,18 +149,14 @@ def refusal(
     return PredictionError(what, where=path, expected=expected, fix=fix)
 
 
-def columns_to_points(*columns: NDArray[Any]) -> Floats:
-    """Put three columns (N,) side by side, (N, 3) float64."""
-    points = np.empty((len(columns[0]), 3))
-    for axis, column in enumerate(columns):
-        points[:, axis] = column
-    return points
-
-
-def as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:
-    """Turn a column (N,) into float32; what is too large for it becomes infinite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return column.astype(np.float32)
+def too_few(path: Path, count: int) -> PredictionError:
+    """Make the error of a file that ends before the points that its header counts."""
+    return refusal(
+        path,
+        f"its header promises {counted(count, 'point')}, and the file holds fewer",
+        expected="all points that the header promises",
+        fix=FIX_COPY,
+    )
 
 
 def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
@@ -165,10 +173,7 @@ def read_records(
     with path.open("rb", buffering=0) as stream:
         stream.seek(start)
         for done in range(0, count, size):
-            block: NDArray[Any] = np.empty(min(size, count - done), record)
-            view = memoryview(block.view(np.uint8).data) if block.nbytes else memoryview(b"")
-            while view and (got := stream.readinto(view)):
-                view = view[got:]
-            if view:
-                raise refusal(path, "the file ends before its data does", fix=FIX_COPY)
+            block = np.fromfile(stream, record, min(size, count - done))
+            if len(block) < min(size, count - done):
+                raise too_few(path, count)
             yield block

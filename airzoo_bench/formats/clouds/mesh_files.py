@@ -1,4 +1,4 @@
-"""Files of meshes: GLB, glTF and STL by trimesh, OBJ and OFF here; only shape is read.
+"""Files of meshes: GLB, glTF and STL by trimesh, OBJ here; only shape is read.
 
 trimesh takes OBJ with indices below 0, or with corners of several forms, for another mesh.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import json
 from array import array
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Never
 
@@ -18,18 +17,18 @@ import trimesh
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
-from airzoo_bench.formats.clouds.text_rows import TextLines, opened_text
+from airzoo_bench.formats.clouds.text import opened_lines, shown
 from airzoo_bench.geometry.arrays import Floats, Ints
 
-__all__ = ["open_gltf", "open_obj", "open_off", "open_stl"]
+__all__ = ["open_gltf", "open_obj", "open_stl"]
 
+_SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 _AXES = "axes as in the file: glTF takes y as up, and many exporters turn and centre the scene"
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression", b"KHR_meshopt")
 _DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
     *(NameError, NotImplementedError, OSError, RuntimeError, TypeError, ValueError),
 )
-_SINGLE = np.dtype(np.float32)
 
 
 def open_gltf(path: Path) -> Mesh:
@@ -54,7 +53,7 @@ def open_stl(path: Path) -> Mesh:
     if is_text and not raw.rstrip().rpartition(b"\n")[2].lstrip().startswith(b"endsolid"):
         raise refusal(path, "ends within a solid", expected="endsolid at its end", fix=FIX_COPY)
     vertices, faces = _load(path, raw, "stl")
-    kind, precision = ("text", np.dtype(np.float64)) if is_text else ("binary", _SINGLE)
+    kind, precision = ("text", _DOUBLE) if is_text else ("binary", _SINGLE)
     return Mesh(path, f"STL mesh ({kind})", vertices, faces, precision=precision)
 
 
@@ -77,7 +76,7 @@ def _load(path: Path, raw: bytes, kind: str) -> tuple[Floats, Ints]:
         if kind != "stl":
             # trimesh takes NaN among the transforms of nodes for none.
             text = raw[20 : 20 + int.from_bytes(raw[12:16], "little")] if kind == "glb" else raw
-            json.loads(text, parse_constant=_refuse_constant)
+            json.loads(text, parse_constant=int)  # which NaN is none of
         scene = trimesh.load_scene(
             io.BytesIO(raw),
             file_type=kind,
@@ -104,10 +103,6 @@ def _load(path: Path, raw: bytes, kind: str) -> tuple[Floats, Ints]:
     return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
-def _refuse_constant(name: str) -> Never:
-    raise ValueError(f"{name} is no number of JSON")
-
-
 def _part(scene: Any, node: str) -> tuple[Floats, Ints]:
     matrix, name = scene.graph[node]
     geometry = scene.geometry[name]
@@ -121,8 +116,8 @@ def _part(scene: Any, node: str) -> tuple[Floats, Ints]:
 def open_obj(path: Path) -> Mesh:
     """Read an OBJ file: ``v`` and ``f``; materials are never opened."""
     vertices, triangles, notes = array("d"), array("q"), set[str]()
-    with opened_text(path) as text:
-        while (line := text.next()) is not None:
+    with opened_lines(path) as lines:
+        for line in lines:
             kind, *words = line.split()
             try:
                 if kind == "v":
@@ -135,7 +130,7 @@ def open_obj(path: Path) -> Mesh:
                     notes.add("mtllib, usemtl and the textures they name are not read")
             except (ValueError, OverflowError) as error:
                 expected = "v x y z, or f and indices of vertices from 1 (below 0: from the end)"
-                raise text.wrong(line, expected) from error
+                raise refusal(path, f"a line is {shown(line)}", expected=expected) from error
     if not vertices:
         raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
     return Mesh(path, "OBJ mesh", _rows(vertices), _rows(triangles), tuple(notes))
@@ -146,41 +141,6 @@ def _index(word: str, count: int) -> int:
     if number == 0 or number < -count:
         raise ValueError("no vertex has this number")
     return number - 1 if number > 0 else count + number
-
-
-def open_off(path: Path) -> Mesh:
-    """Read an OFF file, as text; colours and normals are passed over."""
-    vertices, triangles = array("d"), array("q")
-    with opened_text(path) as text:
-        rows = _rows_of_off(text)
-        keyword, *counts = next(rows, [""])
-        try:
-            if keyword not in ("OFF", "COFF", "NOFF", "CNOFF"):
-                raise ValueError("no OFF file")
-            n_vertices, n_faces = map(int, (counts or next(rows, []))[:2])
-            for _ in range(n_vertices):
-                x, y, z = map(float, next(rows, [])[:3])
-                vertices.extend((x, y, z))
-            for _ in range(n_faces):
-                size, *corners = map(int, next(rows, []))
-                if size < 1 or len(corners) < size or not min(corners[:size]) >= 0:
-                    raise ValueError("no face")
-                add_fan(triangles, corners[:size])
-            if next(rows, None) is not None:
-                raise ValueError("more than its first lines say")
-        except (ValueError, OverflowError) as error:
-            raise text.error(
-                "is none that its first lines promise, or the file ends before it",
-                "OFF, the numbers of vertices and faces, then x y z, then corners of faces",
-            ) from error
-    return Mesh(path, "OFF mesh", _rows(vertices), _rows(triangles))
-
-
-def _rows_of_off(text: TextLines) -> Iterator[list[str]]:
-    while (line := text.next()) is not None:
-        words = line.partition("#")[0].split()
-        if words:
-            yield words
 
 
 def _rows(values: Any) -> Any:

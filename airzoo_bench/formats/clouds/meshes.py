@@ -13,19 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.geometry.arrays import Floats, Ints
 
-__all__ = [
-    "Mesh",
-    "MeshSampling",
-    "add_fan",
-    "cut_fans",
-    "face_areas",
-    "sampled",
-]
+__all__ = ["Mesh", "MeshSampling", "add_fan", "cut_fans", "sampled"]
 
 _ENDLESS = 1e18
 _DOUBLE = np.dtype(np.float64)
@@ -57,18 +50,7 @@ class MeshSampling:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh in memory, as read.
-
-    Attributes
-    ----------
-    path : Path
-    kind : str
-    vertices : (V, 3) float64
-    faces : (F, 3) int64
-    notes : tuple of str
-    precision : dtype
-        Type that the coordinates are stored in.
-    """
+    """A triangle mesh in memory: vertices (V, 3) and faces (F, 3), as read."""
 
     path: Path
     kind: str
@@ -101,17 +83,24 @@ def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
     wanted = sampling.count
     if wanted is None:
         wanted = max(round(min(total * (sampling.per_square_unit or 0.0), _ENDLESS)), 1)
-    count = _allowed(mesh, wanted, total, sampling.max_points)
-    read = partial(_pieces, mesh, ends, count, sampling.seed)
+    if wanted > sampling.max_points:
+        raise refusal(
+            mesh.path,
+            f"its surface of {total:.4g} square units would take {wanted:.4g} points",
+            expected=f"at most {sampling.max_points:,}",
+            fix="check its unit: a mesh in millimetres has a million times the area; or give "
+            "points instead of a mesh",
+        )
+    read = partial(_pieces, mesh, ends, wanted, sampling.seed)
     notes = (
         *mesh.notes,
-        f"a mesh of {counted(len(mesh.faces), 'face')}: {counted(count, 'point')} sampled on its "
+        f"a mesh of {counted(len(mesh.faces), 'face')}: {counted(wanted, 'point')} sampled on its "
         f"surface of {total:.6g} square units",
     )
-    return FileCloud(mesh.path, mesh.kind, count, read, mesh.precision, notes)
+    return FileCloud(mesh.path, mesh.kind, wanted, read, mesh.precision, notes)
 
 
-def face_areas(vertices: Floats, faces: Ints) -> Floats:
+def _face_areas(vertices: Floats, faces: Ints) -> Floats:
     """Areas (F,) of triangles; differences come first, so that far coordinates lose nothing."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -132,7 +121,7 @@ def _checked_ends(mesh: Mesh) -> Floats:
             f"{first_of(np.flatnonzero(outside).tolist(), len(mesh.faces))}, counted from 0",
             expected=f"indices below {len(mesh.vertices):,}, the number of vertices",
         )
-    areas = face_areas(mesh.vertices, mesh.faces)
+    areas = _face_areas(mesh.vertices, mesh.faces)
     endless = ~np.isfinite(areas)
     if endless.any():
         raise refusal(
@@ -150,23 +139,11 @@ def _checked_ends(mesh: Mesh) -> Floats:
     return ends
 
 
-def _allowed(mesh: Mesh, wanted: int, area: float, most: int) -> int:
-    if wanted > most:
-        raise PredictionError(
-            f"its surface of {area:.4g} square units would take {wanted:.4g} points",
-            where=mesh.path,
-            expected=f"at most {most:,}",
-            fix="check its unit: a mesh in millimetres has a million times the area; or give "
-            "points instead of a mesh",
-        )
-    return wanted
-
-
 def _pieces(mesh: Mesh, ends: Floats, count: int, seed: int, points: int) -> Iterator[Cloud]:
     for start in range(0, count, points):
         place, weights = _draw(ends, count, seed, start, min(start + points, count))
-        corners = mesh.faces[place]
-        yield Cloud(_blend(mesh.vertices, corners, weights))
+        a, b, c = (mesh.vertices[mesh.faces[place, corner]] for corner in range(3))
+        yield Cloud(a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a))
 
 
 def _draw(
@@ -182,12 +159,6 @@ def _draw(
     folded = u + v > 1.0
     weights = np.stack((np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)), axis=-1)
     return place, weights
-
-
-def _blend(values: Floats, corners: Ints, weights: Floats) -> Floats:
-    a, b, c = (values[corners[:, corner]] for corner in range(3))
-    blended: Floats = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
-    return blended
 
 
 def _uniform(index: NDArray[np.uint64], seed: int, stream: int) -> Floats:

@@ -7,8 +7,9 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,26 +20,24 @@ from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,
     FileCloud,
-    as_confidence,
-    columns_to_points,
+    cloud_of_columns,
     read_records,
     refusal,
+    too_few,
     uncounted,
 )
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
-from airzoo_bench.formats.clouds.text_rows import TextLines, lines_beyond, opened_text, parse_rows
-from airzoo_bench.formats.clouds.text_rows import shown as quoted
+from airzoo_bench.formats.clouds.text import count_lines, opened_lines, read_rows, shown
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["open_ply", "write_ply"]
 
-_CONFIDENCE = ("confidence", "conf")
 _COLOURS = ("red", "green", "blue")
 _SPLATS = {"f_dc_0", "opacity"}
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
-_ROWS = 1 << 18  # that are written at a time
-_FEWEST, _MOST = 32, 1 << 18  # faces that are looked at together
+_ROWS = 1 << 18  # that are written, or faces that are looked at, together
+_FEWEST = 32  # faces
 _LONGEST_HEADER = 1 << 20
 _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _SIZED = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
@@ -47,8 +46,7 @@ _TYPES = dict(zip((*_NAMES, *_SIZED), 2 * _CODES, strict=True))
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
-@dataclass(frozen=True)
-class _Property:
+class _Property(NamedTuple):
     """A column; `counter` is the type of a list's length, None for a number."""
 
     name: str
@@ -56,10 +54,9 @@ class _Property:
     counter: str | None
 
 
-@dataclass(frozen=True)
-class _Element:
+class _Element(NamedTuple):
     name: str
-    count: int
+    rows: int
     properties: list[_Property]
 
     @property
@@ -73,33 +70,32 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Header:
-    """Byte order (empty for text), elements, and the byte and line that the body begins after."""
+    """Byte order (empty for text), elements by name, and the byte that the body begins at."""
 
     path: Path
     order: str
-    elements: list[_Element]
+    elements: dict[str, _Element]
     size: int
-    lines: int
 
     def record(self, element: _Element) -> np.dtype[Any]:
         return np.dtype([(one.name, self.order + one.type) for one in element.properties])
+
+    def before(self, element: _Element) -> list[_Element]:
+        return list(takewhile(lambda one: one is not element, self.elements.values()))
 
 
 def open_ply(path: Path) -> FileCloud | Mesh:
     """Open a PLY file: a mesh where it has faces, else a cloud."""
     header = _read_header(path)
-    by_name = {one.name: one for one in header.elements}
-    vertex, faces = by_name.get("vertex"), by_name.get("face")
-    if vertex is None or not {"x", "y", "z"} <= set(vertex.names):
+    vertex, faces = header.elements.get("vertex"), header.elements.get("face")
+    if vertex is None or vertex.has_lists or not {*"xyz"} <= set(vertex.names):
         raise refusal(
             path,
-            "has no vertices" if vertex is None else "its vertices lack x, y or z",
+            "has no vertices with x, y and z that are numbers",
             expected="element vertex with properties x, y, z",
         )
-    if vertex.has_lists:
-        raise refusal(path, "its vertices hold lists", expected="numbers only in element vertex")
     cloud = _open_vertices(header, vertex)
-    if faces is None or not faces.count:
+    if faces is None or not faces.rows:
         return cloud
     names = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
     if not names:
@@ -116,39 +112,35 @@ def open_ply(path: Path) -> FileCloud | Mesh:
 def _read_header(path: Path) -> _Header:
     with path.open("rb") as stream:
         text = stream.read(_LONGEST_HEADER)
-    end = text.find(b"end_header")
-    size = text.find(b"\n", end) + 1
-    if end < 0 or not size:
-        raise refusal(path, "the PLY header has no line end_header", fix=FIX_COPY)
+    size = text.find(b"\n", text.find(b"end_header")) + 1
     lines = text[:size].decode("latin-1").split("\n")[:-1]
-    order, elements = None, list[_Element]()
+    if not lines or lines[-1].strip() != "end_header":
+        raise refusal(path, "the PLY header has no line end_header", fix=FIX_COPY)
+    order, elements = None, dict[str, _Element]()
     for number, line in enumerate(lines[1:-1], start=2):
+        last = next(reversed(elements.values()), None)
         match line.split():
             case [] | ["comment" | "obj_info", *_]:
                 continue
             case ["format", kind, "1.0"] if kind in _ORDERS:
                 order = _ORDERS[kind]
-            case ["element", name, count] if re.fullmatch(r"[0-9]{1,19}", count):
-                elements.append(_Element(name, int(count), []))
-            case ["property", *words] if elements and (found := _property(words)):
-                if found.name in elements[-1].names:
-                    raise refusal(path, f"property {quoted(found.name)} stands twice")
-                elements[-1].properties.append(found)
+            case ["element", name, count] if re.fullmatch("[0-9]+", count) and name not in elements:
+                elements[name] = _Element(name, int(count), [])
+            case ["property", *words] if last and (found := _property(words, last.names)):
+                last.properties.append(found)
             case _:
                 raise refusal(
                     path,
-                    f"line {number} of the header is {quoted(line)}",
+                    f"line {number} of the header is {shown(line)}",
                     expected=f"format {', '.join(_ORDERS)} 1.0; element, name, count; property, "
-                    "type, name; or property list, two types, name",
+                    "type, name; or property list, two types, name; each name once",
                 )
-    names = [one.name for one in elements]
-    if order is None or len(set(names)) < len(names):
-        what = "no format line" if order is None else "an element twice"
-        raise refusal(path, f"the header has {what}", expected="a PLY header", fix=FIX_COPY)
-    return _Header(path, order, elements, size, len(lines))
+    if order is None:
+        raise refusal(path, "the header has no format line", fix=FIX_COPY)
+    return _Header(path, order, elements, size)
 
 
-def _property(words: list[str]) -> _Property | None:
+def _property(words: list[str], taken: list[str]) -> _Property | None:
     length: str | None = None
     match words:
         case ["list", counter, kind, name]:
@@ -157,85 +149,54 @@ def _property(words: list[str]) -> _Property | None:
             pass
         case _:
             return None
-    if kind not in _TYPES or (length or "").startswith("f"):
+    name = name.lower() if name in ("X", "Y", "Z") else name
+    if kind not in _TYPES or name in taken or (length or "").startswith("f"):
         return None
-    return _Property(name.lower() if name in ("X", "Y", "Z") else name, _TYPES[kind], length)
+    return _Property(name, _TYPES[kind], length)
 
 
 def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
-    path, count = header.path, vertex.count
+    path, before = header.path, header.before(vertex)
+    if header.order:
+        kind, what, record = "PLY (binary)", "bytes", header.record(vertex)
+        start = _start_of(header, vertex)
+        left = path.stat().st_size - start - vertex.rows * record.itemsize
+        read = partial(_read_binary, path, record, start, vertex.rows)
+    else:
+        kind, what, skip = "PLY (text)", "lines", sum(one.rows for one in before)
+        left = count_lines(path, header.size) - skip - vertex.rows
+        read = partial(_read_text, path, header.size, skip, vertex)
+    if left < 0:
+        raise too_few(path, vertex.rows)
     precision = np.result_type(*(one.type for one in vertex.properties if one.name in "xyz"))
     notes: tuple[str, ...] = (_SPLAT_NOTE,) if set(vertex.names) >= _SPLATS else ()
-    is_last = vertex is header.elements[-1]
-    size = path.stat().st_size
-    if not header.order:
-        # A number takes two bytes at least, with the blank behind it.
-        least = sum(2 * max(len(one.properties), 1) * one.count for one in header.elements)
-        if least > size - header.size + 1:
-            raise _too_few(path, count, f"{size - header.size:,} bytes of text")
-        if is_last:
-            rows = sum(one.count for one in header.elements)
-            notes += uncounted(lines_beyond(path, header.size, rows), "lines", count)
-        read = partial(_read_text, header, vertex)
-        return FileCloud(path, "PLY (text)", count, read, precision, notes)
-    start, record = _start_of(header, vertex), header.record(vertex)
-    room = max(size - start, 0) // record.itemsize
-    if room < count:
-        raise _too_few(path, count, f"room for {room:,}")
-    left = size - start - count * record.itemsize if is_last else 0
-    read = partial(_read_binary, path, record, start, count)
-    return FileCloud(
-        path, "PLY (binary)", count, read, precision, notes + uncounted(left, "bytes", count)
-    )
-
-
-def _too_few(path: Path, promised: int, room: str) -> PredictionError:
-    return refusal(
-        path,
-        f"its header promises {promised:,} points, the file has {room}",
-        expected="all that the header promises",
-        fix=FIX_COPY,
-    )
+    if len(before) + 1 == len(header.elements):
+        notes += uncounted(left, what, vertex.rows)
+    return FileCloud(path, kind, vertex.rows, read, precision, notes)
 
 
 def _read_binary(
     path: Path, record: np.dtype[Any], start: int, count: int, points: int
 ) -> Iterator[Cloud]:
     for block in read_records(path, record, start, count, points):
-        yield _cloud({name: block[name] for name in record.names or ()})
+        yield cloud_of_columns({name: block[name] for name in record.names or ()})
 
 
-def _read_text(header: _Header, vertex: _Element, points: int) -> Iterator[Cloud]:
-    with opened_text(header.path, header.size, header.lines) as text:
-        _skip(text, header, vertex, "points")
-        for done in range(0, vertex.count, points):
-            few, width = min(points, vertex.count - done), len(vertex.properties)
-            rows = parse_rows(text, few, width, vertex.count, "points")
-            # Text of a float property may have more digits than float32: all are kept.
-            yield _cloud(dict(zip(vertex.names, rows.T, strict=True)))
-
-
-def _cloud(columns: dict[str, NDArray[Any]]) -> Cloud:
-    trust = next((columns[name] for name in _CONFIDENCE if name in columns), None)
-    points = columns_to_points(columns["x"], columns["y"], columns["z"])
-    return Cloud(points, None, None if trust is None else as_confidence(trust))
-
-
-def _skip(text: TextLines, header: _Header, element: _Element, what: str) -> None:
-    for before in header.elements[: header.elements.index(element)]:
-        for _ in range(before.count):
-            text.take(1, before.count, f"rows before the {what}")
+def _read_text(
+    path: Path, offset: int, skip: int, vertex: _Element, points: int
+) -> Iterator[Cloud]:
+    width = len(vertex.properties)
+    for rows in read_rows(path, offset, skip, vertex.rows, width, points):
+        # Text of a float property may have more digits than float32: all are kept.
+        yield cloud_of_columns(dict(zip(vertex.names, rows.T, strict=True)))
 
 
 def _start_of(header: _Header, element: _Element) -> int:
     """Return the byte that an element of a binary file begins at."""
     start = header.size
-    for before in header.elements[: header.elements.index(element)]:
-        if not before.has_lists:
-            start += before.count * header.record(before).itemsize
-        else:
-            for _, end in _runs(header, before, start):
-                start = end
+    for before in header.before(element):
+        ends = [end for _, end in _runs(header, before, start)] if before.has_lists else []
+        start = ends[-1] if ends else start + before.rows * header.record(before).itemsize
     return start
 
 
@@ -247,16 +208,19 @@ def _read_faces(header: _Header, faces: _Element, name: str) -> Ints:
 
 
 def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
-    triangles = array("q")
-    with opened_text(header.path, header.size, header.lines) as text:
-        _skip(text, header, faces, "faces")
-        for _ in range(faces.count):
-            (line,), _numbers = text.take(1, faces.count, "faces")
+    skip = sum(one.rows for one in header.before(faces))
+    triangles, found = array("q"), 0
+    with opened_lines(header.path, header.size) as lines:
+        for line in islice(lines, skip, skip + faces.rows):
             try:
                 add_fan(triangles, _polygon(faces, name, line.split()))
             except (ValueError, IndexError) as error:
                 expected = "a face: how many vertices, and their indices"
-                raise text.wrong(line, expected) from error
+                what = f"a line of its faces is {shown(line)}"
+                raise refusal(header.path, what, expected=expected) from error
+            found += 1
+    if found < faces.rows:
+        raise _cut_off(header, faces)
     return np.array(triangles).reshape(-1, 3)
 
 
@@ -276,28 +240,28 @@ def _polygon(faces: _Element, name: str, words: list[str]) -> list[int]:
 
 def _runs(header: _Header, element: _Element, start: int) -> Iterator[tuple[NDArray[Any], int]]:
     """Yield runs of rows whose lists have the same lengths, and the byte that each ends at."""
-    if element.count and start >= header.path.stat().st_size:
-        raise _cut_off(header, element)
-    body = np.memmap(header.path, np.uint8, "r", start) if element.count else np.empty(0, np.uint8)
-    place, left, ask = 0, element.count, _FEWEST
+    raw = np.memmap(header.path, np.uint8, "r")
+    left, ask = element.rows, _FEWEST
     while left:
-        record = _record_at(header, body, place, element)
-        room = min(left, ask, (len(body) - place) // record.itemsize)
-        rows = np.frombuffer(body, record, room, place)
+        record = _record_at(header, raw, start, element)
+        room = min(left, ask, (len(raw) - start) // record.itemsize)
+        if not room:
+            raise _cut_off(header, element)
+        rows = np.frombuffer(raw, record, room, start)
         same = np.ones(room, np.bool_)
         for one in element.properties:
             if one.counter is not None:
                 lengths = rows[f"{one.name} count"]
                 same &= lengths == lengths[0]
         run = room if same.all() else int(np.argmin(same))
-        place += run * record.itemsize
+        start += run * record.itemsize
         left -= run
-        yield rows[:run], start + place
-        ask = min(ask * 2, _MOST) if run == room else max(_FEWEST, min(2 * run, _MOST))
+        yield rows[:run], start
+        ask = min(2 * run + _FEWEST, _ROWS)
 
 
 def _record_at(
-    header: _Header, body: NDArray[np.uint8], place: int, element: _Element
+    header: _Header, raw: NDArray[np.uint8], place: int, element: _Element
 ) -> np.dtype[Any]:
     """Return the type of the row that begins at a place, its lists being as long as they are."""
     fields: list[tuple[Any, ...]] = []
@@ -307,24 +271,20 @@ def _record_at(
             continue
         counter = np.dtype(header.order + one.counter)
         at = place + np.dtype(fields).itemsize
-        if at + counter.itemsize > len(body):
-            raise _cut_off(header, element)
-        length = int(np.frombuffer(body, counter, 1, at)[0])
-        if not 0 <= length <= len(body):
+        stated = raw[at : at + counter.itemsize].tobytes().ljust(8, b"\0")
+        length = int(np.frombuffer(stated, counter, 1)[0])
+        if not 0 <= length <= len(raw):
             raise _cut_off(header, element)
         fields += [(f"{one.name} count", counter), (one.name, header.order + one.type, (length,))]
-    record = np.dtype(fields)
-    if place + record.itemsize > len(body):
-        raise _cut_off(header, element)
-    return record
+    return np.dtype(fields)
 
 
 def _cut_off(header: _Header, element: _Element) -> PredictionError:
     return refusal(
         header.path,
-        f"the file ends within its element {element.name[:20]!r}, or a list in it states an absurd "
-        "length",
-        expected=f"{element.count:,} rows, as its header says",
+        f"the file ends within its element {shown(element.name)}, or a list in it states an "
+        "absurd length",
+        expected=f"{element.rows:,} rows, as its header says",
         fix=FIX_COPY,
     )
 

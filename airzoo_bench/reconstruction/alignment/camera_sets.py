@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.reconstruction.alignment.similarity import (
     AlignmentError,
     Similarity,

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.reconstruction.alignment.camera_sets import (
     LEAST_CAMERAS,
     PosedCameras,

@@ -102,7 +102,7 @@ def test_nothing_where_a_photo_sees_no_ground_and_no_pass_where_it_is_not_known(
 
 
 def test_corners_are_cast_and_cut(tmp_path: Path) -> None:
-    from airzoo_bench.geometry.frames import from_lonlat
+    from airzoo_bench.geometry.crs import from_lonlat
     from airzoo_bench.geometry.poses import Poses
 
     rotation = np.array([looking(0, 90), looking(0, 5), looking(0, -60), looking(0, 90)])

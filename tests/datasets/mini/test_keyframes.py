@@ -21,9 +21,8 @@ from airzoo_bench.datasets.mini.flights import (
 )
 from airzoo_bench.datasets.mini.world.model import REGIONS
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
-from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_world, world_to_camera
 from airzoo_bench.geometry.rays import intersect_plane
-from airzoo_bench.geometry.rotations import angles_to_rotations
 from tests.datasets.mini.views import poses_trajectory
 
 CITY = REGIONS["city"]

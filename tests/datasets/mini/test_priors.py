@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.datasets.mini.priors import noisy_priors
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotation_angle_deg
 
 
 def made_poses(count: int) -> Poses:

@@ -29,10 +29,13 @@ from airzoo_bench.datasets.mini.world.model import CRS, World
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.frames import from_lonlat, geodetic_to_ecef, to_lonlat
-from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.geometry.rotations import angles_to_rotations, quaternion_to_matrix
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import from_lonlat, geodetic_to_ecef, grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import (
+    Poses,
+    angles_to_rotations,
+    quaternion_to_matrix,
+    world_to_camera,
+)
 from tests.datasets.mini.small_world import small_world
 from tests.datasets.mini.views import CORNER, LENS, camera
 

@@ -13,9 +13,8 @@ from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.depth import depth_to_points
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, depth_to_points
 from airzoo_bench.geometry.rasters import world_to_pixel
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction

@@ -21,8 +21,8 @@ from airzoo_bench.datasets.mini.world.store import (
     save_world,
     world_folder,
 )
-from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.rasters import read_rgb
 
 REGION = Region("yard", 401_000.0, 3_120_000.0, 60.0)
 

@@ -12,8 +12,7 @@ from airzoo_bench.datasets.mini.flights import (
     trajectory_poses,
 )
 from airzoo_bench.datasets.mini.world.model import CRS
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from tests.datasets.mini.flights import flights, over_city
 from tests.datasets.mini.views import poses_trajectory
 

@@ -11,10 +11,8 @@ from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.world.model import CRS
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
 from tests.datasets.mini.small_world import REGION
 
 CORNER = np.array([REGION.west, REGION.south, 0.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
+from airzoo_bench.geometry.poses import matrix_to_quaternion
 from tests.datasets.published.changsha import (
     FOCAL_PX,
     SIZE_PX,

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
+from airzoo_bench.geometry.crs import to_lonlat
+from airzoo_bench.geometry.poses import matrix_to_quaternion
 from tests.datasets.published.changsha import (
     EPSG,
     FOCAL_PX,

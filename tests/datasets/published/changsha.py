@@ -16,10 +16,8 @@ from pyproj import CRS
 from rasterio import Affine
 from rasterio.errors import NotGeoreferencedWarning
 
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import angles_to_rotations
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from tests.datasets.xmp import packet
 from tests.support import write_raster
 

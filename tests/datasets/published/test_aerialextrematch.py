@@ -15,7 +15,7 @@ from airzoo_bench.api.evaluation import evaluate
 from airzoo_bench.api.prediction_writer import PredictionWriter
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.truth import read_truth
 from tests.datasets.published.aerialextrematch_tree import OFF, SHOTS, make_tree

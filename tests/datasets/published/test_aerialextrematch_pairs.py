@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import airzoo_bench as ab
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.rotations import angles_to_rotations
+from airzoo_bench.geometry.poses import angles_to_rotations
 
 # What stands in these two are the lines of docs/benchmarks.md.
 

@@ -17,7 +17,7 @@ from airzoo_bench.api.prediction_writer import PredictionWriter
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval

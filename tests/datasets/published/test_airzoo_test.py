@@ -22,7 +22,7 @@ from airzoo_bench.datasets.published.airzoo_test import AIRZOO_TEST
 from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
 from airzoo_bench.datasets.published.options import AirZooTestOptions
 from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.geometry.frames import ecef_to_geodetic, enu_axes, from_lonlat, geodetic_to_ecef
+from airzoo_bench.geometry.crs import ecef_to_geodetic, enu_axes, from_lonlat, geodetic_to_ecef
 from tests.datasets.published.airzoo_test_tree import (
     CORNER,
     CRS,

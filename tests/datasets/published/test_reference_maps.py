@@ -9,7 +9,7 @@ import pytest
 import rasterio
 
 from airzoo_bench.datasets.published.reference_maps import with_georeference
-from airzoo_bench.geometry.blocks import survey_heights
+from airzoo_bench.geometry.heightfield import survey_heights
 from tests.support import write_raster
 
 

@@ -16,7 +16,7 @@ from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.published.options import UavVisLocOptions
 from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.frames import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.retrieval.footprints import cast_footprints
 from airzoo_bench.retrieval.truth import read_truth

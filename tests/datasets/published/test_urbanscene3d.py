@@ -17,8 +17,7 @@ from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.published.options import UrbanScene3DOptions
 from airzoo_bench.datasets.published.urbanscene3d import URBANSCENE3D
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from tests.datasets.published.reconstruction_world import (
     local_points,
     local_poses,

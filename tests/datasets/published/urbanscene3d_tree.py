@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion
 from tests.datasets.published.reconstruction_world import (
     MATRIX,
     local_poses,

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.geometry.rotations import rotations_to_angles
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import grid_convergence_deg
+from airzoo_bench.geometry.poses import rotations_to_angles
 from tests.datasets.surveys.survey import CENTRE, CRS, FOCAL, NAMES, Made
 
 

@@ -20,9 +20,8 @@ from airzoo_bench.core.progress import silent
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photos import read_photos
-from airzoo_bench.geometry.frames import to_lonlat
-from airzoo_bench.geometry.rotations import angles_to_rotations, rotations_to_angles
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import angles_to_rotations, rotations_to_angles
 from tests.support import write_raster
 
 CRS = "EPSG:32633"

@@ -225,7 +225,7 @@ def test_lenses(
 def test_a_map_in_degrees_gets_the_photos_zone(made: Made) -> None:
     from rasterio import Affine
 
-    from airzoo_bench.geometry.frames import to_lonlat
+    from airzoo_bench.geometry.crs import to_lonlat
     from tests.support import write_raster
 
     west, north = to_lonlat("EPSG:32633", CORNER).tolist()

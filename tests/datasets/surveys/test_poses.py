@@ -11,7 +11,7 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.surveys.lenses import lens_of
 from airzoo_bench.datasets.surveys.names import match_names
-from airzoo_bench.geometry.units import grid_convergence_deg
+from airzoo_bench.geometry.crs import grid_convergence_deg
 from tests.datasets.surveys.edited_tables import GIMBAL, edited, radians, with_film
 from tests.datasets.surveys.pose_tables import (
     exact,

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench import evaluate
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.geometry.frames import to_lonlat
+from airzoo_bench.geometry.crs import to_lonlat
 from tests.datasets.surveys.colmap_models import colmap_matrix_layout
 from tests.datasets.surveys.dji_folders import dji_layout
 from tests.datasets.surveys.odm_projects import odm_layout

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import shutil
 import tarfile
 import zipfile
@@ -63,13 +62,11 @@ def files(home: Path) -> list[Input]:
     meshes.write_gltf(given / "text.gltf")
     meshes.write_stl(given / "binary.stl")
     meshes.write_stl_text(given / "ascii.stl")
-    (given / "ascii.off").write_text(meshes.OFF_CUBE)
     rows = clouds.text_rows(columns)
     (given / "ascii.xyz").write_text(rows)
     (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(columns, ","))
     (given / "ascii.pts").write_text("40\n" + rows)
     np.save(given / "six.npy", np.hstack((clouds.points_of(columns), clouds.colours_of(columns))))
-    (given / "packed.ply.gz").write_bytes(gzip.compress((given / "binary.ply").read_bytes()))
     views = world.views("yard")
     small = views | {"depth": views["depth"][:, ::6, ::6]}
     small["intrinsics"] = views["intrinsics"] * np.array([[1 / 6], [1 / 6], [1.0]])

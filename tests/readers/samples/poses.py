@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.geometry.rotations import matrix_to_quaternion
+from airzoo_bench.geometry.poses import matrix_to_quaternion
 from tests.matching.world import World
 
 READER = "hloc-poses"

@@ -33,8 +33,8 @@ from airzoo_bench.core.places import DATA_VARIABLE, check_new_folder
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.datasets.mini.noise import hash_of, is_keyed
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World
-from airzoo_bench.geometry.colours import read_rgb
 from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.rasters import read_rgb
 
 FORMAT = 2
 """To be raised when the files change, or the world that a seed gives: older ones are made again."""

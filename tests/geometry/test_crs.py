@@ -2,19 +2,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import rasterio
 from hypothesis import given
 from hypothesis import strategies as st
+from pyproj import CRS, Geod, Proj, Transformer
 
-from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.errors import CameraError
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
-from airzoo_bench.geometry.crs import horizontal_crs
-from airzoo_bench.geometry.frames import (
+from airzoo_bench.geometry.crs import (
+    check_true_metres,
     ecef_to_geodetic,
     enu_axes,
     from_lonlat,
     geodesic_distance_m,
     geodetic_to_ecef,
+    grid_convergence_deg,
+    scale_error,
     to_lonlat,
 )
 from airzoo_bench.geometry.poses import Poses, camera_to_world, world_to_camera
@@ -24,13 +26,8 @@ from .support import LENSES, looking_down, quick, seeds
 # WGS84 by definition: semi-major axis, flattening.
 A = 6378137.0
 B = A * (1.0 - 1.0 / 298.257223563)
+DULUTH, VIENNA = (-92.0, 46.8), (16.4, 48.2)
 CHANGSHA = np.array((112.93, 28.2))
-
-
-def test_ecef_on_the_axes() -> None:
-    geodetic = [(0, 0, 0), (90, 0, 10), (0, 90, 5), (180, 0, -3)]
-    expected = [(A, 0, 0), (0, A + 10, 0), (0, 0, B + 5), (-(A - 3), 0, 0)]
-    np.testing.assert_allclose(geodetic_to_ecef(geodetic), expected, rtol=0, atol=1e-8)
 
 
 def test_ecef_by_the_textbook() -> None:
@@ -58,31 +55,6 @@ def test_lonlat_closes_and_is_lon_first(crs: object) -> None:
     assert abs(north[1]) > 10 * abs(north[0])
 
 
-def test_central_meridian_of_gauss_kruger() -> None:
-    # EPSG:4547 is centred on 114 E with a false easting of 500 km, no zone number in front.
-    x, y = from_lonlat("EPSG:4547", (114.0, 0.0))
-    assert (x, y) == pytest.approx((500000.0, 0.0), abs=1e-6)
-
-
-def test_nan_and_the_impossible_become_nan() -> None:
-    given_ = [(5e5, 5e6), (np.nan, 5e6), (5e5, np.nan), (np.inf, 5e6), (1e30, 1e30)]
-    lonlat = to_lonlat(32615, given_)
-    assert np.isfinite(lonlat).all(axis=1).tolist() == [True, False, False, False, False]
-    assert np.isnan(lonlat[1:]).all()
-    assert np.isnan(from_lonlat(32615, (0.0, 95.0))).all()
-    assert np.isnan(geodetic_to_ecef((np.nan, 0.0, 0.0))).all()
-    assert np.isnan(geodesic_distance_m((0.0, 0.0), (np.nan, 0.0)))
-    assert to_lonlat(32615, np.zeros((0, 2))).shape == (0, 2)
-
-
-def test_crs_in_any_spelling() -> None:
-    for crs in (32615, "epsg:32615", rasterio.crs.CRS.from_epsg(32615), "EPSG:32615+5773"):
-        assert horizontal_crs(crs).to_epsg() == 32615
-    for crs in ("EPSG:999999", "no such thing", 4978):
-        with pytest.raises(UserError, match=r"999999|no such thing|WGS 84"):
-            to_lonlat(crs, (0.0, 0.0))
-
-
 def test_geodesic_distances() -> None:
     # A degree of longitude on the equator is a pi / 180; a quarter meridian is 10,001,965.729 m.
     measured = geodesic_distance_m([(0, 0), (0, 0)], [(1, 0), (0, 90)])
@@ -96,11 +68,6 @@ def test_geodesics_do_not_depend_on_threads(count: int) -> None:
     alone = geodesic_distance_m(*ends)
     for jobs in (2, 3):
         assert np.array_equal(geodesic_distance_m(*ends, jobs=jobs), alone)
-
-
-def test_enu_axes_by_hand() -> None:
-    # At (0, 0): east is +Y, north is +Z, up is +X of ECEF.
-    assert enu_axes([(0.0, 0.0)]).tolist() == [[[0, 0, 1], [1, 0, 0], [0, 1, 0]]]
 
 
 def test_enu_points_the_way_the_globe_does() -> None:
@@ -142,3 +109,60 @@ def test_the_chain_from_pixel_to_wgs84_closes(
     np.testing.assert_allclose(points_back, points, rtol=0, atol=1e-6)
     # A micrometre at 10 m is 2000 px * 1e-6 / 10 = 2e-4 px.
     np.testing.assert_allclose(pixels_back, pixels, rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("crs", "place"),
+    [(32615, DULUTH), (32633, VIENNA), (31256, VIENNA), (32610, DULUTH), (3035, VIENNA)],
+)
+def test_scale_is_that_of_geodesics(crs: int, place: tuple[float, float]) -> None:
+    # The oracle: the length on the ellipsoid of steps of 10 m on the map, in all directions. Datum
+    # shifts stretch by 1e-4 themselves.
+    to_map = Transformer.from_crs(4326, crs, always_xy=True)
+    angle = np.radians(np.arange(0, 360, 5))
+    x, y = to_map.transform(*place)
+    ends = to_map.transform(x + 10 * np.cos(angle), y + 10 * np.sin(angle), direction="INVERSE")
+    start = np.broadcast_to(place, (len(angle), 2)).T
+    metres = np.array(Geod(ellps="GRS80").inv(*start, *ends)[2])
+    assert scale_error(crs, place) == pytest.approx(np.abs(10 / metres - 1).max(), abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("crs", "place", "true"),
+    [
+        (32615, DULUTH, True),
+        (4547, (113.0, 28.2), True),
+        (2056, (7.4, 46.9), True),
+        (3857, DULUTH, False),
+        (3857, (16.0, 47.8), False),
+        (3857, (10.0, 0.5), True),
+        (3857, (10.0, 6.0), False),
+        (32615, VIENNA, False),
+        (3395, VIENNA, False),
+    ],
+)
+def test_a_scale_of_one_or_refused(crs: int, place: tuple[float, float], true: bool) -> None:
+    if true:
+        check_true_metres(CRS(crs), [place], "poses.json")
+        return
+    with pytest.raises(
+        CameraError, match=r"poses\.json: coordinates of EPSG:\d+ .* no metres here"
+    ):
+        check_true_metres(CRS(crs), [place], "poses.json")
+
+
+@pytest.mark.parametrize(
+    ("crs", "lon", "lat"),
+    [
+        (4547, 112.3, 28.2),  # west of the central meridian, 114 E
+        (4547, 115.2, 28.2),
+        (32615, -91.99, 46.84),
+        (32756, 151.2, -33.9),
+        (2154, 7.2, 43.7),  # conic
+        (3031, 60.0, -75.0),  # polar
+    ],
+)
+def test_convergence_against_proj(crs: int, lon: float, lat: float) -> None:
+    found = grid_convergence_deg(crs, (lon, lat))
+    expected = Proj(crs).get_factors(lon, lat).meridian_convergence
+    assert found == pytest.approx(expected, abs=1e-7)

@@ -1,7 +1,8 @@
-"""Meshes: sampled by area, the same bytes for every block; PLY and OBJ read right."""
+"""Meshes: sampled by area, the same bytes for every block; files are read right, or refused."""
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from array import array
 from pathlib import Path
@@ -13,16 +14,23 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, add_fan, cut_fans, sampled
-from tests.formats.cloud_support import opened, read, refused, write_ply
+from tests.formats.cloud_support import joined, opened, read, refused, write_ply
 from tests.formats.mesh_support import (
     CUBE,
     CUBE_QUADS,
     OBJ_CUBE,
     QUAD_HEADER,
     cube_columns,
+    cube_document,
     on_cube,
     quads,
+    write_glb,
+    write_gltf,
+    write_stl,
+    write_stl_text,
 )
 
 CUBE_FACES = np.concatenate([cut_fans(quad[None]) for quad in CUBE_QUADS])
@@ -158,13 +166,13 @@ def test_obj_of_points(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("v 1 2", "line 3 is 'v 1 2'"),
-        ("v 1 2 x", "line 3"),
-        ("f 1 2 x", "line 3"),
-        ("f 0 1 2", "line 3"),
-        ("f -3 1 2", "line 3"),
+        ("v 1 2", "a line is"),
+        ("v 1 2 x", "a line is"),
+        ("f 1 2 x", "a line is"),
+        ("f 0 1 2", "a line is"),
+        ("f -3 1 2", "a line is"),
         ("f 1 2 99", "not there"),
-        ("f 1 2 99999999999999999999", "line 3"),
+        ("f 1 2 99999999999999999999", "a line is"),
         ("f 1 1 1", "area of 0"),
     ],
 )
@@ -204,3 +212,108 @@ def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
         opened(path, sampling=denser)
     with refused("does not say how meshes are sampled"):
         opened(path, sampling=None)
+
+
+def test_other_files_have_the_same_surface(tmp_path: Path) -> None:
+    for path in (
+        write_stl(tmp_path / "a.stl"),
+        write_stl_text(tmp_path / "b.stl"),
+        write_gltf(tmp_path / "a.gltf"),
+    ):
+        moved = path.suffix == ".gltf"
+        low, side = ((10.0, 0.0, 0.0), 2.0) if moved else (0.0, 1.0)
+        assert on_cube(read(path).points, low=low, side=side)
+        assert "surface of 24" in opened(path).notes[-1] or not moved
+        path.write_bytes(path.read_bytes()[:-40])
+        with pytest.raises(PredictionError):
+            opened(path)
+
+
+def test_glb_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
+    document, body = cube_document()
+    cloud = read(write_glb(tmp_path / "a.glb", document, body))
+    assert len(cloud) == 500
+    assert on_cube(cloud.points, low=(10.0, 0.0, 0.0), side=2.0)
+    half = np.sqrt(0.5)
+    document["nodes"][0]["rotation"] = [0, 0, half, half]
+    turned = read(write_glb(tmp_path / "a.glb", document, body))
+    assert on_cube(turned.points, low=(8.0, 0.0, 0.0), side=2.0)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
+def test_what_trimesh_writes(suffix: str, tmp_path: Path) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    mesh.apply_translation([5, 6, 7])
+    mesh.export(tmp_path / f"a.{suffix}")
+    source = opened(tmp_path / f"a.{suffix}")
+    assert f"{mesh.area:.6g}" in source.notes[-1] or suffix == "obj"
+    points = joined(list(source.pieces(99))).points
+    _, distance, _ = trimesh.proximity.closest_point_naive(mesh, points)
+    assert distance.max() < 1e-4
+
+
+def wrong_documents() -> list[tuple[str, Any]]:
+    def edit(*path: Any, value: Any) -> Any:
+        document = copy.deepcopy(cube_document()[0])
+        place = document
+        for key in path[:-1]:
+            place = place[key]
+        place[path[-1]] = value
+        return document
+
+    damaged = "damaged or cut off"
+    return [
+        ("uri", edit("buffers", 0, "uri", value="http://example.org/x.bin")),
+        ("uri", edit("buffers", 0, "uri", value="/etc/passwd")),
+        (damaged, edit("buffers", 0, "uri", value="data:application/octet-stream;base64,AAAA")),
+        ("compressed", edit("extensionsRequired", value=["KHR_draco_mesh_compression"])),
+        (damaged, edit("nodes", 1, "children", value=[0])),
+        (damaged, edit("nodes", 0, "children", value=[7])),
+        (damaged, edit("nodes", 0, "scale", value=[1, 2])),
+        (damaged, edit("nodes", 0, "translation", value=[1, 2, float("nan")])),
+        (damaged, edit("nodes", 0, "matrix", value="x")),
+        (damaged, edit("accessors", 0, "count", value=10**15)),
+        ("not there", edit("accessors", 0, "count", value=-1)),
+        (damaged, edit("accessors", 0, "count", value=1.5)),
+        (damaged, edit("accessors", 0, "byteOffset", value=90)),
+        (damaged, edit("bufferViews", 0, "byteLength", value=10**9)),
+        (damaged, edit("bufferViews", 0, "byteStride", value=10**9)),
+        (damaged, edit("bufferViews", 0, "buffer", value=1)),
+        (damaged, edit("accessors", 1, "count", value=35)),
+        ("not there", edit("accessors", 0, "count", value=3)),
+        ("neither", edit("nodes", value=[{}])),
+        (damaged, edit("meshes", value=5)),
+        (damaged, edit("scenes", value=[[1]])),
+    ]
+
+
+@pytest.mark.parametrize(("message", "document"), wrong_documents())
+def test_wrong_glb(message: str, document: Any, tmp_path: Path) -> None:
+    path = write_glb(tmp_path / "a.glb", document, cube_document()[1])
+    with refused(message):
+        read(path)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_a_file_that_is_cut_off(share: float, tmp_path: Path) -> None:
+    path = write_glb(tmp_path / "a.glb", *cube_document())
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    with refused("damaged or cut off"):
+        opened(path)
+
+
+def test_a_corner_that_is_nan(tmp_path: Path) -> None:
+    document, body = cube_document()
+    path = write_glb(tmp_path / "a.glb", document, np.float32(np.nan).tobytes() + body[4:])
+    with refused("NaN"):
+        opened(path)
+
+
+def test_a_buffer_written_out_in_the_file_is_read(tmp_path: Path) -> None:
+    o3d = load_open3d()
+    box = o3d.geometry.TriangleMesh.create_box(2.0, 3.0, 4.0)
+    path = tmp_path / "box.glb"
+    assert o3d.io.write_triangle_mesh(str(path), box)
+    assert b"data:application/octet-stream;base64," in path.read_bytes()
+    extent = np.ptp(read(path, 2000).points, axis=0)
+    np.testing.assert_allclose(np.sort(extent), (2, 3, 4), atol=0.1)

@@ -1,0 +1,462 @@
+"""Every format of clouds: what writers wrote comes back, and what a file lies about is refused."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.formats.clouds.pcd import _unpack_lzf
+from airzoo_bench.formats.clouds.shards import open_shards
+from tests.formats.cloud_support import (
+    joined,
+    made,
+    opened,
+    points_of,
+    read,
+    refused,
+    text_rows,
+    write_las,
+    write_pcd,
+    write_ply,
+)
+from tests.formats.mesh_support import QUAD_HEADER, quads
+
+COLUMNS = made()
+POINTS = points_of(COLUMNS)
+
+
+def write_npz(path: Path, columns: dict[str, Any]) -> None:
+    np.savez(path, points=points_of(columns), confidence=columns["confidence"])
+
+
+def write_npy(path: Path, columns: dict[str, Any]) -> None:
+    np.save(path, points_of(columns))
+
+
+def write_text(path: Path, columns: dict[str, Any]) -> None:
+    path.write_text(f"{len(columns['x'])}\n{text_rows(columns)}")
+
+
+WRITERS: dict[str, Callable[..., Any]] = {
+    "little.ply": write_ply,
+    "big.ply": lambda path, columns: write_ply(path, columns, ">"),
+    "text.ply": lambda path, columns: write_ply(path, columns, ""),
+    **{
+        f"{data}.pcd": lambda path, columns, data=data: write_pcd(path, columns, data)
+        for data in ("ascii", "binary", "binary_compressed")
+    },
+    **{
+        f"format{kind}.{suffix}": lambda path, columns, kind=kind: write_las(path, columns, kind)
+        for kind in (0, 3, 7)
+        for suffix in ("las", "laz")
+    },
+    "a.npz": write_npz,
+    "a.npy": write_npy,
+    "a.pts": write_text,
+}
+FORMATS = pytest.mark.parametrize("name", WRITERS)
+
+
+def write(path: Path, columns: dict[str, Any]) -> Path:
+    WRITERS[path.name](path, columns)
+    return path
+
+
+@FORMATS
+@pytest.mark.parametrize("points", [1, 7, 40, 1000])
+def test_every_point_comes_back_in_any_pieces(name: str, points: int, tmp_path: Path) -> None:
+    path = write(tmp_path / name, COLUMNS)
+    cloud = read(path, points)
+    if "format" in name:
+        np.testing.assert_array_equal(cloud.points, np.asarray(laspy.read(path).xyz))
+        assert np.abs(cloud.points - POINTS).max() < 6e-4
+    else:
+        np.testing.assert_array_equal(cloud.points, POINTS)
+    if cloud.confidence is not None:
+        np.testing.assert_array_equal(cloud.confidence, COLUMNS["confidence"])
+    assert (cloud.confidence is None) == (path.suffix not in (".ply", ".npz"))
+
+
+@FORMATS
+def test_no_points_are_no_points(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if "format" in name:
+        kind = int(re.findall(r"\d", name)[0])
+        laspy.LasData(laspy.LasHeader(point_format=kind)).write(path)
+    else:
+        write(path, {key: column[:0] for key, column in COLUMNS.items()})
+    assert opened(path).count == 0
+    assert len(read(path)) == 0
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if "format" not in name])
+def test_nan_and_infinity_pass_through(name: str, tmp_path: Path) -> None:
+    columns = made(4)
+    columns["x"][:3] = np.nan, np.inf, -np.inf
+    np.testing.assert_array_equal(read(write(tmp_path / name, columns)).points, points_of(columns))
+
+
+@FORMATS
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
+def test_a_file_that_is_cut_off_is_refused(name: str, share: float, tmp_path: Path) -> None:
+    path = write(tmp_path / name, made(300))
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    with pytest.raises(PredictionError):
+        read(path)
+
+
+def state_count(path: Path, count: int) -> Path:
+    """Write another number of points into the header of a file of 300."""
+    raw = bytearray(path.read_bytes())
+    if path.suffix in (".las", ".laz"):
+        struct.pack_into("<I", raw, 107, count)
+        if raw[25] >= 4:
+            struct.pack_into("<Q", raw, 247, count)
+    else:
+        mark = {".ply": b"end_header", ".pcd": b"DATA", ".pts": b"\n", ".npy": b"}"}[path.suffix]
+        head, end, body = bytes(raw).partition(mark)
+        raw = bytearray(re.sub(rb"\b300\b", str(count).encode(), head) + end + body)
+    path.write_bytes(raw)
+    return path
+
+
+COUNTED = [name for name in WRITERS if name != "a.npz"]
+
+
+@pytest.mark.parametrize("name", COUNTED)
+@pytest.mark.parametrize("count", [320, 900, 4 * 10**9])
+def test_a_header_that_counts_too_many_is_refused(name: str, count: int, tmp_path: Path) -> None:
+    if name == "a.npy" and count > 900:
+        pytest.skip("its header has no room")
+    with pytest.raises(PredictionError):
+        read(state_count(write(tmp_path / name, made(300)), count))
+
+
+@pytest.mark.parametrize("name", COUNTED)
+@pytest.mark.parametrize("count", [100, 290])
+def test_a_header_that_counts_too_few_is_said_or_refused(
+    name: str, count: int, tmp_path: Path
+) -> None:
+    path = write(tmp_path / name, made(300))
+    said = len(opened(path).notes)
+    state_count(path, count)
+    if name in ("a.npy", "a.pts", "binary_compressed.pcd"):
+        with pytest.raises(PredictionError):
+            opened(path)
+    else:
+        note = opened(path).notes[said]
+        assert note.endswith(f"follow the {count} points that its header promises: not read")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"\x89HDF\r\n\x1a\n", "HDF5"),
+        (b"version https://git-lfs.github.com/spec/v1\noid", "Git LFS"),
+        (b"<!DOCTYPE html>", "HTML"),
+        (b"\x1f\x8b\x08", "gzip"),
+        (b'{"asset": {"version": "2.0"}}', "JSON"),
+        (b"\x80\x04\x95", "pickle"),
+        (b"\0\1\2", "begins with the bytes"),
+        (b"OFF\n8 6 0\n1 2 3\n", "OFF"),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.ply", "a.npz", "a.obj", "a.txt", "a.dat"])
+def test_what_is_no_cloud(content: bytes, message: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with refused(message) as caught:
+        opened(tmp_path / name)
+    assert str(tmp_path / name) in str(caught.value)
+
+
+@FORMATS
+def test_a_wrong_ending_is_named(name: str, tmp_path: Path) -> None:
+    path = write(tmp_path / name, COLUMNS)
+    other = path.rename(tmp_path / ("b.laz" if path.suffix == ".ply" else "b.ply"))
+    with refused("its content is that of"):
+        opened(other)
+
+
+def test_open3d_and_we_read_each_other(tmp_path: Path) -> None:
+    o3d = load_open3d()
+    theirs = o3d.io.read_point_cloud(str(write_ply(tmp_path / "a.ply", COLUMNS)))
+    np.testing.assert_array_equal(np.asarray(theirs.points), POINTS)
+    # Rows that repeat give the compression something to do, copies that overlap among them.
+    near = np.repeat(np.random.default_rng(1).random((50, 3)).round(2), 30, 0)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(near))
+    for suffix in ("ply", "pcd"):
+        for as_text in (False, True):
+            path = tmp_path / f"b.{suffix}"
+            o3d.io.write_point_cloud(str(path), cloud, write_ascii=as_text, compressed=not as_text)
+            np.testing.assert_allclose(read(path, 400).points, near, rtol=0, atol=1e-6)
+
+
+def test_lzf_by_hand() -> None:
+    assert _unpack_lzf(b"\x02abc", 3) == b"abc"
+    # Three literals, then a copy of 2 + 2 from 3 back, then a long one of 7 + 1 + 2 from 1 back.
+    assert _unpack_lzf(b"\x02abc\x40\x02\xe0\x01\x00", 17) == b"abcabca" + b"a" * 10
+    for damaged in (b"\x02ab", b"\x20\x00", b"\x02abc\x40", b"\x02abc\x02abc", b"\x02abc\xe0"):
+        with pytest.raises((IndexError, ValueError)):
+            _unpack_lzf(damaged, 3)
+
+
+def test_elements_before_the_points_of_ply_are_stepped_over(tmp_path: Path) -> None:
+    header = "element camera 2\nproperty float f\nelement odd 2\nproperty list uchar short n"
+    before = np.array([1, 2], "<f4").tobytes() + b"\x01\x00\x00" + b"\x02\x00\x00\x00\x00"
+    for order, some in (("<", before), ("", b"1\n2\n1 0\n2 0 0\n")):
+        path = write_ply(tmp_path / "a.ply", COLUMNS, order, before=some, before_header=header)
+        np.testing.assert_array_equal(read(path).points, POINTS)
+
+
+def test_kinds_of_ply(tmp_path: Path) -> None:
+    xyz = {name: COLUMNS[name] for name in "xyz"}
+    splats = xyz | {n: np.zeros(40, "f4") for n in ("f_dc_0", "f_dc_1", "f_dc_2", "opacity")}
+    assert "Gaussian" in opened(write_ply(tmp_path / "a.ply", splats)).notes[0]
+    np.testing.assert_array_equal(read(tmp_path / "a.ply").points, POINTS)
+    faceless = "element face 0\nproperty list uchar int vertex_indices"
+    path = write_ply(tmp_path / "b.ply", COLUMNS, faces_header=faceless)
+    assert opened(path).kind == "PLY (binary)"
+    upper = {name.upper(): xyz[name] for name in xyz}
+    np.testing.assert_array_equal(read(write_ply(tmp_path / "c.ply", upper)).points, POINTS)
+    # Text of a float property may have more digits than float32: all are kept.
+    path = write_ply(tmp_path / "d.ply", COLUMNS, "")
+    path.write_text(path.read_text().replace("property double", "property float"))
+    np.testing.assert_array_equal(read(path).points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("element vertex 40", "element vertex -1"),
+        ("element vertex 40", "element verts 40"),
+        ("format binary_little_endian 1.0", "format binary 1.0"),
+        ("format binary_little_endian 1.0\n", ""),
+        ("property double x", "property double y"),
+        ("property double x", "property double u"),
+        ("property double x", "property list uchar double x"),
+        ("property double x", "property decimal x"),
+        ("end_header", "end"),
+    ],
+)
+def test_wrong_headers_of_ply(right: str, wrong: str, tmp_path: Path) -> None:
+    path = write_ply(tmp_path / "a.ply", COLUMNS)
+    path.write_bytes(path.read_bytes().replace(right.encode(), wrong.encode(), 1))
+    with pytest.raises(PredictionError):
+        opened(path)
+
+
+@pytest.mark.parametrize("length", [-1, 2**31 - 1])
+def test_a_list_of_absurd_length(length: int, tmp_path: Path) -> None:
+    body = np.array([length], "<i4").tobytes() + quads()
+    header = QUAD_HEADER.replace("uchar", "int")
+    path = write_ply(tmp_path / "a.ply", COLUMNS, faces_header=header, faces=body)
+    with refused("length"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"FIELDS": "x y q rgb"},
+        {"FIELDS": "x y z x"},
+        {"FIELDS": "x y z"},
+        {"SIZE": "8 8 8 3"},
+        {"TYPE": "F F F Q"},
+        {"COUNT": "1 1 1 0"},
+        {"POINTS": "-5"},
+        {"WIDTH": "39"},
+        {"DATA": "zip"},
+    ],
+)
+def test_wrong_headers_of_pcd(changes: dict[str, str], tmp_path: Path) -> None:
+    path = write_pcd(tmp_path / "a.pcd", COLUMNS, "binary")
+    text = path.read_bytes()
+    for key, value in changes.items():
+        old = next(line for line in text.split(b"\n") if line.startswith(key.encode()))
+        text = text.replace(old, f"{key} {value}".encode(), 1)
+    path.write_bytes(text)
+    with pytest.raises(PredictionError):
+        opened(path)
+
+
+def test_padding_and_repeated_fields_of_pcd(tmp_path: Path) -> None:
+    record = np.dtype([("x", "<f4"), ("_", "V4"), ("y", "<f4"), ("h", "<f4", 3), ("z", "<f4")])
+    rows = np.zeros(3, record)
+    rows["x"], rows["y"], rows["z"] = [1, 2, 3], [4, 5, 6], [7, 8, 9]
+    head = (
+        "VERSION .7\nFIELDS x _ y h z\nSIZE 4 1 4 4 4\nTYPE F U F F F\nCOUNT 1 4 1 3 1\n"
+        "WIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA binary\n"
+    )
+    (tmp_path / "a.pcd").write_bytes(head.encode() + rows.tobytes())
+    assert read(tmp_path / "a.pcd").points.tolist() == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize(
+    ("place", "kind", "value"),
+    [
+        (94, "<H", 1),
+        (96, "<I", 0xFFFFFFFF),
+        (100, "<I", 0xFFFFFFFF),
+        (104, "<B", 60),
+        (105, "<H", 1),
+        (131, "<d", np.nan),
+        (139, "<d", 0.0),
+        (155, "<d", np.inf),
+    ],
+)
+def test_wrong_headers_of_las(
+    suffix: str, place: int, kind: str, value: float, tmp_path: Path
+) -> None:
+    path = write_las(tmp_path / f"a.{suffix}", COLUMNS)
+    raw = bytearray(path.read_bytes())
+    struct.pack_into(kind, raw, place, value)
+    path.write_bytes(raw)
+    with pytest.raises(PredictionError):
+        read(path)
+
+
+def test_what_follows_the_points_of_a_las_file_is_no_point(tmp_path: Path) -> None:
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.x, las.y, las.z = np.random.default_rng(0).integers(0, 900, (3, 300)) / 4.0
+    las.evlrs = laspy.vlrs.vlrlist.VLRList()
+    las.evlrs.append(laspy.VLR("someone", 1, "", b"x" * 5000))
+    las.write(tmp_path / "a.las")
+    assert opened(tmp_path / "a.las").notes == ()
+
+
+def test_the_real_cloud(brighton: Path) -> None:
+    path = brighton / "model.laz"
+    np.testing.assert_array_equal(read(path, 50_001).points, np.asarray(laspy.read(path).xyz))
+
+
+def test_shards_are_one_cloud_and_none_counts_twice(tmp_path: Path) -> None:
+    some = [made(50, seed) for seed in range(3)]
+    paths = [
+        write_las(tmp_path / name, columns)
+        for name, columns in zip(("a.las", "b.laz", "c.las"), some, strict=True)
+    ]
+    cloud = joined(list(open_shards(tmp_path, paths).pieces(40)))
+    np.testing.assert_array_equal(cloud.points, np.concatenate([read(p).points for p in paths]))
+    write_las(tmp_path / "d.las", some[0])
+    (tmp_path / "d.las").write_bytes(paths[0].read_bytes())
+    write_las(tmp_path / "a.laz", some[0])
+    for other in ("d.las", "a.laz"):
+        with refused(r"holds what a\.las holds"):
+            open_shards(tmp_path, [*paths, tmp_path / other])
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "separator"),
+    [
+        ("a.xyz", "", " "),
+        ("a.txt", "# made by hand\n", "\t"),
+        ("a.csv", "X,Y,Z,R,G,B\n", ","),
+        ("b.csv", "\ufeffx [m];y [m];z [m];red;green;blue\n", ";"),
+        ("c.csv", '"easting","northing","height","red","green","blue"\n', ", "),
+        ("a.asc", "//X Y Z R G B\n40\n", " "),
+        ("b.asc", "\n# one comment\n\n# another\n", " "),
+        ("b.pts", "\ufeff", " "),
+        ("A.TXT", "", ","),
+    ],
+)
+def test_text_gives_the_same_points_whatever_the_writer(
+    name: str, before: str, separator: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(before + text_rows(COLUMNS, separator), encoding="utf-8")
+    np.testing.assert_array_equal(read(tmp_path / name).points, POINTS)
+    (note,) = opened(tmp_path / name).notes
+    assert note == "columns, counted from 1: x y z from 1, 2, 3; 3 of 6 passed over"
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ("id,z,y,x\n7,3,2,1\n", "x y z from 4, 3, 2; 1 of 4 passed over"),
+        ("1 2 3 90 1 2 3\n", "x y z from 1, 2, 3; 4 of 7 passed over"),
+        ("x y z conf\n1 2 3 2.5\n", "x y z from 1, 2, 3; confidence from 4"),
+    ],
+)
+def test_columns_of_text_are_guessed_and_said(text: str, columns: str, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(text)
+    cloud = read(tmp_path / "a.txt")
+    assert cloud.points.tolist() == [[1, 2, 3]]
+    assert opened(tmp_path / "a.txt").notes == (f"columns, counted from 1: {columns}",)
+    assert (cloud.confidence is not None) == ("conf" in text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1,5 2,5 3,5\n", "decimal commas"),
+        ("1.5;2;3\n1,5;2;3\n", "decimal commas"),
+        ("lat,lon,alt\n30.1,120.2,50\n", "none is called x, y or z"),
+        ("1 2\n", "2 columns"),
+        ("1 2 3\n\n4 5 6 7\n", "line 3 is '4 5 6 7'"),
+        ("x,y,z\n1,2,3\n4,,6\n", "line 3 is '4,,6'"),
+        ("1 2 3\n4 five 6\n", "line 2 is '4 five 6'"),
+        ("3\n1 2 3\n4 5 6\n", "says that it holds 3 points, and holds 2"),
+        ("1\n1 2 3\n4 5 6\n", "says that it holds 1 point, and holds 2"),
+        ("a 1 b\n", "holds no line with a point"),
+        ("nothing here\n", "no cloud"),
+        ("1 2 3\0", "no cloud"),
+    ],
+)
+def test_text_that_is_refused(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(text)
+    with refused(message):
+        read(tmp_path / "a.txt")
+
+
+@given(
+    rows=st.lists(
+        st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3), min_size=1, max_size=9
+    ),
+    separator=st.sampled_from([" ", ",", ";", "\t", " , "]),
+)
+def test_every_digit_of_text_is_kept(
+    rows: list[tuple[float, float, float]],
+    separator: str,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "digits.xyz"
+    path.write_text("".join(separator.join(map(repr, row)) + "\n" for row in rows))
+    np.testing.assert_array_equal(read(path).points, np.array(rows))
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {},
+        {"points": np.zeros((4, 2))},
+        {"points": np.zeros((4, 3), complex)},
+        {"points": np.zeros((4, 3)), "confidence": np.zeros(3)},
+        {"points": np.zeros((4, 3)), "confidence": np.zeros(4), "conf": np.zeros(4)},
+        {"points": np.zeros((4, 3)), "poses": np.zeros(4)},
+    ],
+)
+def test_wrong_fields_of_an_npz(arrays: dict[str, Any], tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(PredictionError):
+        opened(tmp_path / "a.npz")
+
+
+def test_an_npy_of_six_columns(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.hstack((POINTS, POINTS)))
+    np.testing.assert_array_equal(read(tmp_path / "a.npy").points, POINTS)
+    assert "3 columns passed over" in opened(tmp_path / "a.npy").notes[0]
+    np.save(tmp_path / "a.npy", np.ones((4, 7)))
+    with refused("an array of"):
+        opened(tmp_path / "a.npy")
