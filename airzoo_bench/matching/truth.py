@@ -187,8 +187,8 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
         maps = _read_own_maps(home / "maps.csv", benchmark.resolve(entry.maps), ids)
     else:
         dom = benchmark.resolve(needed(entry.dom, "map", scene))
-        maps = (_checked_map(dom, benchmark.resolve(entry.dsm or ""), entry.dsm_sha256),)
-        _check_grid(maps[0], _read_grid(home / "map.json"))
+        dsm, grid = benchmark.resolve(entry.dsm or ""), _read_grid(home / "map.json")
+        maps = (_checked_map(dom, dsm, entry.dsm_sha256, grid),)
     crops = _read_crops(home / "crops.csv", ids, maps)
     own_maps = entry.maps is not None
     return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=own_maps)
@@ -218,11 +218,10 @@ def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceM
     """Read the queries' maps, and compare them with those that were prepared."""
     maps = []
     for row in _read_rows(path, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
-        one = _checked_map(*own_map(folder, row["id"]), str(row["dsm_sha256"]))
         transform = [float(row[name]) for name in _GRID[2:]]
         size = {"width": int(row["width"]), "height": int(row["height"])}
-        _check_grid(one, size | {"transform": transform, "crs": row["crs"]})
-        maps.append(one)
+        grid = size | {"transform": transform, "crs": row["crs"]}
+        maps.append(_checked_map(*own_map(folder, row["id"]), str(row["dsm_sha256"]), grid))
     return tuple(maps)
 
 
@@ -235,24 +234,23 @@ def _read_grid(path: Path) -> dict[str, Any]:
     return prepared if isinstance(prepared, dict) else {}
 
 
-def _check_grid(reference: ReferenceMap, prepared: dict[str, Any]) -> None:
-    """Compare a map's grid with the one that was prepared; one CRS has several spellings."""
-    dom, found = reference.dom, reference.grid
-    if prepared | {"crs": found["crs"]} != found:
+def _checked_map(
+    dom: Path, dsm: Path, dsm_sha256: str | None, prepared: dict[str, Any]
+) -> ReferenceMap:
+    """Open a map whose grid and surface model are those that were prepared."""
+    reference = ReferenceMap(open_info(dom), dsm, dsm_checksum(dsm))
+    found = reference.grid
+    if prepared | {"crs": found["crs"]} != found:  # one CRS has several spellings
         raise BenchmarkError(
             "the map's grid is not the one that the benchmark was prepared with: "
             f"{json.dumps(found)}",
-            where=dom.path,
+            where=dom,
             expected=json.dumps(prepared),
             fix=f"put the map back, or {_ANEW}",
         )
-    check_same_crs(dom.crs, prepared.get("crs"), f"{dom.path} and the map that was prepared")
-
-
-def _checked_map(dom: Path, dsm: Path, dsm_sha256: str | None) -> ReferenceMap:
-    found = dsm_checksum(dsm)
-    check_dsm(dsm, found, dsm_sha256)
-    return ReferenceMap(open_info(dom), dsm, found)
+    check_same_crs(reference.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
+    check_dsm(dsm, reference.dsm_sha256, dsm_sha256)
+    return reference
 
 
 def dsm_checksum(dsm: Path) -> str:
