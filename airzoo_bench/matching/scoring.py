@@ -124,8 +124,7 @@ def score_scene(
     notes = [f"scene {truth.scene}: {note}" for note in _notes(records, counts)]
     seconds = {"seconds": [round(one.seconds, 6) for one in estimates]}
     details = (content, estimates) if run.keep else None
-    said = (f"scored from {content.kind}", *predicted.notes, *notes)
-    return Scored(records, counts, content.kind, said, seconds, details)
+    return Scored(records, counts, content.kind, (*predicted.notes, *notes), seconds, details)
 
 
 def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:

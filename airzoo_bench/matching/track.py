@@ -91,6 +91,16 @@ class MatchingTrack(Track):
         """See `Track.scores`."""
         return matching_scores(protocol.scores)
 
+    def notes(
+        self,
+        predictions: MatchingPredictions,
+        truths: Sequence[MatchingTruth],
+        protocol: MatchingProtocol,
+        scored: Sequence[Scored],
+    ) -> list[str]:
+        """Say what was scored, which no scene says for itself."""
+        return [f"scored from {one.kind}" for one in scored[:1] if one.kind]
+
     def references(
         self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
     ) -> dict[str, Reference]:
