@@ -13,9 +13,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
 from airzoo_bench.core.ids import check_ids
-from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import (

@@ -12,10 +12,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
+from airzoo_bench.core.errors import (
+    CameraError,
+    PredictionError,
+    UnreadableError,
+    counted,
+    first_of,
+)
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import (
     Arrays,

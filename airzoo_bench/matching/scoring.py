@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
