@@ -77,8 +77,8 @@ class Rows:
     stop: int
 
     @classmethod
-    def of(cls, *arrays: NDArray[Any]) -> Rows:
-        """Put arrays together, which may be mapped; whole numbers are read as floating point."""
+    def join(cls, *arrays: NDArray[Any]) -> Rows:
+        """Join arrays, which may be mapped; whole numbers are read as floating point."""
         types = [as_floating(np.empty(0, array.dtype)).dtype for array in arrays]
         return cls(arrays, np.result_type(*types), 0, sum(map(len, arrays)))
 
@@ -160,7 +160,7 @@ def _located(array: NDArray[Any] | _FileRows) -> NDArray[Any] | _FileRows:
 
 
 def in_windows(rows: Ints, width: int) -> list[Ints]:
-    """Group the places of rows, in ascending order of row, by windows of so many rows."""
+    """Group the places of rows, in ascending order of row, by windows of `width` rows."""
     order = np.argsort(rows, kind="stable")
     firsts = np.flatnonzero(np.diff(rows[order] // width)) + 1
     return np.split(order, firsts) if len(rows) else []
@@ -275,7 +275,7 @@ def check_descriptors(rows: Rows, field: str, metric: Metric, names: Names | Non
 
 
 def points_one_way(rows: Rows, metric: Metric, memory_bytes: int) -> bool:
-    """Tell whether all rows are one, or under cosine multiples of one as far as stored.
+    """Tell whether all rows are equal, or under cosine multiples of one vector but for rounding.
 
     No ranking of such a gallery means anything.
     """
