@@ -221,7 +221,7 @@ def rank_by_descriptors(
     if constant.any():
         queries = np.where(constant[:, None], queries.dtype.type(1), queries)
     prepared = Queries.prepare(queries, metric, names)
-    if points_one_way(rows, metric, memory_bytes):
+    if points_one_way(rows, metric):
         constant[:] = True
     some, right = np.flatnonzero(~constant), positives
     if len(some) < len(queries):
