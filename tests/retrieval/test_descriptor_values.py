@@ -40,7 +40,8 @@ def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
     source = Rows.join(mapped[50:][view], mapped[:7]).located()
     assert source.in_files == (view.step is None)
     assert not source.in_files or len(pickle.dumps(source)) < rows.nbytes
-    found = list(source.blocks(37 * 8 * source.shape[1] * max(source.dtype.itemsize, 4)))
+    memory_bytes = 37 * 8 * source.shape[1] * max(source.dtype.itemsize, 4)
+    found = [(start, block.copy()) for start, block in source.blocks(memory_bytes)]
     assert [start for start, _ in found] == list(range(0, len(source), 37))
     assert source.dtype.kind == "f"
     assert np.array_equal(np.concatenate([block for _, block in found]), expected)
