@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
-from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.evaluation.queries import errors_of
 from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.geometry.arrays import Bools, Floats

@@ -16,9 +16,8 @@ from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import conditions_of, read_queries
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
 from airzoo_bench.core.files import write_npz
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 
