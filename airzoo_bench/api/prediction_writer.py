@@ -436,7 +436,7 @@ class PredictionWriter:
         _refuse_unknown(name, self._queries | self._tiles, "query or tile of the benchmark")
         descriptor = tiles.check(queries.check(given))
         metric = self._protocol.scores.descriptor_metric
-        check_descriptors(Rows.of(descriptor[None]), "descriptor", metric, [name])
+        check_descriptors(Rows.join(descriptor[None]), "descriptor", metric, [name])
         if name in self._queries:
             queries.put(self._queries[name], descriptor)
         else:

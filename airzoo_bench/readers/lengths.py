@@ -66,6 +66,6 @@ def _lengths(rows: Any) -> NDArray[np.float64]:
 
     from airzoo_bench.retrieval.descriptors import Rows, exact_norms
 
-    source = rows if isinstance(rows, Rows) else Rows.of(rows)
+    source = rows if isinstance(rows, Rows) else Rows.join(rows)
     some = np.unique(np.linspace(0, len(source) - 1, _LOOKED_AT).astype(int)).tolist()
     return np.concatenate([exact_norms(source.read(row, row + 1)) for row in some])

@@ -187,7 +187,7 @@ def join(
     parts = [as_floating(one.rows) for one in queries]
     rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
     tiles = np.concatenate([one.ids for one in galleries])
-    gallery = Rows.of(*(one.rows for one in galleries))
+    gallery = Rows.join(*(one.rows for one in galleries))
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 

@@ -1,4 +1,4 @@
-"""Chance level: what tiles in random order score.
+"""The chance level: expected scores of tiles in random order.
 
 With R of G tiles positive and every order as likely as any other, the ranks hold positives as draws
 without replacement do. All expectations here are exact.
@@ -29,13 +29,13 @@ def chance_scores(
     """Return the expected score of each query under a random order of its gallery."""
     kinds, back = np.unique(positives, return_inverse=True)
     if isinstance(settings, ImageScores):
-        scores = _of_images(kinds, n_tiles, settings)
+        scores = _image_scores(kinds, n_tiles, settings)
     else:
-        scores = _of_tiles(kinds, n_tiles, settings)
+        scores = _tile_scores(kinds, n_tiles, settings)
     return {name: values[back] for name, values in scores.items()}
 
 
-def _of_images(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Floats]:
+def _image_scores(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Floats]:
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
     share = settings.recall_at_share
     none = _none_among(kinds, n_tiles, max(n_tiles, *settings.recall_at))
@@ -47,7 +47,7 @@ def _of_images(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Fl
     return scores
 
 
-def _of_tiles(kinds: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
+def _tile_scores(kinds: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
     k, kept = settings.ap_at, min(settings.ranks_kept, n_tiles)
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
     none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))

@@ -99,12 +99,12 @@ def list_errors(
     ):
         rows = _rows_where(ids, test)
         if rows.size:
-            what = f"{what} {_named(names, rows)}"
+            what = f"{what} {_name_queries(names, rows)}"
             yield PredictionError(what, where=f"field '{field}'", expected=expected, fix=fix)
     rises, falls = (_rows_where(ids, partial(turning, sign=sign)) for sign in (1, -1))
     if rises.size and falls.size:  # the direction of most rows is meant
         yield PredictionError(
-            f"scores are not in order for {_named(names, min(rises, falls, key=len))}",
+            f"scores are not in order for {_name_queries(names, min(rises, falls, key=len))}",
             where="field 'scores'",
             expected="similarities that never rise along a row, or distances that never fall, in "
             "all rows alike",
@@ -119,7 +119,7 @@ def _rows_where(ids: NDArray[Any], test: Callable[[slice], Any]) -> NDArray[np.i
     return np.flatnonzero(np.concatenate([np.zeros(0, np.bool_), *parts]))
 
 
-def _named(names: Sequence[object] | NDArray[Any], rows: NDArray[np.intp]) -> str:
+def _name_queries(names: Sequence[object] | NDArray[Any], rows: NDArray[np.intp]) -> str:
     return first_of((names[row] for row in rows.tolist()), len(names), noun="query")
 
 
@@ -131,7 +131,7 @@ def deep_validation_errors(
     if isinstance(content, RankedIds):
         checks = [partial(_check_scenes, content.ids, ids, scenes)]
     else:  # a query of zeros ties with every tile, whatever the metric
-        queries, gallery = Rows.of(content.queries), content.gallery
+        queries, gallery = Rows.join(content.queries), content.gallery
         checks = [
             partial(check_descriptors, queries, "query_descriptors", "l2", ids),
             partial(check_descriptors, gallery, "gallery_descriptors", metric, content.gallery_ids),
@@ -155,7 +155,7 @@ def _check_scenes(
         one = slice(rows[0], rows[0] + 1)
         tile, scene = str(ranked[one][strange(one)][0]), own[rows[0], 0]
         raise PredictionError(
-            f"tiles of another scene are ranked for {_named(query_ids, rows)}; the first is "
+            f"tiles of another scene are ranked for {_name_queries(query_ids, rows)}; the first is "
             f"{tile!r}",
             where="field 'ranked_ids'",
             expected=f"tiles of the query's own scene, such as {scene}/...",

@@ -41,8 +41,9 @@ Metric = Literal["l2", "cosine", "inner_product"]
 Names = Sequence[object] | NDArray[Any]
 
 _WINDOW = 1024  # rows that are read as one where some of them are needed
-_BLOCK_BYTES = 1 << 25
+_BLOCK_BYTES = 1 << 26
 _UNIT = 2.0**-53  # roundoff of float64
+_FEW = 64  # rows at a time in float64
 _LAMBDA = 10.0
 _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
 _LEAST_SQUARE = 1e-25  # below, squares summed in float32 have lost digits to underflow
@@ -58,13 +59,16 @@ class _FileRows:
     dtype: np.dtype[Any]
     shape: tuple[int, int]
 
-    def __getitem__(self, some: slice) -> NDArray[Any]:
-        count, width = some.stop - some.start, self.shape[1]
-        offset = self.offset + some.start * width * self.dtype.itemsize
-        rows = np.fromfile(self.path, self.dtype, count * width, offset=offset)
-        if len(rows) < count * width:
-            raise PredictionError("the file ends before its descriptors", where=self.path)
-        return rows.reshape(count, width)
+    def read(self, start: int, stop: int, buffer: NDArray[np.uint8] | None) -> NDArray[Any]:
+        """Read rows that follow each other, into a buffer if there is one."""
+        row_bytes = self.shape[1] * self.dtype.itemsize
+        size = (stop - start) * row_bytes
+        data = np.empty(size, np.uint8) if buffer is None else buffer[:size]
+        with self.path.open("rb", buffering=0) as file:
+            file.seek(self.offset + start * row_bytes)
+            if file.readinto(data.data) < size:
+                raise PredictionError("the file ends before its descriptors", where=self.path)
+        return data.view(self.dtype).reshape(-1, self.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +81,8 @@ class Rows:
     stop: int
 
     @classmethod
-    def of(cls, *arrays: NDArray[Any]) -> Rows:
-        """Put arrays together, which may be mapped; whole numbers are read as floating point."""
+    def join(cls, *arrays: NDArray[Any]) -> Rows:
+        """Join arrays, which may be mapped; whole numbers are read as floating point."""
         types = [as_floating(np.empty(0, array.dtype)).dtype for array in arrays]
         return cls(arrays, np.result_type(*types), 0, sum(map(len, arrays)))
 
@@ -107,14 +111,18 @@ class Rows:
         """Return some of the rows, which are not read yet."""
         return replace(self, start=self.start + start, stop=self.start + stop)
 
-    def read(self, start: int, stop: int) -> NDArray[Any]:
-        """Read rows that follow each other."""
+    def read(self, start: int, stop: int, buffer: NDArray[np.uint8] | None = None) -> NDArray[Any]:
+        """Read rows that follow each other; `buffer` is for those of a file."""
         low, high = self.start + start, min(self.start + stop, self.stop)
         found: list[NDArray[Any]] = []
         for part in self.parts:
             first, last = max(low, 0), min(high, part.shape[0])
             if first < last:
-                found.append(as_floating(part[first:last]))
+                own = buffer if last - first == high - low else None
+                rows = (
+                    part.read(first, last, own) if isinstance(part, _FileRows) else part[first:last]
+                )
+                found.append(as_floating(rows))
             low, high = low - part.shape[0], high - part.shape[0]
         if not found:
             return np.empty((0, self.shape[1]), self.dtype)
@@ -122,13 +130,15 @@ class Rows:
         return rows.astype(self.dtype, copy=False)
 
     def blocks(self, memory_bytes: int = 8 * _BLOCK_BYTES) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Yield (first row, rows) in order; the next block is read meanwhile."""
+        """Yield (first row, rows) in order, valid until the next; that is read meanwhile."""
         step = self.block(memory_bytes)
+        size = step * self.shape[1] * self.dtype.itemsize
+        buffers = [np.empty(size, np.uint8) if self.in_files else None for _ in range(2)]
         with ThreadPoolExecutor(1) as reader:
-            ahead = reader.submit(self.read, 0, step)
-            for start in range(0, len(self), step):
+            ahead = reader.submit(self.read, 0, step, buffers[0])
+            for turn, start in enumerate(range(0, len(self), step), 1):
                 rows = ahead.result()
-                ahead = reader.submit(self.read, start + step, start + 2 * step)
+                ahead = reader.submit(self.read, start + step, start + 2 * step, buffers[turn % 2])
                 yield start, rows
 
     def block(self, memory_bytes: int) -> int:
@@ -160,7 +170,7 @@ def _located(array: NDArray[Any] | _FileRows) -> NDArray[Any] | _FileRows:
 
 
 def in_windows(rows: Ints, width: int) -> list[Ints]:
-    """Group the places of rows, in ascending order of row, by windows of so many rows."""
+    """Group the places of rows, in ascending order of row, by windows of `width` rows."""
     order = np.argsort(rows, kind="stable")
     firsts = np.flatnonzero(np.diff(rows[order] // width)) + 1
     return np.split(order, firsts) if len(rows) else []
@@ -274,14 +284,15 @@ def check_descriptors(rows: Rows, field: str, metric: Metric, names: Names | Non
     refuse_faults(np.concatenate(parts), field, names)
 
 
-def points_one_way(rows: Rows, metric: Metric, memory_bytes: int) -> bool:
-    """Tell whether all rows are one, or under cosine multiples of one as far as stored.
+def points_one_way(rows: Rows, metric: Metric) -> bool:
+    """Tell whether all rows are equal, or under cosine multiples of one vector but for rounding.
 
     No ranking of such a gallery means anything.
     """
     first: Floats | None = None
     stored, lost = np.finfo(rows.dtype), np.zeros((1, 1))
-    for _, some in rows.blocks(memory_bytes):
+    for start in range(0, len(rows), _FEW):
+        some = rows.read(start, start + _FEW)
         with np.errstate(all="ignore"):  # what is not finite is near nothing, and refused elsewhere
             deciding = normalised(some) if metric == "cosine" else some.astype(np.float64)
             first = deciding[:1] if first is None else first

@@ -59,7 +59,7 @@ def overlaps(polygons: Floats, boxes: Floats) -> Positives:
 
 
 def positives_from_iou(polygons: Floats, boxes: Floats, threshold: float) -> Positives:
-    """Keep the tiles whose overlap with the footprint exceeds a threshold (strictly)."""
+    """Find the tiles that overlap the footprint by more than a threshold (strictly)."""
     found = overlaps(polygons, boxes)
     return found.where(np.asarray(found.overlap) > threshold)
 
@@ -116,7 +116,7 @@ class _Grid:
     widths: tuple[int, int]  # the most columns and rows that one value can lie in
 
     @classmethod
-    def of(cls, boxes: Floats, start: int, columns: int) -> _Grid:
+    def fit(cls, boxes: Floats, start: int, columns: int) -> _Grid:
         """Fit the quadratics to a run of tiles."""
         west, south, east, north = boxes.T  # by column: reducing (n, 4) over n is 20 times slower
         low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
@@ -188,7 +188,7 @@ def _grids(boxes: Floats) -> list[_Grid]:
         return []
     ends = np.append(starts[firsts[1:]], len(boxes)).tolist()
     grids = [
-        _Grid.of(boxes[start:end], start, columns)
+        _Grid.fit(boxes[start:end], start, columns)
         for start, end, columns in zip(
             starts[firsts].tolist(), ends, lengths[firsts].tolist(), strict=True
         )

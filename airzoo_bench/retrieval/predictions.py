@@ -81,7 +81,7 @@ def _read_descriptors(arrays: Arrays, query_ids: Texts) -> RankedIds | Descripto
     gallery = numbers(arrays, "gallery_descriptors", (None, None), mapped=True)
     check_length(arrays, "query_descriptors", queries, len(query_ids))
     check_length(arrays, "gallery_descriptors", gallery, len(gallery_ids))
-    return Descriptors(queries, gallery_ids, Rows.of(gallery))
+    return Descriptors(queries, gallery_ids, Rows.join(gallery))
 
 
 _FORMS = (

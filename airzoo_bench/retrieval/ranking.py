@@ -206,7 +206,7 @@ def rank_by_descriptors(
     engine: Engine = HERE,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it."""
-    rows = gallery if isinstance(gallery, Rows) else Rows.of(gallery).located()
+    rows = gallery if isinstance(gallery, Rows) else Rows.join(gallery).located()
     if queries.shape[1] != rows.shape[1]:
         raise PredictionError(
             f"descriptors of queries have {queries.shape[1]} numbers, "
@@ -220,8 +220,8 @@ def rank_by_descriptors(
         constant = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
     if constant.any():
         queries = np.where(constant[:, None], queries.dtype.type(1), queries)
-    prepared = Queries.of(queries, metric, names)
-    if points_one_way(rows, metric, memory_bytes):
+    prepared = Queries.prepare(queries, metric, names)
+    if points_one_way(rows, metric):
         constant[:] = True
     some, right = np.flatnonzero(~constant), positives
     if len(some) < len(queries):
@@ -282,7 +282,7 @@ def _in_order(
 
 
 def _drop_constant(ranking: Ranking, flat: Ints, positives: Positives, n_tiles: int) -> None:
-    """Take away the tiles of queries whose whole gallery ties, unless any order is as good."""
+    """Remove the tiles of `flat` queries, whose whole gallery ties, unless all are positive."""
     if n_tiles < 2:
         return
     some = flat[positives.counts[flat] < n_tiles]
@@ -340,13 +340,13 @@ def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: 
             where="field 'gallery_descriptors'",
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
-    return Rows.of(gallery.take(rows))
+    return Rows.join(gallery.take(rows))
 
 
 def _lacking(
     ids: NDArray[np.str_], lacking: Bools, given: NDArray[np.str_], scene: str
 ) -> PredictionError:
-    """Return the error for a gallery of which not all tiles are described."""
+    """Return the error for a gallery that lacks descriptors."""
     first = str(ids[lacking][0])
     near = suggestion(first, given[~np.isin(given, ids)].tolist(), 1)
     fix = "describe all tiles of tiles.parquet"

@@ -74,8 +74,8 @@ class Queries:
     norms: Floats
 
     @classmethod
-    def of(cls, rows: NDArray[Any], metric: Metric, names: Names | None) -> Queries:
-        """Check and prepare query descriptors."""
+    def prepare(cls, rows: NDArray[Any], metric: Metric, names: Names | None) -> Queries:
+        """Check query descriptors, and round them."""
         norms = np.empty(len(rows))
         parts = [slice(start, start + _FEW) for start in range(0, len(rows), _FEW)]
         for part in parts:
@@ -122,7 +122,7 @@ class Queries:
 
 
 def queries_at_a_time(gallery: Gallery, row_bytes: int) -> int:
-    """Return how many queries `nearest` may take, whose descriptors have so many bytes."""
+    """Return the number of queries for one call of `nearest`, by the bytes of a descriptor."""
     least = 64  # whatever the memory
     own = 2 * row_bytes + _BYTES_OF_A_CANDIDATE * (2 * gallery.k + _SPARE)
     values = 4 * gallery.rows.block(gallery.memory_bytes)
@@ -150,7 +150,7 @@ def nearest(
 
 
 class _Kept:
-    """What n queries keep of the blocks so far: all that may be among the first k."""
+    """The candidates of n queries: every tile so far that may be among the first k."""
 
     def __init__(self, n: int, k: int) -> None:
         self.k, self.most = k, 2 * k + _SPARE
@@ -250,7 +250,7 @@ def _evaluate(
 
 
 def _all_tied(candidates: Candidates, n_queries: int, n_tiles: int) -> Ints:
-    """Find the queries all of whose tiles are on one level."""
+    """Find the queries that have all tiles on one level."""
     query, _, level = candidates
     whole = np.flatnonzero(np.bincount(query, minlength=n_queries) == n_tiles)
     levels = level[np.isin(query, whole)].reshape(len(whole), n_tiles)
@@ -258,7 +258,7 @@ def _all_tied(candidates: Candidates, n_queries: int, n_tiles: int) -> Ints:
 
 
 def _levels(cluster: Ints, score: Floats, slack: Floats) -> Ints:
-    """Return numbers of ties: by cluster, in it by falling score, as far as slack tells apart."""
+    """Return the order of pairs by cluster and falling score, equal where slack allows a tie."""
     order = np.lexsort((-score, cluster))
     tied = np.diff(cluster[order]) == 0
     tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]

@@ -1,4 +1,4 @@
-"""What a protocol of the retrieval track states."""
+"""Settings of the protocols of the retrieval track."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class StatedTruth(Strict):
 
 
 class RetrievalScores(Strict):
-    """What is computed from a ranked gallery of tiles that are cut from a map."""
+    """Scores of a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Literal["l2", "cosine", "inner_product"]
     ranks_kept: Annotated[int, Field(ge=1, le=1000)]
@@ -109,7 +109,7 @@ class RetrievalScores(Strict):
     pdm_tolerance_tiles: Positive
 
     @model_validator(mode="after")
-    def _kept_ranks_suffice(self) -> RetrievalScores:
+    def _check_ranks_kept(self) -> RetrievalScores:
         if self.ranks_kept < self.deepest:
             raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
         return self
@@ -126,7 +126,7 @@ class RetrievalScores(Strict):
 
 
 class DistanceScores(Strict):
-    """What is computed from the positions of images, as the benchmark's own code does."""
+    """Scores of the positions of images, as the benchmark's own code computes them."""
 
     metres: Literal["sphere", "ellipsoid", "plane"]
     sdm_at: Ranks
@@ -137,7 +137,7 @@ class DistanceScores(Strict):
 
 
 class ImageScores(Strict):
-    """What is computed from a ranked gallery of images, as the benchmarks' own code does."""
+    """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
     descriptor_metric: Literal["l2", "cosine", "inner_product"]
     ranks_kept: Annotated[int, Field(ge=1, le=1000)]
@@ -147,7 +147,7 @@ class ImageScores(Strict):
     distances: DistanceScores | None = None
 
     @model_validator(mode="after")
-    def _kept_ranks_suffice(self) -> ImageScores:
+    def _check_ranks_kept(self) -> ImageScores:
         near = self.distances
         deepest = max(*self.recall_at, *(near.sdm_at + near.dis_at if near else ()))
         if self.ranks_kept < deepest:

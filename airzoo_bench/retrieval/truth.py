@@ -309,7 +309,7 @@ def _read_footprints(path: Path, queries: pd.DataFrame, tiles: pd.DataFrame) -> 
 
 
 def _check_near(path: Path, footprints: pd.DataFrame, boxes: Floats) -> None:
-    """Refuse footprints of which most are farther from the tiles than these reach."""
+    """Refuse footprints if most are farther from the tiles than the tiles reach."""
     low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     away = footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64) - (low + high) / 2
     away[:, 0] = (away[:, 0] + 180.0) % 360.0 - 180.0

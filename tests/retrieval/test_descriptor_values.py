@@ -37,10 +37,11 @@ def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
     np.save(tmp_path / "rows.npy", rows)
     mapped = np.load(tmp_path / "rows.npy", mmap_mode="r")
     expected = np.concatenate([rows[50:][view], rows[:7]])
-    source = Rows.of(mapped[50:][view], mapped[:7]).located()
+    source = Rows.join(mapped[50:][view], mapped[:7]).located()
     assert source.in_files == (view.step is None)
     assert not source.in_files or len(pickle.dumps(source)) < rows.nbytes
-    found = list(source.blocks(37 * 8 * source.shape[1] * max(source.dtype.itemsize, 4)))
+    memory_bytes = 37 * 8 * source.shape[1] * max(source.dtype.itemsize, 4)
+    found = [(start, block.copy()) for start, block in source.blocks(memory_bytes)]
     assert [start for start, _ in found] == list(range(0, len(source), 37))
     assert source.dtype.kind == "f"
     assert np.array_equal(np.concatenate([block for _, block in found]), expected)
@@ -54,12 +55,12 @@ def test_changes_of_a_private_map_are_seen(tmp_path):
     np.save(tmp_path / "rows.npy", np.zeros((4, 2), np.float32))
     mapped = np.load(tmp_path / "rows.npy", mmap_mode="c")
     mapped[1] = 7
-    assert Rows.of(mapped).located().read(1, 2).tolist() == [[7, 7]]
+    assert Rows.join(mapped).located().read(1, 2).tolist() == [[7, 7]]
 
 
 def test_file_cut_short_is_refused(tmp_path):
     np.save(tmp_path / "rows.npy", np.zeros((400, 5), np.float32))
-    source = Rows.of(np.load(tmp_path / "rows.npy", mmap_mode="r")).located()
+    source = Rows.join(np.load(tmp_path / "rows.npy", mmap_mode="r")).located()
     with (tmp_path / "rows.npy").open("r+b") as file:
         file.truncate(4_000)
     with pytest.raises(PredictionError, match="ends before"):

@@ -85,7 +85,7 @@ class Made:
         return [np.argsort(-row) for row in products]
 
     def content(self, truth: RetrievalTruth) -> Descriptors:
-        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), Rows.of(self.images))
+        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), Rows.join(self.images))
 
 
 def curve_area(right: np.ndarray[Any, Any]) -> float:
@@ -218,11 +218,11 @@ def test_equal_descriptors_gain_nothing() -> None:
     truth = made_truth((["1", "2"], ["1", "2", "2", "3"]))
     settings = protocol("university-1652-drone-to-satellite").scores
     assert isinstance(settings, ImageScores)
-    flat = Descriptors(np.ones((2, 4)), truth.tiles["id"].to_numpy(str), Rows.of(np.ones((4, 4))))
+    flat = Descriptors(np.ones((2, 4)), truth.tiles["id"].to_numpy(str), Rows.join(np.ones((4, 4))))
     records = records_of(truth, settings, flat)
     assert records[["recall@1", "recall@5", "ap/trapezoid", "map", "mrr"]].to_numpy().max() == 0
     two = np.repeat([[1.0, 0.0], [0.0, 1.0]], 2, axis=0)  # t0, t1 tie, and t2, t3
-    tied = Descriptors(np.array([[1.0, 0.5], [1.0, 0.5]]), flat.gallery_ids, Rows.of(two))
+    tied = Descriptors(np.array([[1.0, 0.5], [1.0, 0.5]]), flat.gallery_ids, Rows.join(two))
     assert records_of(truth, settings, tied)["recall@1"].tolist() == [0.0, 0.0]
 
 

@@ -68,7 +68,7 @@ def test_any_cut_gives_the_same_bytes(
     expected = rank_by_descriptors(queries, gallery, **options)
     engine = Shuffled(seed)
     cut = rng.integers(0, n_tiles + 1)
-    parts = Rows.of(*(part for part in (gallery[:cut], gallery[cut:]) if len(part)))
+    parts = Rows.join(*(part for part in (gallery[:cut], gallery[cut:]) if len(part)))
     for given_gallery in (gallery, parts):
         with mock.patch.object(ranking, "_SENT_QUERIES", most):
             found = rank_by_descriptors(
