@@ -9,8 +9,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import CameraError, PredictionError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import CameraError, PredictionError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras

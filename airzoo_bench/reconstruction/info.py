@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from airzoo_bench.core.options import Option
+from airzoo_bench.core.registry import Option
 from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInfo
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES

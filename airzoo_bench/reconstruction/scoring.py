@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import PART
 from airzoo_bench.core.progress import Headed, shown
-from airzoo_bench.core.temporaries import PART
 from airzoo_bench.evaluation.track import Run, ScenePredictions, Scored
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling

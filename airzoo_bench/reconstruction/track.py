@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, Scored, Track
