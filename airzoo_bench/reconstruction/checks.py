@@ -225,7 +225,8 @@ def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) 
         rows = np.flatnonzero(other)
         typical = float(np.median(ratio[rows].mean(axis=1)))
         width, height = (round(typical * side) for side in size[0].tolist())
-        likely = "normalised to 0..1" if normalised.any() else f"of images of {width} x {height}"
+        likely = f"of images of about {width} x {height}"
+        likely = "normalised to 0..1" if normalised.any() else likely
         raise PredictionError(
             f"the principal point is {typical:.3g} times the centre of the maps in "
             f"{first_of([labels[row] for row in rows.tolist()], len(cameras))}: the intrinsics "
@@ -409,6 +410,8 @@ def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[st
         mostly = ": precision and F1 tell of the smaller part" if share > 0.5 else ""
         yield f"{share:.0%} of the prediction lies outside the scored region, uncounted{mostly}"
     if not cloud.source.count:
+        if not cloud.outside and not cloud.not_finite and not distrusted:
+            yield "the prediction holds no point, or no depth within the protocol's range"
         yield "no point is left to compare: it scores 0 and infinite distances"
 
 

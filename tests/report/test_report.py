@@ -132,7 +132,7 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
         elif isinstance(protocol, MatchingProtocol):
             scores = matching_scores(protocol.scores)
         else:
-            scores = reconstruction_scores(protocol.scores, with_poses=True)
+            scores = reconstruction_scores(protocol.scores)
         for score in score_columns(scores):
             assert meaning(protocol.track, score), (protocol.name, score.key)
     assert meaning("retrieval", ERROR) == meaning("", HIT) == ""

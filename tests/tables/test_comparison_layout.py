@@ -30,7 +30,7 @@ def scores_of(name: str) -> tuple[str, tuple[ScoreColumn, ...]]:
     if isinstance(protocol, MatchingProtocol):
         return "matching", score_columns(matching_scores(protocol.scores))
     assert isinstance(protocol, ReconstructionProtocol)
-    return "reconstruction", score_columns(reconstruction_scores(protocol.scores, with_poses=True))
+    return "reconstruction", score_columns(reconstruction_scores(protocol.scores))
 
 
 class TestHits:
