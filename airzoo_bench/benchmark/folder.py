@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
 from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import DATA_VARIABLE
+from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.core.validation import read_toml, validated
 
 __all__ = ["Benchmark", "benchmark_folders", "benchmark_place", "find_benchmark", "needed"]

@@ -19,10 +19,10 @@ from airzoo_bench.core.errors import (
     UnreadableError,
     UsageError,
     UserError,
+    agreeing,
     first_of,
 )
 from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree
-from airzoo_bench.core.plurals import agreeing
 from airzoo_bench.core.registry import READERS, TRACKS, load_track, resolve
 from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.info import TrackInfo

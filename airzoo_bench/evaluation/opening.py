@@ -19,10 +19,9 @@ from airzoo_bench.core.errors import (
     UnreadableError,
     UsageError,
 )
-from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.files import sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited, check_limits
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.reader import Reader, Reading, find_reader, image_size_of, reader_named
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth

@@ -138,8 +138,8 @@ def test_faults_come_back_with_their_class(tmp_path: Path) -> None:
 )
 def test_each_limit_is_one_clear_message(name: str, message: str, tmp_path: Path) -> None:
     begin = time.monotonic()
+    limits = Limits(64 << 20, 1 if name == "spin" else 20, 4 if name == "sleep" else 60)
     with pytest.raises(PredictionError, match=message):
-        limits = Limits(64 << 20, 1 if name == "spin" else 20, 4 if name == "sleep" else 60)
         call(name, tmp_path, limits)
     assert time.monotonic() - begin < 60
 
