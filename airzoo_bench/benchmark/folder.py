@@ -1,4 +1,4 @@
-"""The canonical benchmark folder: what ``prepare`` writes and every track reads.
+"""The canonical benchmark folder, which ``prepare`` writes and every track reads.
 
 ::
 

@@ -66,7 +66,7 @@ class BenchmarkFile(_Model):
 
 
 def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
-    """Write benchmark.toml with the checksums of all that stands under scenes/."""
+    """Write benchmark.toml with the checksums of all files under scenes/."""
     sums = {name: sha256_of(folder / name) for name in _truth_files(folder)}
     values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
     with atomic_write(folder / "benchmark.toml") as stream:
@@ -82,7 +82,7 @@ def _truth_files(folder: Path) -> list[str]:
 
 
 def verify(folder: Path, file: BenchmarkFile) -> None:
-    """Hold all that stands under scenes/ to its checksum."""
+    """Compare all files under scenes/ with their checksums."""
     scenes = {scene.id for scene in file.scenes}
     for name in _truth_files(folder):
         if name.split("/")[1] in scenes and name not in file.checksums:

@@ -63,12 +63,12 @@ def query_table(
     """Lay out N queries in a row each, without conditions."""
     columns: dict[str, object] = {"id": list(ids), "image": list(images)}
     columns |= {"width": cameras.width, "height": cameras.height}
-    columns |= _named(FOCAL_COLUMNS, cameras.focal)
-    columns |= _named(PRINCIPAL_POINT_COLUMNS, cameras.principal_point)
-    columns |= _named(DISTORTION_COLUMNS, cameras.distortion)
-    columns |= _named(POSE_COLUMNS, _pose_numbers(poses))
+    columns |= _columns(FOCAL_COLUMNS, cameras.focal)
+    columns |= _columns(PRINCIPAL_POINT_COLUMNS, cameras.principal_point)
+    columns |= _columns(DISTORTION_COLUMNS, cameras.distortion)
+    columns |= _columns(POSE_COLUMNS, _pose_numbers(poses))
     if priors is not None:
-        columns |= _named(PRIOR_COLUMNS, _pose_numbers(priors))
+        columns |= _columns(PRIOR_COLUMNS, _pose_numbers(priors))
     return pd.DataFrame(columns)
 
 
@@ -82,7 +82,7 @@ def write_queries(folder: Path, queries: pd.DataFrame) -> None:
 def read_queries(
     folder: Path, excluded: pd.DataFrame, complete: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Read a scene's photos but for those that a track has left out."""
+    """Read a scene's photos except those that a track leaves out."""
     path = folder / "queries.csv"
     everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
@@ -148,13 +148,13 @@ def _pose_numbers(poses: Poses) -> NDArray[np.float64]:
     return np.concatenate([matrix_to_quaternion(poses.rotation), poses.centres], axis=1)
 
 
-def _named(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def _columns(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     return dict(zip(names, values.T, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class SceneInputs:
-    """The photos of a scene with what is known of their place; see `SceneFile` for most.
+    """The photos of a scene, their maps and frames; see `SceneFile` for most.
 
     `photos` is as `photo_table` makes it; `unposed` are names of photos without a pose, which no
     track can ask; `maps` is the folder of a map and a surface model for each photo.
@@ -205,7 +205,7 @@ def photo_table(
 
 
 def with_unposed(left_out: pd.DataFrame, inputs: SceneInputs) -> pd.DataFrame:
-    """Add the photos without a pose to a track's list of those left out, sorted by id."""
+    """Add the photos without a pose to the photos that a track leaves out, sorted by id."""
     if not inputs.unposed:
         return left_out
     # Names that no text file can hold are written as Python would escape them.

@@ -207,7 +207,7 @@ def refuse_cells(
         values = np.asarray(values, object)
         whose = [f" ({ids[row]})" if ids else "" for row in rows[:_NAMED]]
         pairs = zip(rows[:_NAMED], whose, strict=True)
-        named = [f"row {row + 1}{who}: {_shown(values[row])}" for row, who in pairs]
+        named = [f"row {row + 1}{who}: {_as_text(values[row])}" for row, who in pairs]
         more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
         raise BenchmarkError(
             f"column '{name}', {'; '.join(named)}{more}",
@@ -217,7 +217,7 @@ def refuse_cells(
         )
 
 
-def _shown(value: object) -> str:
+def _as_text(value: object) -> str:
     return "nothing" if _is_missing(value) else repr(value)[:_SHOWN]
 
 

@@ -44,7 +44,7 @@ _KEY = "$"  # of what stands for a value that JSON does not have
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """What reading predictions may take: memory besides libraries and maps of files, and time."""
+    """The memory, besides libraries and maps of files, and the time to read predictions."""
 
     memory_bytes: int
     cpu_s: int = 600
@@ -122,7 +122,7 @@ def _refusal(where: Path, why: str) -> PredictionError:
 
 
 def main(folder: Path, where: Path) -> None:
-    """Do in this process, the child, what the job in a folder says."""
+    """Do the job in a folder; this process is the child."""
     job = _read((folder / "job.json").read_text(), folder, where)
     limits = job["limits"]
     memory = limits.memory_bytes + _LIBRARIES_BYTES
@@ -156,7 +156,7 @@ def _written(value: Any, folder: Path, where: Path) -> str:
 
 
 def _described(value: Any, folder: Path, where: Path) -> Any:
-    """Return what stands in JSON for a value that it does not have; arrays go into files."""
+    """Return JSON that describes a value of another type; arrays go into files."""
     if hasattr(value, "stored"):
         value = value.stored(folder)
     if isinstance(value, np.generic):
@@ -201,7 +201,7 @@ def _read(text: str, folder: Path, where: Path) -> Any:
 
 
 def _restored(found: dict[str, Any], folder: Path, where: Path) -> Any:
-    """Return the value that a description stands for."""
+    """Return the value of a description."""
     match found.get(_KEY):
         case "path":
             return Path(found["text"])

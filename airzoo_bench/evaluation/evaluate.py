@@ -197,7 +197,7 @@ def truth_fingerprint(truths: Sequence[Truth]) -> str:
 
 @dataclass(frozen=True)
 class Checked:
-    """What a check found.
+    """The errors and notes of predictions.
 
     `errors` are what `evaluate` would raise; `described` says what the files are, what reads them
     and how much of the benchmark they answer.
@@ -287,7 +287,7 @@ def _namesake_notes(used: Protocol, data: Path) -> list[str]:
 
 
 def _count_notes(protocol: Protocol, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
-    """Note scenes whose number of queries is not the paper's."""
+    """Name scenes with more or fewer queries than in the paper."""
     return [
         f"scene {scene.title} has {counts[scene.id]['queries']:,} queries here, "
         f"{scene.queries:,} in the paper"

@@ -1,4 +1,4 @@
-"""Opening predictions: of which track and protocol they are, what reads them, and their truth."""
+"""Opening predictions: finding their track, protocol and reader, and reading their truth."""
 
 from __future__ import annotations
 

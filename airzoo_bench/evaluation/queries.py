@@ -102,7 +102,7 @@ def _notes(
 def _other_benchmark(
     predictions: QueryPredictions[Any], protocol: Protocol, example: str
 ) -> PredictionError:
-    """Return the error for predictions none of whose ids belongs to the benchmark."""
+    """Return the error for predictions without any id of the benchmark."""
     ids = predictions.query_ids
     known = {name.lower(): one.id for one in protocol.scenes for name in (one.title, one.id)}
     scenes = sorted(set(scene_of(ids).tolist()) - set(known.values()))

@@ -36,7 +36,7 @@ POSSIBLE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What a reader is given besides the path.
+    """The input of a reader besides the path.
 
     `truths` are those of the protocol's scenes, none where the benchmark folder is missing: readers
     take names of queries, tiles and photos from them, and nothing else. `names` is a list of image

@@ -89,7 +89,7 @@ def _real_places(location: str | Path) -> Iterator[PurePath]:
 
 
 def local_place(out: str | Path | None) -> Path | None:
-    """Return the place on this machine that stands for the output of a run."""
+    """Return the local path that represents the output of a run, which may be a URL."""
     if out is None:
         return None
     url = url_of(out)
@@ -109,7 +109,7 @@ def only_run_at(out: str | Path | None) -> AbstractContextManager[None]:
 
 @contextmanager
 def run_folder(out: str | Path) -> Iterator[Path]:
-    """Return the folder to save a run in; what is saved for a URL is uploaded at the end."""
+    """Return the folder to save a run in; for a URL its files are uploaded at the end."""
     url = url_of(out)
     if url is None:
         yield Path(out)

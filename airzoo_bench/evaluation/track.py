@@ -125,7 +125,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run may use; no number depends on it.
+    """Memory, processes and options of a run; no number depends on them.
 
     `memory_bytes` is the most that a prediction file may take, `jobs` the number of threads or
     processes (on a cluster, of threads of each worker). With `keep`, scenes keep what figures show.
@@ -197,7 +197,7 @@ class Track(ABC):
 
     @abstractmethod
     def assign(self, predictions: Any, truths: Sequence[Any], protocol: Any) -> Assignment:
-        """Assign predictions to scenes, and find what is wrong with them as far as that is quick.
+        """Assign predictions to scenes, and find the errors that are found quickly.
 
         Predictions for another benchmark raise PredictionError. Where the benchmark folder is
         missing, `truths` is empty, and the parts are those of ``protocol.scenes``.
@@ -215,7 +215,7 @@ class Track(ABC):
         """
 
     def check(self, part: Any, truth: Any | None, protocol: Any, run: Run) -> Scored:
-        """Find what is wrong with a scene as far as possible without scoring it.
+        """Look for errors of a scene without scoring it.
 
         Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed, and
         None where the benchmark folder is missing.

@@ -1,4 +1,4 @@
-"""Finding protocols: shipped ones, those of benchmark folders, and one made for own data."""
+"""Finding protocols, shipped or in benchmark folders, and making one for own data."""
 
 from __future__ import annotations
 

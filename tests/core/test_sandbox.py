@@ -138,9 +138,10 @@ def test_faults_come_back_with_their_class(tmp_path: Path) -> None:
 )
 def test_each_limit_is_one_clear_message(name: str, message: str, tmp_path: Path) -> None:
     begin = time.monotonic()
+    limits = Limits(64 << 20, 1 if name == "spin" else 20, 4 if name == "sleep" else 60)
     with pytest.raises(PredictionError, match=message):
-        call(name, tmp_path, Limits(64 << 20, cpu_s=1 if name == "spin" else 20, wall_s=4))
-    assert time.monotonic() - begin < 20
+        call(name, tmp_path, limits)
+    assert time.monotonic() - begin < 60
 
 
 def test_a_map_beyond_its_file_or_outside_of_the_predictions_is_refused(tmp_path: Path) -> None:
