@@ -36,7 +36,7 @@ __all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "truth_fi
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A result, the records it was made from, and the truths and scored scenes that figures need."""
+    """A result, the records it was made from, and the scenes that figures need besides."""
 
     result: Result
     records: pd.DataFrame

@@ -158,7 +158,7 @@ def resampled_averages(
 
 
 def weighted_averages(values: Floats, medians: Bools, weights: NDArray[np.integer]) -> Floats:
-    """Average values (V, N) by integer weights (N, B) whose columns have one sum, (V, B).
+    """Average values (V, N) by integer weights (N, B) with equal column sums, (V, B).
 
     The averages are the same to the last bit whatever the number of threads and columns; +inf is a
     value like any other.

@@ -1,4 +1,4 @@
-"""What stands in tables of methods: numbers as they are shown, scored here, reported, or floors."""
+"""Tables of methods: numbers scored here, numbers reported by papers, and floors."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class MethodTable:
-    """Entries that may stand in one table: of one protocol and truth, or reported for them.
+    """Entries of one table: of one protocol and truth, or reported for them.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ def with_published(
     average: bool = True,
     elsewhere: Sequence[str] = (),
 ) -> MethodTable:
-    """Put the rows of published tables before those of the methods scored here."""
+    """Put the rows of published tables before the methods scored here."""
     scenic = [table for table in tables if table.has_scenes]
     plain = [table for table in tables if not table.has_scenes]
     chosen = scenic if by_scene else plain or scenic

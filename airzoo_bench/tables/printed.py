@@ -150,7 +150,7 @@ class Score:
 
 
 def read_score(name: str) -> Score:
-    """Understand a score's printed name; what is not understood is of the family `OTHER`."""
+    """Understand a score's printed name; unknown names are of the family `OTHER`."""
     plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
     matches = {kind: pattern.fullmatch(plain) for kind, pattern in _PATTERNS.items()}
     if re.search(r"[@<]\s*[-\u2212]", name):  # no threshold is below 0

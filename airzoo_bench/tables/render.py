@@ -45,7 +45,7 @@ def render(
 
 
 def _standing(row: Row) -> str:
-    """Say what a row is that is of no method scored here; empty for one that is."""
+    """Return the mark of reported rows and floors; empty for methods scored here."""
     return FLOOR if row.floor else f"{REPORTED}: {row.reported}" if row.reported else ""
 
 
