@@ -67,18 +67,9 @@ class Conclusion:
 class Outcome:
     """The outcome of one check.
 
-    Attributes
-    ----------
-    tested, what : int, str
-        How many things it compared, and what these are: "shares of queries".
-    left : str
-        What could not be checked and why; empty where nothing was left.
-    cells : tuple of PrintedValue
-        The values that were compared with others, or with what is known.
-    said : str
-        What is wrong but was found by another check, and so is no finding of this one.
-    unchecked : int
-        Averages that stand next to their scenes and may be wrong all the same.
+    It compared a number of things, such as "shares of queries", made of `cells`. `left` says what
+    could not be checked and why, `said` what another check has found. `unchecked` counts averages
+    next to their scenes that may be wrong all the same.
     """
 
     check: str

@@ -51,22 +51,11 @@ class ResamplingConfig:
 
 @dataclass(frozen=True)
 class Sample:
-    """Variables measured on the same units, which are independent of each other.
+    """Variables measured on the same independent units, which are queries or scenes.
 
-    Attributes
-    ----------
-    unit : str
-        What a unit is: "query" or "scene".
-    groups : tuple of str
-        Within what units are resampled: scenes, or all scenes as one group. All are different,
-        since the draws of a group depend on its name.
-    values : tuple of (V, N) arrays
-        V variables of the N units of each group.
-    medians : (V,) bool
-        Which variables are averaged by the median within a group; the statistic of all groups is
-        the unweighted mean of theirs.
-    shares : (V,) bool, optional
-        Which variables are shares from 0 to 1, averaged by their mean; none where left out.
+    Each group, such as a scene, has values (V, N) of V variables and its N units. `medians` (V,)
+    are averaged by the median within a group, and `shares` (V,) are means of shares from 0 to 1; the
+    statistic of all groups is the unweighted mean. The draws of a group depend on its name.
     """
 
     unit: str

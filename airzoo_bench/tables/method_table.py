@@ -63,16 +63,9 @@ class MethodRow:
 class MethodTable:
     """Entries of one table: of one protocol and truth, or reported for them.
 
-    Attributes
-    ----------
-    scenes, queries : mappings of str to str, and to int
-        Titles by id, and how many queries each scene has, where that is known.
-    method_notes, notes : tuples of str
-        Of the results themselves, each of which says whose it is; and of all together.
-    legend, about_intervals : tuples of str
-        Those of the notes without which numbers mislead: LaTeX prints them under the table.
-    identity : str
-        What the numbers depend on.
+    `scenes` and `queries` are titles, and known numbers of queries, by scene. A method note names
+    its methods. LaTeX prints the notes in `legend` and `about_intervals` under the table, since
+    numbers mislead without them. The numbers depend on `identity`.
     """
 
     title: str

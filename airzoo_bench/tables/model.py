@@ -173,18 +173,10 @@ class Row:
 class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
-    Attributes
-    ----------
-    groups_per_block : int
-        How many groups of columns stand side by side where a format breaks a wide table.
-    leading : int, optional
-        How many columns say what a row is, which every piece repeats; where it is not given, all
-        before the first score.
-    fixed : bool
-        Whether so many groups do whatever their width, and no more on a terminal and in HTML.
-    legend : tuple of str
-        The notes without which the numbers mislead: LaTeX prints them under the table, and the
-        others as comments.
+    A format that breaks a wide table puts `groups_per_block` groups of columns side by side, fewer
+    where they are too wide unless the number is `fixed`. Every piece repeats the `leading` columns,
+    by default all before the first score. LaTeX prints the notes in `legend` under the table, since
+    numbers mislead without them, and the others as comments.
     """
 
     title: str

@@ -123,16 +123,9 @@ _PART = re.compile(rf"<? ?{_VALUE} ?(cm|mm|km|m|deg|°|px|%)?")
 class Score:
     """A score, by its printed name.
 
-    Attributes
-    ----------
-    thresholds : tuple of (Fraction, str)
-        Value and unit, such as 3, or 5 m and 1 deg.
-    stem : str
-        What stands before the ``@``: only scores of one stem are ordered by their thresholds.
-    cutoff, variant : int, str or None
-        K of average precision at K, and which it is, where the name says so.
-    higher_is_better : bool or None
-        None where it is not known.
+    Thresholds have a value and a unit, such as 5 m and 1 deg; only scores with one `stem` before
+    the ``@`` are ordered by them. `cutoff` and `variant` are of average precision at K.
+    `higher_is_better` is None where it is not known.
     """
 
     name: str
