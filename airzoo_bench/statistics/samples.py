@@ -53,9 +53,10 @@ class ResamplingConfig:
 class Sample:
     """Variables measured on the same independent units, which are queries or scenes.
 
-    Each group, such as a scene, has values (V, N) of V variables and its N units. `medians` (V,)
-    are averaged by the median within a group, and `shares` (V,) are means of shares from 0 to 1; the
-    statistic of all groups is the unweighted mean. The draws of a group depend on its name.
+    Each group, such as a scene, has values (V, N) of V variables and its N units. Variables are
+    averaged by the median within a group where `medians` (V,) says so, else by the mean, and over
+    groups without weights; `shares` (V,) are means of shares from 0 to 1. The draws of a group
+    depend on its name.
     """
 
     unit: str
