@@ -17,8 +17,7 @@ from airzoo_bench.audit.counts import (
 )
 from airzoo_bench.audit.findings import Audit, Finding, Grade, Outcome
 from airzoo_bench.audit.sums import check_averages, check_gains
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.tables.printed import Family, Score, Span
 from airzoo_bench.tables.published import PrintedValue, Published, grouped
 

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.special import bdtrc
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.core.errors import ResultError, UsageError, first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import ResultError, UsageError, agreeing, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed import Family, Rounded, Span
 from airzoo_bench.tables.published import PrintedValue, Published, grouped

@@ -21,7 +21,7 @@ from airzoo_bench.audit.counts import (
     score_of,
 )
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted
 from airzoo_bench.tables.printed import Family, Rounded, Span
 from airzoo_bench.tables.published import PrintedValue, Published, grouped
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import ResultError, UsageError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import ResultError, UsageError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.results.result import Result, ScoreColumn
 

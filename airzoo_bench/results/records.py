@@ -23,8 +23,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv as arrow_csv
 
-from airzoo_bench.core.errors import ResultError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import ResultError, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtr, ndtri, stdtr, stdtrit
 
-from airzoo_bench.core.plurals import counted, plural
+from airzoo_bench.core.errors import counted, plural
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.samples import (
     ResamplingConfig,

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.plurals import plural
+from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats

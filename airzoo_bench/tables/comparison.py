@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from airzoo_bench.core.plurals import agreeing, counted, plural
+from airzoo_bench.core.errors import agreeing, counted, plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.comparison import FLOOR_MARK, Comparison, Pair, make_sample
 from airzoo_bench.results.records import Scored

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from airzoo_bench.core.plurals import plural
+from airzoo_bench.core.errors import plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.comparison import notes_of, score_intervals
 from airzoo_bench.results.records import Scored
