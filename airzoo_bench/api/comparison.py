@@ -178,8 +178,8 @@ def _check(
 def _read(
     results: Sequence[Given], scores: Sequence[str], *, every: bool, every_column: bool
 ) -> list[Scored]:
-    paths = results_here([result for result in results if not isinstance(result, Scored)])
     read: list[Scored] = []
+    paths = results_here([result for result in results if not isinstance(result, Scored)])
     if paths:
         first = read_result(result_paths(paths)[0])
         read = read_scored(paths, None if every_column else score_keys(first, scores, every=every))
@@ -205,8 +205,7 @@ def _rechecked(one: Scored) -> Scored:
 def _intervals(asked: Request, plan: ResamplingConfig) -> Comparison:
     (method,), scores, scene = asked.methods, asked.scores, asked.scene
     found = score_intervals(method, scores, plan, scene)
-    table = intervals_table(method, scores, found, plan, scene)
-    result = method.result
+    table, result = intervals_table(method, scores, found, plan, scene), method.result
     parts: list[tuple[str | None, dict[str, float], list[Interval]]] = [
         (name, result.scenes[name], part) for name, part in found.groups.items()
     ]

@@ -1,4 +1,4 @@
-"""All checks of published tables in one call; those of rows, columns and repeated numbers."""
+"""All checks of published tables in one call; checks of rows, columns, repeated numbers."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def audit(
 
 
 def _settled(cells: Cells) -> tuple[PrintedValue, ...]:
-    """Settle by the whole file which recalls are of clouds, and whether accuracy is a distance."""
+    """Settle by the whole file whether recalls are of clouds, and accuracy a distance."""
     of_clouds = {
         (cell.table, *cell.group, cell.score.thresholds)
         for cell in cells
@@ -100,7 +100,7 @@ def _settled(cells: Cells) -> tuple[PrintedValue, ...]:
 
 
 def _of_cloud(score: Score) -> Score | None:
-    """Return recall or precision at K as that of a point cloud within K; None for other scores."""
+    """Return recall or precision at K as a point cloud's within K; None for other scores."""
     if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
         return Score(score.name, Family.PRECISION, ((Fraction(score.cutoff), ""),))
     if score.family is Family.HITS:
@@ -177,7 +177,7 @@ def _disordered(first: PrintedValue, second: PrintedValue) -> Finding | None:
 
 
 def _rows_with(published: Published, *needed: Family) -> list[list[PrintedValue]]:
-    """Return the values of several families that stand in one row, with one threshold."""
+    """Return the values of several families in one row, with one threshold."""
     rows = published.by(lambda cell: (*cell.row, cell.score.thresholds))
     by_family = [{cell.score.family: cell for cell in row} for row in rows.values()]
     return [[row[family] for family in needed] for row in by_family if set(needed) <= row.keys()]
@@ -266,7 +266,7 @@ def _check_agreement(published: Published, reported: AbstractSet[int]) -> Outcom
 
 
 def _overview(published: Published, findings: Iterable[Finding]) -> Iterator[str]:
-    """Say of which two tables several numbers differ, and which findings that is."""
+    """Name two tables with several different numbers, and count the findings of that."""
     grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
     tables = grouped(_repeated(published), lambda pair: (pair[0].table, pair[1].table))
     for (one, other), pairs in tables.items():

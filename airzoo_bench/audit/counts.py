@@ -63,7 +63,7 @@ def score_of(cell: PrintedValue) -> Key:
 
 
 def decimal_text(number: Fraction, decimals: int) -> str:
-    """Write an exact number with so many decimals, halves away from zero."""
+    """Write an exact number with `decimals` decimals, halves away from zero."""
     scaled = abs(number) * 10**decimals
     digits = str((2 * scaled.numerator + scaled.denominator) // (2 * scaled.denominator))
     sign = "-" if number < 0 and int(digits) else ""
@@ -217,7 +217,7 @@ def _implied(cells: Sequence[PrintedValue], precise: Collection[Key]) -> _Implie
 
 
 def _chance(totals: np.ndarray, values: int) -> np.ndarray:
-    """Return what part of so many printed values are counts of each total."""
+    """Return the share of all printed values that are counts of each total."""
     halves = np.gcd(totals, 2 * values) - np.gcd(totals, values)
     return np.asarray(np.minimum(1.0, (totals + halves) / values))
 
@@ -275,7 +275,7 @@ class Share:
 
     @property
     def is_cut(self) -> bool:
-        """Whether it is a whole number whose further digits were cut off."""
+        """Whether it is a whole number with its further digits cut off."""
         count, step = math.ceil(self.exact), 2 * self.cell.number.half * self.total / self.cell.full
         return count <= self.total and count < self.exact + step
 
@@ -351,7 +351,7 @@ def _precisions(published: Published) -> dict[Key, list[PrintedValue]]:
 def _places(
     cells: Iterable[PrintedValue], queries: Mapping[Key, Queries], is_given: bool
 ) -> list[Share]:
-    """Return values of one scene, whose number of queries is known, as shares of K places each."""
+    """Return values of scenes with a known number of queries as shares of K places each."""
     known = [(cell, queries[key_of(cell)]) for cell in cells if key_of(cell) in queries]
     return [
         Share(cell, n, cell.score.cutoff, n.is_given and is_given)

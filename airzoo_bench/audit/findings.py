@@ -1,4 +1,4 @@
-"""Findings: what is wrong, how sure that is, and why; what was checked; as a table and as text."""
+"""Findings with their grade and arithmetic, and outcomes of checks; as a table and as text."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What the numbers say where nothing is wrong: a count, a definition, a way to average."""
+    """A conclusion from numbers that are right: a count, a definition, a way to average."""
 
     check: str
     place: str
@@ -65,20 +65,11 @@ class Conclusion:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one check did.
+    """The outcome of one check.
 
-    Attributes
-    ----------
-    tested, what : int, str
-        How many things it compared, and what these are: "shares of queries".
-    left : str
-        What could not be checked and why; empty where nothing was left.
-    cells : tuple of PrintedValue
-        The values that were compared with others, or with what is known.
-    said : str
-        What is wrong but was found by another check, and so is no finding of this one.
-    unchecked : int
-        Averages that stand next to their scenes and may be wrong all the same.
+    It compared a number of things, such as "shares of queries", made of `cells`. `left` says what
+    could not be checked and why, `said` what another check has found. `unchecked` counts averages
+    next to their scenes that may be wrong all the same.
     """
 
     check: str
@@ -93,7 +84,7 @@ class Outcome:
 
     @property
     def text(self) -> str:
-        """Say what was checked, what came of it, and what was not checked."""
+        """Say how much was checked, with which result, and how much was not."""
         if not self.tested:
             return f"not checked: {self.left}"
         found = f"{len(self.findings)} found" if self.findings else ""
@@ -132,7 +123,7 @@ class Audit:
 
     @property
     def conclusions(self) -> tuple[Conclusion, ...]:
-        """What the numbers say where nothing is wrong, check by check."""
+        """The conclusions of all checks."""
         return tuple(said for outcome in self.outcomes for said in outcome.conclusions)
 
     @property
@@ -150,7 +141,7 @@ class Audit:
 
     @property
     def checked(self) -> int:
-        """How many values were compared with others, or with what is known."""
+        """The number of values that were compared with others, or with known counts."""
         return len({id(cell) for outcome in self.outcomes for cell in outcome.cells})
 
     @property
@@ -165,7 +156,7 @@ class Audit:
 
 
 def audit_table(audit: Audit) -> Table:
-    """Lay out an audit: a row a finding; what was checked and concluded are notes."""
+    """Lay out an audit: a row a finding; checks and conclusions are notes."""
     tables = any(finding.cell.table for finding in audit.findings)
     titles = ["Grade", "Check", *["Table"] * tables, "Scene", "Method", "Score", "Printed", "Why"]
     rows = []
@@ -193,7 +184,7 @@ def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
 
 
 def _sections(audit: Audit) -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
-    """Yield titles with their paragraphs: first indent, that of further lines, text."""
+    """Yield titles with their paragraphs: indents of the first and further lines, text."""
     none = "Nothing found." if audit.checked else "Nothing could be checked, so nothing was found."
     if audit.checked and audit.unchecked:
         none = "Nothing found in what could be checked."

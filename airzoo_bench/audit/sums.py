@@ -1,4 +1,4 @@
-"""Averages against the scenes that they are of, and gains against the differences of the values."""
+"""Averages against their scenes, and gains against the differences of the values."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _Averaged:
 
     @property
     def is_median(self) -> bool:
-        """Whether it is of medians."""
+        """Whether it averages medians."""
         return self.cell.score.family is Family.MEDIAN
 
     @property

@@ -99,7 +99,7 @@ def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) ->
 
 
 def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
-    """Refuse results whose numbers do not measure the same."""
+    """Refuse results of different protocols, truths or meanings of a score."""
     for what in ("protocol", "truth"):
         prints = [getattr(result, what).fingerprint for result in results]
         others = [place for place, found in enumerate(prints) if found != prints[0]]
@@ -120,7 +120,7 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
 def _unlike(
     names: Sequence[str], results: Sequence[Result], what: str, others: Sequence[int]
 ) -> ResultError:
-    """Name two results that do not measure the same, in what they differ, and what to do."""
+    """Name two results of different protocols or truths, with the difference and the remedy."""
     first, second = results[0], results[others[0]]
     if what == "protocol":
         made, why = "made with different protocols", _explain_protocols(first, second)
@@ -166,7 +166,7 @@ def _explain_truths(first: Result, other: Result) -> str:
 
 
 def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
-    """Say in what the settings of two protocols differ, see `Protocol.settings`."""
+    """List the settings in which two protocols differ."""
     return _first_settings(list(_compare_settings(one, two)))
 
 
@@ -189,7 +189,7 @@ def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
 
 
 def check_same_queries(methods: Sequence[Scored]) -> None:
-    """Refuse results whose numbers do not measure the same on the same queries."""
+    """Refuse results of different protocols, truths or queries."""
     check_comparable([m.name for m in methods], [m.result for m in methods])
     first = methods[0]
     for other in methods[1:]:

@@ -108,7 +108,7 @@ def notes_of(result: Result) -> tuple[str, ...]:
 
 
 def floor_note(result: Result) -> str:
-    """Say by which headline scores a method is no better than a reference, such as chance."""
+    """Name the headline scores by which a method is no better than a reference, such as chance."""
     parts = []
     for name, reference in result.references.items():
         columns = [c for c in result.columns if c.headline and c.key in reference.overall]
@@ -186,7 +186,7 @@ def family_of(names: Sequence[str], reference: str | None) -> int:
 
 @dataclass(frozen=True)
 class AgainstBest:
-    """Every method against the best by a score, the first of equals, which stands at `best`.
+    """Every method against the best by a score, the first of equals, at the place `best`.
 
     p is paired, two-sided, after Holm's correction for all pairs of methods, since the best was
     chosen for its value; that of the best itself is 1.
@@ -258,7 +258,7 @@ class Pair:
 
     @property
     def p_floor(self) -> float:
-        """The least p that any values could have, on as many units as differ here; 0 of a t."""
+        """The least p that any values of these units could have; 0 of Student's t."""
         return 0.0 if self.test.kind == "student" else p_floor(self.wins + self.losses)
 
 
@@ -284,7 +284,7 @@ class Comparison:
     no_better: frozenset[str] = frozenset()
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair next to the one."""
+        """Return the other method of a pair."""
         return pair.reference if self.of_one else pair.method
 
 
@@ -331,7 +331,7 @@ def compare(
 
 
 def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
-    """Repeat each method's notes, tell of different versions, and of what is no other method."""
+    """Collect the methods' notes, different versions, and methods of one predictions file."""
     names, results = [m.name for m in methods], [m.result for m in methods]
     notes = [f"{method.name}: {note}" for method in methods for note in notes_of(method.result)]
     by_file: dict[str, list[str]] = {}

@@ -41,7 +41,7 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def results_here(given: Sequence[str | Path]) -> list[Path]:
-    """Return results as paths of this machine; of those at URLs there is a mirror."""
+    """Return results as paths of this machine, and copy those at URLs."""
     found: list[Path] = []
     for location in given:
         url = url_of(location)
@@ -83,7 +83,7 @@ def records_path(path: Path) -> Path:
 def method_names(
     paths: Sequence[Path], results: Sequence[Result], *, by_protocol: bool = True
 ) -> list[str]:
-    """Return the methods' names; where several are alike, with what their files' paths differ in.
+    """Return the methods' names, and add parts of the files' paths where several are alike.
 
     Where `by_protocol`, results that do not measure the same may have the same method's name.
     """

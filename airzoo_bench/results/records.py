@@ -79,7 +79,7 @@ def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -
 def read_records(
     path: Path, result: Result | None = None, columns: Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Read the records that stand next to a result, sorted by ``query``.
+    """Read the records next to a result, sorted by ``query``.
 
     Of a file's columns are read ``scene``, ``query`` and those of `columns`, or all where left out.
     Scores are float64, the same to the last bit as when they were written, +inf included. Other

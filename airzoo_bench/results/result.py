@@ -1,4 +1,4 @@
-"""Results: what was scored, with what, and what came out; JSON both ways.
+"""Results of evaluations, written and read as JSON.
 
 Shares are 0 to 1. An infinite error is the text ``Infinity``, since JSON has no number for it. A
 checksum over the content tells a result that was edited by hand.
@@ -96,7 +96,7 @@ class TruthUsed(ResultModel):
 
 
 class ReaderUsed(ResultModel):
-    """What read a method's own files, and what it took to be so."""
+    """The reader of a method's own files, and the conventions that it assumed."""
 
     name: Name
     conventions: tuple[Name, ...]
@@ -132,7 +132,7 @@ class ScoreColumn(ResultModel):
 
 
 class Reference(ResultModel):
-    """What scores without a method at work, such as chance, or the prior pose taken as the answer.
+    """Scores without a method, such as chance, or the prior pose taken as the answer.
 
     `meaning` says in a sentence how it was made, which tables print below the row. Scores are as in
     `Result`; those for which it makes no sense are left out, of all three parts alike.
@@ -191,7 +191,7 @@ class Result(ResultModel):
 
     @property
     def unit(self) -> Literal["query", "scene"]:
-        """What a record is of, by the track; a query where the track is not installed."""
+        """The unit of a record, by the track; a query where the track is not installed."""
         return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
     def with_checksum(self) -> Result:
@@ -199,7 +199,7 @@ class Result(ResultModel):
         return self.model_copy(update={"checksum": self._hash_content()})
 
     def with_records(self, sha256: str) -> Result:
-        """Return the same result, with its checksum, for records whose file has that hash."""
+        """Return the same result for records with that hash, with a new checksum."""
         return self.model_copy(update={"records_sha256": sha256}).with_checksum()
 
     def is_intact(self) -> bool:

@@ -42,7 +42,7 @@ Pairs = Sequence[tuple[int, int]]
 
 @dataclass(frozen=True)
 class Interval:
-    """A confidence interval, whose limits may be infinite, or the reason why there is none.
+    """A confidence interval with limits that may be infinite, or the reason for having none.
 
     The method is "bca", "percentile", "wilson", "mover", "student", "lognormal", or empty.
     """

@@ -65,7 +65,7 @@ Tested = Iterator[tuple[int, Places, Floats]]
 
 
 def resamples_for(count: int) -> int:
-    """Return how many draws all pairs of so many variables can share in seconds."""
+    """Return a number of draws that takes all pairs of these variables some seconds."""
     return _MANY if count <= _MOST_METHODS else _FEW
 
 
@@ -165,7 +165,7 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
 
 
 def tie_codes(values: Floats) -> Floats:
-    """Round values to 30 binary digits, those of 1 where they are smaller: what is alike, ties."""
+    """Round values to 30 binary digits, as if they were at least 1: equal codes are ties."""
     sizes = np.frexp(np.maximum(1.0, np.abs(_without_infinite(values))))[1]
     return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
 
@@ -292,7 +292,7 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
 def _limits_of_hits(
     sample: Sample, hits: Sequence[Floats], confidence: float, one: int, others: Places
 ) -> Floats:
-    """Take `difference_limits` from what each wins of another, which products count."""
+    """Take `difference_limits` from the hits that each wins of another, counted by products."""
     squares, sizes = np.zeros((2, len(others))), [part.shape[1] for part in sample.values]
     for part, counts, queries in zip(sample.values, hits, sizes, strict=True):
         both, reaches = part[others] @ part[one], reaches_of_hits(queries, confidence)
@@ -311,12 +311,12 @@ def correct_pairs(p_values: Floats) -> Floats:
 
 
 def told_apart(values: Floats, corrected: Floats) -> Bools:
-    """Return which two variables (V, V) differ significantly; never two whose values are equal."""
+    """Return which two variables (V, V) differ significantly; equal values never do."""
     return np.asarray((corrected <= LEVEL) & (values[:, None] != values))
 
 
 def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) -> NDArray[np.int64]:
-    """Return between which ranks (V, 2) variables stand, by values (V,) and corrected p (V, V).
+    """Return the range of ranks (V, 2) of variables, by values (V,) and corrected p (V, V).
 
     Those are 1 + the number of significantly better ones, and V - the number of worse ones. With a
     chance of at least 95 % all true ranks lie in their ranges, since differences that are all
@@ -329,7 +329,7 @@ def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) ->
 
 
 def unpaired_p_values(values: Floats, errors: Floats) -> Floats:
-    """Test every two variables of which only standard errors (V,) are known, (V, V).
+    """Test every two variables by their values and standard errors (V,) alone, (V, V).
 
     p is that of a normal difference, and 1 of an infinite value or one without standard error. The
     errors are added: whatever the correlation of two variables, their difference varies no more.

@@ -51,22 +51,12 @@ class ResamplingConfig:
 
 @dataclass(frozen=True)
 class Sample:
-    """Variables measured on the same units, which are independent of each other.
+    """Variables measured on the same independent units, which are queries or scenes.
 
-    Attributes
-    ----------
-    unit : str
-        What a unit is: "query" or "scene".
-    groups : tuple of str
-        Within what units are resampled: scenes, or all scenes as one group. All are different,
-        since the draws of a group depend on its name.
-    values : tuple of (V, N) arrays
-        V variables of the N units of each group.
-    medians : (V,) bool
-        Which variables are averaged by the median within a group; the statistic of all groups is
-        the unweighted mean of theirs.
-    shares : (V,) bool, optional
-        Which variables are shares from 0 to 1, averaged by their mean; none where left out.
+    Each group, such as a scene, has values (V, N) of V variables and its N units. Variables are
+    averaged by the median within a group where `medians` (V,) says so, else by the mean, and over
+    groups without weights; `shares` (V,) are means of shares from 0 to 1. The draws of a group
+    depend on its name.
     """
 
     unit: str
@@ -158,7 +148,7 @@ def resampled_averages(
 
 
 def weighted_averages(values: Floats, medians: Bools, weights: NDArray[np.integer]) -> Floats:
-    """Average values (V, N) by integer weights (N, B) whose columns have one sum, (V, B).
+    """Average values (V, N) by integer weights (N, B) with equal column sums, (V, B).
 
     The averages are the same to the last bit whatever the number of threads and columns; +inf is a
     value like any other.

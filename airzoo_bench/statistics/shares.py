@@ -43,7 +43,7 @@ def effective_rates(values: Floats) -> Rates:
 
 
 def _steadied(count: int, means: Floats, most: Floats, squares: Floats) -> Rates:
-    """Take sizes from sums of squares, with the prior's queries added, beside those of hits."""
+    """Take sizes from the sums of squares of hits and of values, with the prior's queries added."""
     ends = _PRIOR * (means**2 + (1 - means) ** 2)
     return Rates(means, np.maximum(most * (count + 2 * _PRIOR) / (squares + ends), count))
 
@@ -70,7 +70,7 @@ def reaches_of(rates: Rates, confidence: float) -> Reaches:
 
 @lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
 def reaches_of_hits(count: int, confidence: float) -> Reaches:
-    """Take Jeffreys' limits of 0, 1, ..., `count` hits of so many queries."""
+    """Take Jeffreys' limits of 0, 1, ..., `count` hits of `count` queries."""
     means = np.arange(count + 1) / count
     squares = count * means * (1 - means)
     return reaches_of(_steadied(count, means, squares, squares), confidence)
@@ -96,7 +96,7 @@ def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
 
 
 def _around(limits: Floats, means: Floats) -> Floats:
-    """Let no limit lie beyond the mean; those of 0 and 1 then lie on it."""
+    """Let no limit lie beyond the mean; limits of 0 and 1 then lie on it."""
     return np.stack([np.minimum(limits[:, 0], means), np.maximum(limits[:, 1], means)], axis=1)
 
 

@@ -195,7 +195,7 @@ def _count_by_swaps(
 
 
 def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have, on as many units as differ."""
+    """Return the least p that any values could have on this number of units that differ."""
     return min(1.0, 2.0 ** (1 - unlike))
 
 

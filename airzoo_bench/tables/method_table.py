@@ -1,4 +1,4 @@
-"""What stands in tables of methods: numbers as they are shown, scored here, reported, or floors."""
+"""Tables of methods: numbers scored here, numbers reported by papers, and floors."""
 
 from __future__ import annotations
 
@@ -61,18 +61,11 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class MethodTable:
-    """Entries that may stand in one table: of one protocol and truth, or reported for them.
+    """Entries of one table: of one protocol and truth, or reported for them.
 
-    Attributes
-    ----------
-    scenes, queries : mappings of str to str, and to int
-        Titles by id, and how many queries each scene has, where that is known.
-    method_notes, notes : tuples of str
-        Of the results themselves, each of which says whose it is; and of all together.
-    legend, about_intervals : tuples of str
-        Those of the notes without which numbers mislead: LaTeX prints them under the table.
-    identity : str
-        What the numbers depend on.
+    `scenes` and `queries` are titles, and known numbers of queries, by scene. A method note names
+    its methods. LaTeX prints the notes in `legend` and `about_intervals` under the table, since
+    numbers mislead without them. The numbers depend on `identity`.
     """
 
     title: str
@@ -179,7 +172,7 @@ def with_published(
     average: bool = True,
     elsewhere: Sequence[str] = (),
 ) -> MethodTable:
-    """Put the rows of published tables before those of the methods scored here."""
+    """Put the rows of published tables before the methods scored here."""
     scenic = [table for table in tables if table.has_scenes]
     plain = [table for table in tables if not table.has_scenes]
     chosen = scenic if by_scene else plain or scenic

@@ -26,10 +26,10 @@ __all__ = [
 ]
 
 REPORTED = "reported, not re-scored"
-"""What every row says whose numbers somebody else has printed."""
+"""The mark of rows with numbers that somebody else has printed."""
 
 FLOOR = "what scores without a method"
-"""What rows are called that are of no method."""
+"""The mark of rows without a method."""
 
 _DAGGER = "†"
 _LARGEST = 1e9  # shown with all its digits
@@ -45,7 +45,7 @@ def share_to_percent(value: float) -> float:
 
 
 def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
-    """Return a number with so many digits after the point, an infinite one as ``inf``."""
+    """Return a number with `decimals` digits after the point, an infinite one as ``inf``."""
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
     # Powers of ten keep the width of a large number bounded.
@@ -84,7 +84,7 @@ class Column:
 
     @property
     def title_suffix(self) -> str:
-        """What follows the title: unit and direction; the unit of grouped columns is a note's."""
+        """The unit and direction behind the title; a note has the unit of grouped columns."""
         unit = f" [{self.unit}]" if self.unit and not self.group else ""
         return unit + {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
 
@@ -155,16 +155,16 @@ class Row:
 
     @property
     def is_own(self) -> bool:
-        """Whether it is of a method that was scored here."""
+        """Whether its method was scored here."""
         return not (self.reported or self.floor)
 
     @property
     def name(self) -> str:
-        """What stands in the first column."""
+        """The text of the first column."""
         return str(self.cells[0].value)
 
     def is_apart(self, above: Row | None) -> bool:
-        """Whether a rule stands between it and the row above."""
+        """Whether there is a rule between it and the row above."""
         kind = (self.summary, self.floor)
         return any(kind) and (above is None or kind != (above.summary, above.floor))
 
@@ -173,18 +173,10 @@ class Row:
 class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
-    Attributes
-    ----------
-    groups_per_block : int
-        How many groups of columns stand side by side where a format breaks a wide table.
-    leading : int, optional
-        How many columns say what a row is, which every piece repeats; where it is not given, all
-        before the first score.
-    fixed : bool
-        Whether so many groups do whatever their width, and no more on a terminal and in HTML.
-    legend : tuple of str
-        The notes without which the numbers mislead: LaTeX prints them under the table, and the
-        others as comments.
+    A format that breaks a wide table puts `groups_per_block` groups of columns side by side, fewer
+    where they are too wide unless the number is `fixed`. Every piece repeats the `leading` columns,
+    by default all before the first score. LaTeX prints the notes in `legend` under the table, since
+    numbers mislead without them, and the others as comments.
     """
 
     title: str
@@ -197,7 +189,7 @@ class Table:
     legend: tuple[str, ...] = ()
 
     def texts(self) -> list[list[str]]:
-        """Return every cell as it is shown, with what follows its value."""
+        """Return the text of every cell, with its mark, interval and gain."""
         return [
             [
                 " ".join([cell.text(column.decimals), *cell.suffix(column.decimals)])
@@ -209,7 +201,7 @@ class Table:
 
     @property
     def dagger_note(self) -> tuple[str, ...]:
-        """What the dagger of reported rows means, where there are any."""
+        """The note that explains the dagger of reported rows, where there are any."""
         parts = [part for row in self.rows for part in row.reported.split("; ") if part]
         sources = "; ".join(dict.fromkeys(parts))
         return (f"{_DAGGER} {REPORTED}: {sources}",) if sources else ()
@@ -221,7 +213,7 @@ class Table:
 
     @property
     def has_groups(self) -> bool:
-        """Whether something stands above some columns."""
+        """Whether some columns have a title above theirs."""
         return any(column.group for column in self.columns)
 
     @property
@@ -233,7 +225,7 @@ class Table:
         return next(scores, len(self.columns))
 
     def is_text(self, column: int) -> bool:
-        """Whether a column holds words, which stand at its left, and not numbers."""
+        """Whether a column holds words, aligned to the left, and not numbers."""
         return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
 
     def units(self) -> list[list[int]]:
@@ -253,7 +245,7 @@ def by_block(table: Table) -> list[Table]:
 
 
 def by_count(table: Table) -> list[Table]:
-    """Split a table with groups into pieces of so many groups as a page takes."""
+    """Split a table with groups of columns into pieces that fit a page."""
     return [piece for part in by_block(table) for piece in _counted(part)]
 
 

@@ -123,16 +123,9 @@ _PART = re.compile(rf"<? ?{_VALUE} ?(cm|mm|km|m|deg|°|px|%)?")
 class Score:
     """A score, by its printed name.
 
-    Attributes
-    ----------
-    thresholds : tuple of (Fraction, str)
-        Value and unit, such as 3, or 5 m and 1 deg.
-    stem : str
-        What stands before the ``@``: only scores of one stem are ordered by their thresholds.
-    cutoff, variant : int, str or None
-        K of average precision at K, and which it is, where the name says so.
-    higher_is_better : bool or None
-        None where it is not known.
+    Thresholds have a value and a unit, such as 5 m and 1 deg; only scores with one `stem` before
+    the ``@`` are ordered by them. `cutoff` and `variant` are of average precision at K.
+    `higher_is_better` is None where it is not known.
     """
 
     name: str
@@ -150,7 +143,7 @@ class Score:
 
 
 def read_score(name: str) -> Score:
-    """Understand a score's printed name; what is not understood is of the family `OTHER`."""
+    """Understand a score's printed name; unknown names are of the family `OTHER`."""
     plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
     matches = {kind: pattern.fullmatch(plain) for kind, pattern in _PATTERNS.items()}
     if re.search(r"[@<]\s*[-\u2212]", name):  # no threshold is below 0

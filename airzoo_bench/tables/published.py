@@ -1,4 +1,4 @@
-"""Published numbers: what papers print, a line a number of a CSV file, with their source.
+"""Published numbers of papers, a line a number of a CSV file, with their source.
 
 A source is a TOML file that says where numbers come from and what the paper's names mean here,
 beside its CSV file. Such numbers were not scored here: they have no fingerprint, and stand next to
@@ -57,7 +57,7 @@ _BOLD = {"": False, "0": False, "1": True}
 
 @dataclass(frozen=True)
 class PrintedValue:
-    """A printed number and where it stands.
+    """A printed number and its place.
 
     `line` is of the file; `full` is what a share of all is printed as, 100 or 1; `gain` is the
     difference that is printed next to it; `queries` are those of its scene, where the file says so.
@@ -79,7 +79,7 @@ class PrintedValue:
 
     @property
     def is_summary(self) -> bool:
-        """Whether it stands for several scenes."""
+        """Whether it is an average of several scenes."""
         return self.scene.casefold() in _SUMMARIES
 
     @property
@@ -89,12 +89,12 @@ class PrintedValue:
 
     @property
     def group(self) -> tuple[str, str]:
-        """Benchmark and track: what scenes and their averages have in common."""
+        """Benchmark and track, which scenes and their averages have in common."""
         return self.benchmark, self.track
 
     @property
     def row(self) -> tuple[str, ...]:
-        """What tells a row: table, benchmark, track, scene and method."""
+        """The key of its row: table, benchmark, track, scene and method."""
         return self.table, *self.group, self.scene, self.method
 
     @property
@@ -264,7 +264,7 @@ class Source(Strict):
 
 @dataclass(frozen=True)
 class PublishedTable:
-    """One printed table, or the part of it that is of one benchmark, by the names of the suite.
+    """One printed table, or its part for one benchmark, by the names of the suite.
 
     Values are by method, scene title (`OVERALL` for the average over scenes) and score, in percent,
     metres or degrees.

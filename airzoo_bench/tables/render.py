@@ -23,21 +23,19 @@ from airzoo_bench.tables.model import (
     plain,
     show_number,
 )
+from airzoo_bench.tables.terminal import TERMINAL_WIDTH, terminal
 
 __all__ = ["FORMATS", "render"]
 
-_WIDTH = 80  # where nothing is known of the terminal, or there is none
 # Scores are called such as "@5m,10°": there is no operator in it and no function, thus no formula.
 _HARMLESS = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?|-inf|@[0-9][\w.,° ±]*")
 
 
 def render(
-    table: Table, form: str, *, width: int = _WIDTH, styled: bool = False, fit: bool = False
+    table: Table, form: str, *, width: int = TERMINAL_WIDTH, styled: bool = False, fit: bool = False
 ) -> str:
     """Render a table as text that ends with a newline."""
     if form == "terminal":
-        from airzoo_bench.tables.terminal import terminal  # the help does without Rich's tables
-
         return terminal(table, width=width, styled=styled)
     if form == "latex":
         return latex(table, fit=fit)
@@ -45,7 +43,7 @@ def render(
 
 
 def _standing(row: Row) -> str:
-    """Say what a row is that is of no method scored here; empty for one that is."""
+    """Return the mark of reported rows and floors; empty for methods scored here."""
     return FLOOR if row.floor else f"{REPORTED}: {row.reported}" if row.reported else ""
 
 

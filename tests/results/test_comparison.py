@@ -10,7 +10,6 @@ from airzoo_bench.results.comparable import choose_scores
 from airzoo_bench.results.comparison import compare, make_sample, score_intervals
 from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison import comparison_table
-from airzoo_bench.tables.intervals import intervals_table
 from tests.results.compared import EAST, FAST, WEST, against, hits
 from tests.statistics.support import CHAMFER, ERROR, HIT, made_method, random_methods
 
@@ -94,13 +93,6 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     assert table.notes[0].startswith(said)
 
 
-def test_an_infinite_difference_is_not_nothing():
-    scenes = [{"s": {"error_m": values}} for values in ([1.0, 2, 3], [1.0, np.inf, np.inf])]
-    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-    assert against(*methods).pairs[0].difference == np.inf
-    assert against(*methods[::-1]).pairs[0].difference == -np.inf
-
-
 def test_holm_goes_over_the_methods_of_a_score():
     methods = random_methods(4, {"east": 60, "west": 60}, (HIT, ERROR))
     pairs = against(*methods).pairs
@@ -132,20 +124,3 @@ def test_scenes_are_resampled_where_they_have_one_record_each():
     table = comparison_table(comparison)
     assert table.title == "Against a, 6 scenes"
     assert table.notes[-1].startswith("p: paired permutation, two-sided, all patterns;")
-
-
-def test_too_few_scenes():
-    methods = [
-        made_method(
-            {s: {"chamfer_m": [v]} for s, v in zip("abcd", values, strict=True)}, (CHAMFER,), n
-        )
-        for n, values in (("m", [1.0, 2, 3, 4]), ("n", [2.0, 4, 5, 9]))
-    ]
-    pair = against(*methods).pairs[0]
-    assert pair.interval.reason == "only 4 scenes: an interval needs 5"
-    assert pair.test.p_value == 2 / 16
-    table = intervals_table(
-        methods[0], [CHAMFER], score_intervals(methods[0], [CHAMFER], FAST), FAST
-    )
-    assert table.texts() == [["Average", "Chamfer [m]", "2.50", "–"]]
-    assert table.notes == (f"Chamfer: no interval; {pair.interval.reason}",)

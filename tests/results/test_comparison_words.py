@@ -2,51 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.results.comparable import check_same_queries, choose_scores
-from airzoo_bench.tables.comparison import sentence
-from tests.results.compared import EAST, FAST, WEST, against, hits
-from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods
-
-
-class TestSentence:
-    def test_better(self):
-        methods = random_methods(2, {"east": 300, "west": 200}, (HIT, ERROR))
-        pairs = against(*methods).pairs
-        said = sentence(pairs[0], FAST)
-        assert said.startswith("method01 is better than method00 on R@1 by ")
-        assert f"by {100 * (pairs[0].difference or 0):.2f} points (95 % interval " in said
-        assert "p = 0.0010" in said
-        assert "Holm" not in said
-        assert "McNemar" in said
-        swapped = sentence(against(*methods[::-1]).pairs[0], FAST)
-        assert swapped == said
-        error = sentence(pairs[1], FAST)
-        assert error.startswith("method01 is better than method00 on Median by ")
-        assert " m (95 % interval " in error
-
-    def test_equal(self):
-        pair = against(hits("a", EAST, WEST), hits("b", EAST, WEST)).pairs[0]
-        assert sentence(pair, FAST) == "b and a are equal on R@1 everywhere."
-        assert pair.difference == 0.0
-        assert pair.test.p_value == pair.p_mcnemar == 1.0
-        # Without one query that differs, the rates may still differ by what so few cannot show.
-        assert pair.interval.method == "mover"
-        assert pair.interval.low == -(pair.interval.high or 0.0)
-
-    def test_one_infinite(self):
-        scenes = {"s": {"error_m": [np.inf] * 8}}, {"s": {"error_m": [1.0] * 8}}
-        pair = against(
-            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
-        ).pairs[0]
-        assert pair.difference == -np.inf
-        assert pair.test.p_value == 2 / 256
-        assert sentence(pair, FAST).startswith(
-            "b is better than a on Median by an infinite amount (no"
-        )
+from tests.results.compared import EAST, WEST, against, hits
+from tests.statistics.support import HIT, SOFT, made_method, random_methods
 
 
 class TestRefusals:

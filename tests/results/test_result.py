@@ -55,17 +55,6 @@ def test_both_ways_to_the_last_digit(tmp_path: Path) -> None:
     assert read.predictions.method == 'Mé\ufffdthod \\ " <b> \ufffd[0m'
 
 
-def test_it_is_json_that_every_reader_takes(tmp_path: Path) -> None:
-    write_result(tmp_path / "result.json", result())
-
-    def refuse(name: str) -> Any:
-        raise AssertionError(f"{name} is no JSON")
-
-    content = json.loads((tmp_path / "result.json").read_text(), parse_constant=refuse)
-    assert content["overall"] == {"recall@1": 0.1 + 0.2, "distance_m": "Infinity"}
-    assert content["schema"] == 1
-
-
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -122,12 +111,6 @@ def changed(value: object, *keys: str) -> dict[str, Any]:
         part = part[key]
     part[keys[-1]] = value
     return content
-
-
-@pytest.mark.parametrize("value", [math.nan, -math.nan])
-def test_a_score_is_never_nan(value: float) -> None:
-    with pytest.raises(ValueError, match="never NaN"):
-        result(distance_m=value)
 
 
 @pytest.mark.parametrize(

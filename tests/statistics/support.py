@@ -120,7 +120,7 @@ def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     """Write result and records as `eval` does."""
     track = SimpleNamespace(files={})
     given = SimpleNamespace(track=track, predictions=SimpleNamespace(path=folder.parent / "p.npz"))
-    run: Any = SimpleNamespace(result=result, records=records, given=given)
+    run: Any = SimpleNamespace(result=result, records=records, given=given, scored={})
     save(run, folder)
 
 

@@ -12,7 +12,7 @@ from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import interval_limits, percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.comparison import comparison_table, verdict
+from airzoo_bench.tables.comparison import verdict
 from tests.statistics.coverage import documented, standard_error
 from tests.statistics.simulations import (
     OTHERS,
@@ -123,35 +123,6 @@ def test_false_findings_and_power_are_as_documented(name: str) -> None:
         assert share == pytest.approx(printed, abs=3 * standard_error(printed, 1_000, 2_000))
     error = 2 * standard_error(0.05, 1_000)
     assert (0.0 if name in OTHERS else 0.03 - error) <= found[1] <= 0.07 + error
-
-
-def test_verdict_and_interval_of_medians_agree() -> None:
-    random = np.random.default_rng(0)
-    for number in range(40):
-        scenes = [
-            {s: {"error_m": random.exponential(scale, 40).tolist()} for s in ("east", "west")}
-            for scale in (1.0, 1.0 + number / 40)
-        ]
-        methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-        pair = compare(methods, [ERROR], resampling=FAST).pairs[0]
-        holds_0 = (pair.interval.low or 0.0) <= 0 <= (pair.interval.high or 0.0)
-        assert (verdict(pair) == "unclear") == holds_0
-
-
-def test_medians_with_a_scene_too_small_to_resample_are_not_tested() -> None:
-    random = np.random.default_rng(0)
-    scenes = [
-        {"east": {"error_m": [1.0, 2.0]}, "west": {"error_m": (random.random(30) + shift).tolist()}}
-        for shift in (0.0, 5.0)
-    ]
-    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-    comparison = compare(methods, [ERROR], resampling=FAST)
-    pair = comparison.pairs[0]
-    assert (pair.test.p_value, pair.test.patterns, verdict(pair)) == (1.0, 0, "too few")
-    assert (
-        "Median: too few to tell; only 2 queries in scene east: an interval needs 5, and medians "
-        "are tested by theirs" in comparison_table(comparison).notes
-    )
 
 
 @pytest.mark.parametrize("column", [HIT, ERROR])

@@ -11,8 +11,6 @@ from airzoo_bench.results.result import Reference, Result, write_result
 from airzoo_bench.tables.layouts import scenes_layout, scenes_table
 from airzoo_bench.tables.marks import mark_best
 from airzoo_bench.tables.method_table import method_table, with_floors
-from airzoo_bench.tables.render import FORMATS
-from tests.support import run_main
 from tests.tables.two_results import made
 
 NAME, MEANING = "Chance level", "the mean over all orders of the gallery."
@@ -41,20 +39,6 @@ def files(tmp_path: Path) -> list[Path]:
     return paths
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_every_format_shows_them(
-    form: str, files: list[Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("table", *files, "--format", form) == 0
-    out, said = capsys.readouterr()
-    assert MEANING.rstrip(".") not in out + said
-    assert run_main("table", *files, "--floors", "--format", form) == 0
-    out, said = capsys.readouterr()
-    assert NAME in out
-    assert "62.50" in out or "62.5" in out
-    assert f"{NAME}: {MEANING}" in (out + said).replace(r" \\ ", " ")
-
-
 def test_they_are_never_the_best_nor_second() -> None:
     results = [scored("Mine", 0.5, 0.25), scored("Poor", 0.25, 0.25)]
     table = mark_best(scenes_layout(with_floors(method_table(results), results)), second=True)
@@ -77,16 +61,3 @@ def test_one_result_by_scene() -> None:
         ("in Rural", 50.0),
     ]
     assert not any(row.floor for row in scenes_table(scored("Mine", 0.5, 0.25)).rows)
-
-
-def test_results_that_hold_others_or_none() -> None:
-    one, other = scored("Mine", 0.5, 0.25), scored("Poor", 0.25, 0.25)
-    none = scored("Old", 0.25, 0.25, references={})
-    odd = scored("Odd", 0.25, 0.25, references={NAME: chance(0.75, 0.51)})
-    board = with_floors(method_table([one, none, other]), [one, none, other])
-    assert [entry.method for entry in board.rows] == ["Mine", "Old", "Poor", NAME]
-    assert not any("differs" in note for note in board.notes)
-    board = with_floors(method_table([one, odd]), [one, odd])
-    assert f"{NAME} of Odd differs from the one that is shown" in board.notes
-    board = with_floors(method_table([none]), [none])
-    assert board.notes == ("no floors: these results hold none, as those of older versions",)

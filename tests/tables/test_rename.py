@@ -53,13 +53,6 @@ def test_what_is_no_renaming(
         assert fragment in message
 
 
-def test_names_may_be_swapped(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    options = ("--rename", "Mine=MegaLoc", "--rename", "MegaLoc=Mine", "--format", "csv")
-    assert run_main("table", *files, *options) == 0
-    rows = capsys.readouterr().out.splitlines()
-    assert [row.partition(",")[0] for row in rows[1:]] == ["MegaLoc", "Mine"]
-
-
 class TestOneRow:
     """Results of several tracks that are renamed to one method."""
 
@@ -102,14 +95,6 @@ class TestOneRow:
         out = capsys.readouterr().out
         assert r"\rowcolor{yellow!25}" + "\n" + r"Ours~\cite{b,a}" in out
         assert "{(0.00)}" in out or "(0.00)" in out or "(+0.00)" in out
-
-    def test_an_existing_name_is_joined(
-        self, tracks: list[Path], capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        options = ("--rename", "SIFT and VLAD=SIFT", "--format", "csv")
-        assert run_main("table", *tracks, *options) == 0
-        rows = capsys.readouterr().out.splitlines()
-        assert rows[1:] == ["SIFT,37.50,37.50", "Other,–,37.50"]
 
     def test_two_numbers_do_not_fit_one_cell(
         self, tracks: list[Path], capsys: pytest.CaptureFixture[str]
