@@ -35,8 +35,9 @@ class _BaselineGroup(BuiltGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         return [name for name in TRACKS.names() if TRACKS.get(name).baseline is not None]
 
-    def summary_of(self, thing: TrackInfo) -> str:
-        return "" if thing.baseline is None else thing.baseline.summary
+    def summary_of(self, name: str) -> str:
+        summary: str = TRACKS.get(name).baseline.summary
+        return summary
 
     def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str]:
         baseline = thing.baseline

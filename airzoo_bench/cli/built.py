@@ -14,8 +14,7 @@ from typer.core import TyperCommand
 
 from airzoo_bench.cli.common import LightGroup, examples, in_panels
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.registry import Registry
+from airzoo_bench.core.registry import Option, Registry
 
 __all__ = ["BuiltGroup", "option_parameters", "parameter", "with_parameters"]
 
@@ -39,10 +38,9 @@ class BuiltGroup(LightGroup):
     def command_of(self, thing: Any) -> tuple[Callable[..., None], *tuple[str, ...]]:
         """Return the function of a thing's subcommand, and its examples."""
 
-    def summary_of(self, thing: Any) -> str:
+    def summary_of(self, name: str) -> str:
         """Return what the list of subcommands says of a thing's."""
-        summary: str = thing.summary
-        return summary
+        return self.registry.help(name)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Show the list of subcommands, whose options are not made for it."""
@@ -84,10 +82,9 @@ class BuiltGroup(LightGroup):
         """Return a subcommand."""
         if cmd_name not in self.registry:  # which does not look at all packages, as its names do
             return None
-        thing = self.registry.get(cmd_name)
         if self._listing:
-            return TyperCommand(cmd_name, help=self.summary_of(thing))
-        function, *calls = self.command_of(thing)
+            return TyperCommand(cmd_name, help=self.summary_of(cmd_name))
+        function, *calls = self.command_of(self.registry.get(cmd_name))
         app = typer.Typer(add_completion=False)
         grouped = in_panels(self.panels, self.own_panel)
         app.command(name=cmd_name, cls=grouped, epilog=examples(*calls))(function)

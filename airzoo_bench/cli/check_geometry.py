@@ -101,7 +101,7 @@ def check_geometry(
     show_progress: ProgressOption = False,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
-    from airzoo_bench.core.places import check_output_folder
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
     from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
     from airzoo_bench.datasets.geometry_checks.report import (

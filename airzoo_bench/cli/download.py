@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from airzoo_bench.cli.common import examples, progress, put, say
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.plurals import counted, sized
+from airzoo_bench.core.errors import UsageError, counted, sized
 from airzoo_bench.core.registry import DATASETS
 
 if TYPE_CHECKING:

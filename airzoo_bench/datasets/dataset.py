@@ -132,7 +132,7 @@ class Dataset(ABC, Generic[OptionsT]):
     example : str
         What stands behind ``airzoo-bench prepare``, for the help.
     options : type
-        A frozen dataclass whose fields are annotated with `core.options.Option`; they become
+        A frozen dataclass whose fields are annotated with `core.registry.Option`; they become
         options of the command, next to those of `PrepareSettings`, which every dataset has.
     jobs : int or None
         Default of ``--jobs``; None where there is nothing to share out, and no such option.

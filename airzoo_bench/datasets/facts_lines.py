@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.datasets.plausibility import scene_warnings
 from airzoo_bench.datasets.priors import PriorFacts
 from airzoo_bench.datasets.scene_facts import SceneFacts

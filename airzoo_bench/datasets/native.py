@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 from airzoo_bench.datasets.native_scene import NativeScene

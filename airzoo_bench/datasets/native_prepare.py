@@ -13,10 +13,8 @@ from functools import partial
 from pathlib import Path
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.only_run import only_run
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import UsageError, counted
+from airzoo_bench.core.files import atomic_folder, only_run
 from airzoo_bench.core.progress import shown
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings

@@ -15,8 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.datasets.table_header import check_header, columns_text, found_columns
 from airzoo_bench.geometry.arrays import Floats

@@ -9,8 +9,7 @@ from enum import Enum
 import numpy as np
 
 from airzoo_bench.benchmark.queries import poses_of
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted, first_of
 from airzoo_bench.datasets.priors import TURNED_DEG, PriorFacts, WithoutPrior
 from airzoo_bench.datasets.raster_checks import (
     FAR_BELOW_M,

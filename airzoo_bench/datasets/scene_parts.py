@@ -18,9 +18,8 @@ from typing import Any
 from airzoo_bench import __version__
 from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.core.files import fingerprint
+from airzoo_bench.core.files import fingerprint, temporary_folder
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.raster_files import raster_files

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import BenchmarkError, UserError, agreeing, counted
+from airzoo_bench.core.files import temporary_folder
 from airzoo_bench.core.progress import shown
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.folder import write_scene
 from airzoo_bench.datasets.scene_content import scene_content

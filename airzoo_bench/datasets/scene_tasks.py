@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.core.places import DATA_VARIABLE, cannot_write, data_root
-from airzoo_bench.core.temporaries import PART
+from airzoo_bench.core.files import DATA_VARIABLE, PART, cannot_write, data_root
 from airzoo_bench.datasets.dataset import PrepareSettings
 from airzoo_bench.datasets.scene_parts import SceneSource, needed_files
 

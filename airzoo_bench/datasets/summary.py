@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.datasets.dataset import SceneSummary, TrackSummary
 from airzoo_bench.datasets.facts_lines import fact_lines, plausibility_warnings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths

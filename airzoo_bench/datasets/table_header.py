@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import agreeing
+from airzoo_bench.core.errors import BenchmarkError, agreeing
 from airzoo_bench.core.validation import nearest
 
 __all__ = ["check_header", "columns_text", "found_columns"]

@@ -21,8 +21,7 @@ from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.cli.prepare import app as prepare_app
 from airzoo_bench.core import registry
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.registry import DATASETS, TRACKS
+from airzoo_bench.core.registry import DATASETS, TRACKS, Option
 from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.scene_content import SceneContent

@@ -19,9 +19,9 @@ from airzoo_bench.core.errors import (
     PredictionError,
     RasterError,
     UsageError,
+    counted,
     first_of,
 )
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.npz import NpzFile, read_header
 
 __all__ = ["SUFFIXES", "DepthKind", "find_depths", "read_depth"]

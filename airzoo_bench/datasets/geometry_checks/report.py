@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import CameraError
+from airzoo_bench.core.errors import CameraError, agreeing, counted
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.datasets.facts_lines import plausibility_warnings
 from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
 from airzoo_bench.datasets.geometry_checks.depth_report import FLOATING_BELOW, DepthConsistency

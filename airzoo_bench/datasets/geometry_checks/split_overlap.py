@@ -13,9 +13,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import first_of
+from airzoo_bench.core.errors import agreeing, counted, first_of
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
 from airzoo_bench.geometry.arrays import Floats, Ints

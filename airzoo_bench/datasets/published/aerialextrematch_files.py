@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photos import metadata_priors, photo_metadata

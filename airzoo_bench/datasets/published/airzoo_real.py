@@ -153,7 +153,7 @@ def _retrieval(root: Path) -> RetrievalProtocol:
 
 
 def _region(options: AirZooRealOptions, scene: str) -> RegionFiles:
-    from airzoo_bench.core.places import data_root
+    from airzoo_bench.core.files import data_root
     from airzoo_bench.datasets.published.airzoo_real_photos import region_files
 
     gallery, _ = _retrieval(data_root()).map_rules()

@@ -14,7 +14,7 @@ import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.photo_metadata import priors_to_poses

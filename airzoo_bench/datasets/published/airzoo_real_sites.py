@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.published.places import folder_content, stem_key, sub_folder

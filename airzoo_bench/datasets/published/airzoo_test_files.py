@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.mini.frames import ECEF_COLUMNS, PLACE_COLUMNS

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.published.image_scene import ImageScene
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.stated_truth import ImageSet, pairs_of_labels

@@ -11,8 +11,7 @@ from statistics import median
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.datasets.published.gta_uav_files import DroneImage, Pair
 from airzoo_bench.datasets.published.image_scene import ImageScene
 from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UserError, counted
 from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress, shown, silent
 from airzoo_bench.datasets.dataset import Prepared, PrepareSettings, SceneSummary
 from airzoo_bench.datasets.folder import write_folder_files

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from airzoo_bench.core.options import Option
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.native import NativeOptions
 
 __all__ = [

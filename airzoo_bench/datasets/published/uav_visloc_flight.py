@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.native_scene import NativeScene
 from airzoo_bench.datasets.native_tables import NativeTable, read_table

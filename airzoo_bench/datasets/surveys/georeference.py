@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.datasets.native_text import read_native_text
 from airzoo_bench.datasets.photo_metadata import read_prior
 from airzoo_bench.datasets.posed_photos import PosedPhotos

@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import PurePosixPath
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 
 __all__ = ["match_names"]
 

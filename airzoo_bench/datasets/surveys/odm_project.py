@@ -10,9 +10,8 @@ import numpy as np
 from pydantic import BaseModel, Field
 from pyproj import CRS
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.places import data_root
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.photos import FoundPhotos
 from airzoo_bench.datasets.posed_photos import PosedPhotos

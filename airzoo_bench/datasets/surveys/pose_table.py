@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.native_tables import NativeTable
 from airzoo_bench.datasets.native_text import read_native_text

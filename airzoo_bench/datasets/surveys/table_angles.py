@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted
 from airzoo_bench.datasets.surveys.attitude import Convention, attitudes_to_rotations
 from airzoo_bench.datasets.surveys.pose_table import PoseTable
 from airzoo_bench.geometry.arrays import Floats

@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.native import NativeDataset, NativeOptions
 from airzoo_bench.datasets.native_scene import NativeScene

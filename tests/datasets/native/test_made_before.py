@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.temporaries import only_writer
+from airzoo_bench.core.files import only_writer
 from tests.datasets.native.flights import NAMES, SCENES, Flights, everything, prepare
 
 
