@@ -7,12 +7,14 @@ files did not change is not made again.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
 import shutil
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +25,7 @@ from airzoo_bench.benchmark.manifest import SceneFile
 from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError
 from airzoo_bench.core.files import atomic_folder, fingerprint
 from airzoo_bench.core.only_run import only_run
+from airzoo_bench.core.places import cannot_write
 from airzoo_bench.core.plurals import agreeing, counted
 from airzoo_bench.core.progress import Progress, shown
 from airzoo_bench.core.temporaries import temporary_folder
@@ -41,6 +44,7 @@ from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSumma
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
 from airzoo_bench.geometry.raster_files import raster_files
+from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["Source", "check_target", "chosen_scenes", "is_prepared", "prepare_scenes"]
 
@@ -49,6 +53,7 @@ _PARTS = ("scenes", "data")
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
 _MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
 _PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".part", ".crdownload", ".aria2")
+_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 # Options that do not change a scene.
 _OF_THE_RUN = ("scene", "keep_going")
 _WAY_OUT = "leave the scene out with --keep-going, or name those to make with --scene"
@@ -298,7 +303,7 @@ def prepare_scenes(
         "another run is making this benchmark here",
         "name a folder elsewhere with --out",
     )
-    with only_run(run.staging, what, settings.folder.parent, otherwise):
+    with _writing(settings.folder), only_run(run.staging, what, settings.folder.parent, otherwise):
         try:
             run.finish()
             return run.assemble()
@@ -406,10 +411,8 @@ class _Run:
         tracks = {scene: tuple(part.summary.tracks) for scene, part in parts.items()}
         served = served_protocols(made, tracks, folder)
         with atomic_folder(folder, replace=settings.replace) as staged:
-            for part in settings.progress(parts.values(), "writing the folder", len(parts)):
-                part.add_to(staged, _link_or_copy)
-            write_records(staged, parts.values())
-            write_folder_files(staged, served, [part.entry for part in parts.values()])
+            put = partial(self._put_together, staged, served)
+            shown(put, "writing the folder", settings.progress)
         self.made = True
         accuracy = {scene: part.entry.truth_accuracy_m for scene, part in parts.items()}
         for protocol in served:
@@ -423,6 +426,13 @@ class _Run:
             self.failed,
         )
 
+    def _put_together(self, folder: Path, served: Sequence[Protocol]) -> None:
+        parts = self.parts.values()
+        for part in parts:
+            part.add_to(folder, _link_or_copy)
+        write_records(folder, parts)
+        write_folder_files(folder, served, [part.entry for part in parts])
+
     def _only_some(self, made: BenchmarkProtocols) -> str:
         left_out = [scene for scene in self.protocols.titles if scene not in made.titles]
         options = self.source.options
@@ -435,6 +445,17 @@ class _Run:
         )
 
 
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Name the folder where the disk takes no more."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _OF_WRITING:  # it is a file that is read
+            raise
+        raise cannot_write(folder, error) from None
+
+
 def _scene_name(scene: str) -> str:
     return f"scene {scene}"
 
@@ -445,7 +466,8 @@ def _task(run: _Run, scene: str) -> tuple[Part, SceneFacts | None] | UserError:
     if hidden and hidden[0].is_absolute():
         raise _unseen(f"a worker on {socket.gethostname()} does not see this", hidden[0])
     try:
-        return _made(run, scene)
+        with _writing(run.settings.folder):
+            return _made(run, scene)
     except UserError as fault:
         if getattr(run.source.options, "keep_going", False):
             return fault

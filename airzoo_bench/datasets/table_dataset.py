@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.places import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
 from airzoo_bench.datasets.content import photo_sizes, utm_zone
@@ -20,7 +21,7 @@ from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import match_names, read_table
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.protocol.lookup import load_protocol
+from airzoo_bench.protocol.lookup import find_protocol
 
 __all__ = ["TableDataset"]
 
@@ -63,7 +64,7 @@ class TableDataset(Dataset[SourceOptions]):
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
         """Return the protocols' scenes whose table is there."""
-        every = [load_protocol(Path(name)).scenes for name in self.protocols]
+        every = [find_protocol(name, data_root()).scenes for name in self.protocols]
         ids = dict.fromkeys(scene.id for scenes in every for scene in scenes)
         found = {one: list(self._files(options, one).values()) for one in ids}
         there = {one: files for one, files in found.items() if files[1].is_file()}

@@ -64,7 +64,7 @@ def test_options_that_differ_are_named(source: Path, capsys: pytest.CaptureFixtu
     prepare(capsys, 0, source, "--scene", "01")
     again = "the folder exists already, made with"
     said = prepare(capsys, 2, source, "--scene", "01", "--fov-across", 50)
-    assert f"{again} --fov-across 52.0, now --fov-across 50.0" in said
+    assert f"{again} --fov-across 52.0, now 50.0" in said
     said = prepare(capsys, 2, source, "--scene", "01", "--scene", "07")
     assert f"{again} scenes 01, now 01, 07" in said
     (source / "01" / "01.csv").touch()

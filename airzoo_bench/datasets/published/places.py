@@ -73,9 +73,12 @@ def sub_path(folder: Path, *parts: str) -> Path | None:
 
 def find_home(source: Path, is_home: Callable[[Path], bool], layout: str) -> Path:
     """Return the folder that is a benchmark: the one named, or the only one in it."""
-    if source.is_dir() and is_home(source):
+    if not source.is_dir():
+        what = "a file, not a folder" if source.exists() else "no such folder"
+        raise BenchmarkError(what, where=source, expected=layout)
+    if is_home(source):
         return source
-    inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
+    inside = sorted(path for path in source.iterdir() if path.is_dir())
     found = [folder for folder in inside if is_home(folder)]
     if len(found) == 1:
         return found[0]

@@ -9,7 +9,7 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.downloads import HubFile, of_scenes
-from airzoo_bench.protocol.lookup import load_protocol
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.datasets.downloads.hub_place import FILES, parts, there
 from tests.datasets.downloads.hub_server import Hub
 from tests.support import run_main
@@ -68,7 +68,8 @@ def test_a_scene_is_fetched_with_what_all_share(hub: Hub, place: Path) -> None:
 def test_scenes_of_airzoo_real_are_those_of_prepare() -> None:
     about = DATASETS.get("airzoo-real").about
     protocols = [
-        load_protocol(Path(f"airzoo-real-{task}")) for task in ("retrieval", "reconstruction")
+        load_protocol(shipped_protocols()[f"airzoo-real-{task}"])
+        for task in ("retrieval", "reconstruction")
     ]
     assert set(about.scene_files) == {scene.id for one in protocols for scene in one.scenes}
     recon = "airzoo_real_recon"
