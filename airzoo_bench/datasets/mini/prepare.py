@@ -146,13 +146,10 @@ def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progre
 
 def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
-    return BenchmarkProtocols(
-        (
-            _protocol("retrieval", RetrievalProtocol, seed),
-            _protocol("matching", MatchingProtocol, seed),
-            _protocol("reconstruction", ReconstructionProtocol, seed),
-        )
-    )
+    retrieval = _protocol("retrieval", RetrievalProtocol, seed)
+    matching = _protocol("matching", MatchingProtocol, seed)
+    reconstruction = _protocol("reconstruction", ReconstructionProtocol, seed)
+    return BenchmarkProtocols((retrieval, matching, reconstruction))
 
 
 def _protocol(track: str, kind: type[P], seed: int) -> P:
