@@ -7,7 +7,7 @@ import io
 from pathlib import Path
 
 import numpy as np
-from airzoo_bench.evaluation.prediction_files import QueryPredictions
+from airzoo_bench.evaluation.queries import QueryPredictions
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import read_text
