@@ -90,7 +90,7 @@ def _stop(code: int) -> None:
     sys.stderr.write(_MESSAGE)
     from multiprocessing import active_children
 
-    from airzoo_bench.core.temporaries import remove_own
+    from airzoo_bench.core.files import remove_own
 
     remove_own()
 

@@ -10,7 +10,7 @@ import numpy as np
 import airzoo_bench as ab
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, poses_of
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.geometry.poses import matrix_to_quaternion
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.protocol.lookup import find_protocol

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, Phase, settings
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.main import app
-from airzoo_bench.core.progress import told
+from airzoo_bench.core.progress import report_progress
 from tests.support import BRIGHTON, MadeScene, made_protocol, write_benchmark
 
 # Tests never assert times: a busy machine is no fault.
@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session", autouse=True)
 def _nothing_takes_long() -> Iterator[None]:
     """Leave out lines that name what takes over two seconds: that depends on the machine."""
-    with mock.patch.dict(told.__kwdefaults__, first_s=1e6):
+    with mock.patch.dict(report_progress.__kwdefaults__, first_s=1e6):
         yield
 
 

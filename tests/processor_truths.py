@@ -14,7 +14,7 @@ import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.cli.main import app
-from airzoo_bench.core.places import DATA_VARIABLE
+from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
 from airzoo_bench.datasets.mini.prepare import mini_photos
 from airzoo_bench.datasets.mini.world.model import REGIONS, Region

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.api.arrays import choice, numbers, positive, refused, whole
 from airzoo_bench.api.labels import same_columns
-from airzoo_bench.core.errors import ArgumentError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import ArgumentError, counted
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, finite_rows

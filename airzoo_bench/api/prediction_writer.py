@@ -22,10 +22,16 @@ from airzoo_bench.api.photos import Photo
 from airzoo_bench.api.scene_views import RowFile, SceneViews, cloud_and_depth
 from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError, first_of
-from airzoo_bench.core.files import atomic_entries, write_npz
+from airzoo_bench.core.files import (
+    atomic_entries,
+    cannot_write,
+    check_output_file,
+    check_output_folder,
+    only_writer,
+    temporary_folder,
+    write_npz,
+)
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
-from airzoo_bench.core.places import cannot_write, check_output_file, check_output_folder
-from airzoo_bench.core.temporaries import only_writer, temporary_folder
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud

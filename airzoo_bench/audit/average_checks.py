@@ -11,7 +11,7 @@ import numpy as np
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, key_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted
 from airzoo_bench.tables.printed_numbers import (
     Interval,
     Rounded,

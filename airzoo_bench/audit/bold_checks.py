@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.printed_values import PrintedValue, Published
 
 __all__ = ["check_bold"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
 from airzoo_bench.audit.queries import Key, Queries, is_average, key_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted
 from airzoo_bench.tables.printed_numbers import (
     count_text,
     decimal_text,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 from airzoo_bench.tables.printed_values import PrintedValue
 

@@ -11,7 +11,7 @@ from fractions import Fraction
 from math import inf
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted
 from airzoo_bench.tables.printed_numbers import Rounded, decimal_text
 from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from airzoo_bench.audit.findings import Finding, Grade, Outcome
 from airzoo_bench.audit.queries import row_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.printed_scores import Family, at_most
 from airzoo_bench.tables.printed_values import PrintedValue, Published, grouped
 

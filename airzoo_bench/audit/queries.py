@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 from airzoo_bench.audit.findings import Conclusion
 from airzoo_bench.audit.implied import Implied, implied_total
-from airzoo_bench.core.errors import ResultError, UsageError, first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import ResultError, UsageError, agreeing, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.tables.printed_numbers import possible_counts
 from airzoo_bench.tables.printed_scores import Family

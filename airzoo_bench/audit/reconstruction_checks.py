@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.printed_numbers import Interval, decimal_text
 from airzoo_bench.tables.printed_scores import Family
 from airzoo_bench.tables.printed_values import PrintedValue, Published

@@ -22,7 +22,7 @@ from typing import Any, Protocol, TypeVar
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
 from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import DATA_VARIABLE, data_root
+from airzoo_bench.core.files import DATA_VARIABLE, data_root
 from airzoo_bench.core.validation import read_toml, validated
 
 __all__ = [

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import MARK, data_location
+from airzoo_bench.core.files import MARK, data_location
 from airzoo_bench.storage.mirror import (
     Mirror,
     absent_is_absent,

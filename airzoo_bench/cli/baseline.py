@@ -36,8 +36,8 @@ class _BaselineGroup(BuiltGroup):
         return [name for name in TRACKS.names() if TRACKS.get(name).baseline is not None]
 
     def summary_of(self, name: str) -> str:
-        baseline = TRACKS.get(name).baseline
-        return "" if baseline is None else str(baseline.summary)
+        summary: str = TRACKS.get(name).baseline.summary
+        return summary
 
     def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str]:
         baseline = thing.baseline

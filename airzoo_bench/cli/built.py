@@ -14,8 +14,7 @@ from typer.core import TyperCommand
 
 from airzoo_bench.cli.common import LightGroup, examples, in_panels
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.registry import Registry
+from airzoo_bench.core.registry import Option, Registry
 
 __all__ = ["BuiltGroup", "option_parameters", "parameter", "with_parameters"]
 
@@ -40,9 +39,8 @@ class BuiltGroup(LightGroup):
         """Return the function of a thing's subcommand, and its examples."""
 
     def summary_of(self, name: str) -> str:
-        """Return the line of the list of subcommands."""
-        summary: str = self.registry.get(name).summary
-        return summary
+        """Return what the list of subcommands says of a thing's."""
+        return self.registry.help(name)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Show the list of subcommands, whose options are not made for it."""

@@ -84,7 +84,7 @@ def check_geometry(
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
-    from airzoo_bench.core.places import check_output_folder
+    from airzoo_bench.core.files import check_output_folder
     from airzoo_bench.datasets.geometry_checks.report import (
         OUTPUT_NAMES,
         geometry_table,

@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.progress import told
+from airzoo_bench.core.progress import report_progress
 from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()
     UsageError
         See `airzoo_bench.core.files.check_output_file`; or the ending is another.
     """
-    from airzoo_bench.core.places import check_output_file
+    from airzoo_bench.core.files import check_output_file
     from airzoo_bench.results.files import records_path
 
     files = [path / "result.json" if path.is_dir() else path for path in results]
@@ -260,7 +260,7 @@ def show(table: Table, form: Format, *, fit: bool = False) -> None:
 def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
     """Yield the items and show the time left on stderr: a bar, or lines without a terminal."""
     if not sys.stderr.isatty():
-        yield from told(items, label, total, say=say)
+        yield from report_progress(items, label, total, say=say)
         return
     from airzoo_bench.cli.bars import bar
 
@@ -271,7 +271,7 @@ def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
 def working(label: str) -> Iterator[None]:
     """Show on stderr that something is under way; without a terminal, a line if it takes long."""
     if not sys.stderr.isatty():
-        with closing(told((None,), label, 1, say=say)) as step:
+        with closing(report_progress((None,), label, 1, say=say)) as step:
             next(step)
             yield
         return

@@ -31,7 +31,7 @@ def demo(
     Needs no data: the benchmark is shipped. Predictions of an earlier run are used again.
     """
     from airzoo_bench.benchmark.folder import find_benchmark
-    from airzoo_bench.core.places import check_output_folder, data_root
+    from airzoo_bench.core.files import check_output_folder, data_root
     from airzoo_bench.core.registry import TRACKS
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.run_files import save

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from airzoo_bench.cli.common import examples, progress, put, say
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.plurals import counted, sized
+from airzoo_bench.core.errors import UsageError, counted, sized
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About, about_file, read_about
 

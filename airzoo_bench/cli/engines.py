@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from airzoo_bench.cli.common import printable, progress, say
-from airzoo_bench.core.progress import Progress, told
+from airzoo_bench.core.progress import Progress, report_progress
 from airzoo_bench.engines.choose import EngineKind
 
 if TYPE_CHECKING:
@@ -120,6 +120,6 @@ def rated(items: Iterable[T], label: str, total: int) -> Iterator[T]:
 
             yield from bar(items, printable(label), total, rate=True)
         else:
-            yield from told(items, label, total, say=say, every_s=_EVERY_S, rate=True)
+            yield from report_progress(items, label, total, say=say, every_s=_EVERY_S, rate=True)
     finally:
         _shown.remove(label)

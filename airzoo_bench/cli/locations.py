@@ -10,7 +10,7 @@ import typer
 
 from airzoo_bench.cli.common import working
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.places import data_location, data_root
+from airzoo_bench.core.files import data_location, data_root
 from airzoo_bench.storage.urls import SCHEMES, is_url
 
 __all__ = [

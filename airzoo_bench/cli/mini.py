@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from airzoo_bench.cli.common import JobsOption, LightGroup, examples, progress, put, say
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.engines.engine import Processes
 
 __all__ = ["app"]
@@ -42,7 +42,7 @@ def _group() -> None:
 @app.command(epilog=examples("mini world"))
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
-    from airzoo_bench.core.places import data_root
+    from airzoo_bench.core.files import data_root
     from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.world.model import REGIONS
 
@@ -75,7 +75,7 @@ def render(
     """
     from functools import partial
 
-    from airzoo_bench.core.places import data_root
+    from airzoo_bench.core.files import data_root
     from airzoo_bench.datasets.mini import flights
     from airzoo_bench.datasets.mini.frames import FrameList, render_frames
     from airzoo_bench.datasets.mini.prepare import make_worlds

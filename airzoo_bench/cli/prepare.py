@@ -17,8 +17,8 @@ from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, wit
 from airzoo_bench.cli.common import MOST_JOBS, progress, put, say, working
 from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
 from airzoo_bench.cli.locations import with_data
-from airzoo_bench.core.places import data_root
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import About, about_file, read_about
 from airzoo_bench.engines.choose import EngineKind, open_engine
@@ -143,7 +143,7 @@ def _prepare(
     show_progress: bool = False,
     **options: Any,
 ) -> None:
-    from airzoo_bench.core.places import check_new_folder
+    from airzoo_bench.core.files import check_new_folder
     from airzoo_bench.datasets.settings import PrepareSettings
 
     chosen, root = dataset.options(**options), data_root()

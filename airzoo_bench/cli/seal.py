@@ -20,7 +20,7 @@ from airzoo_bench.cli.common import (
     say,
 )
 from airzoo_bench.cli.locations import DataOption, resolve_data
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 
 __all__ = [
     "SCORE_EXAMPLES",

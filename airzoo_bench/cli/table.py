@@ -8,8 +8,7 @@ import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, examples, show
 from airzoo_bench.cli.table_request import Layout, TableRequest, layout_named
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.plurals import agreeing
+from airzoo_bench.core.errors import UsageError, agreeing
 
 __all__ = ["EXAMPLES", "PANELS", "table"]
 

@@ -1,1 +1,1 @@
-"""What every room stands on: errors, files, settings, processes; it knows nothing of the field."""
+"""Errors, files, settings and child processes, for every room."""

@@ -1,8 +1,8 @@
-"""Errors of the user, each with one clear message.
+"""Errors of the user, each with one clear message, and the words that messages are made of.
 
 A message says *what* is wrong, *where*, what was *expected* and how to *fix* it. The command
-line prints it and exits with code 2; anything that is not a :class:`UserError` is a bug of the
-suite and keeps its traceback.
+line prints it and exits with code 2; anything that is not a `UserError` is a bug of the suite and
+keeps its traceback.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Self
 
-from airzoo_bench.core.plurals import counted
-
+# The sandbox makes these, and nothing else, of what a child process says.
 __all__ = [
     "ArgumentError",
     "BenchmarkError",
@@ -25,7 +24,6 @@ __all__ = [
     "UnreadableError",
     "UsageError",
     "UserError",
-    "first_of",
 ]
 
 
@@ -76,8 +74,7 @@ class UserError(Exception):
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 
     def __str__(self) -> str:
-        head = self.what if self.where is None else f"{self.where}: {self.what}"
-        lines = [head]
+        lines = [self.what if self.where is None else f"{self.where}: {self.what}"]
         if self.expected:
             lines.append(f"  expected: {self.expected}")
         if self.fix:
@@ -114,7 +111,7 @@ class ResultError(UserError):
 
 
 class StorageError(UserError):
-    """What a URL names cannot be read or written."""
+    """A URL cannot be read or written."""
 
 
 class SubmissionError(UserError):
@@ -122,7 +119,7 @@ class SubmissionError(UserError):
 
 
 class RasterError(UserError):
-    """A GeoTIFF lacks what is needed of it: georeference, CRS, valid heights."""
+    """A GeoTIFF lacks a georeference, a CRS, or valid heights."""
 
 
 class CameraError(UserError):
@@ -138,6 +135,30 @@ def first_of(
     count = counted(known, noun) if noun else f"{known:,}"
     if total is not None:
         count = f"{len(listed):,} of {count}"
-    head = ", ".join(listed[:shown])
     label = f"first {shown}: " if len(listed) > shown else ""
-    return f"{count} ({label}{head})"
+    return f"{count} ({label}{', '.join(listed[:shown])})"
+
+
+def plural(noun: str) -> str:
+    """Return ``queries`` of ``query``, ``scenes`` of ``scene``, ``matches`` of ``match``."""
+    if noun.endswith("y") and noun[-2:-1] not in "aeiou":
+        return f"{noun[:-1]}ies"
+    return f"{noun}es" if noun.endswith(("s", "x", "ch", "sh")) else f"{noun}s"
+
+
+def counted(number: int, noun: str, several: str | None = None) -> str:
+    """Return ``1 scene``, ``18 queries``, ``12,000 points have``."""
+    return f"{number:,} {agreeing(number, noun, several or plural(noun))}"
+
+
+def agreeing(number: int, one: str, several: str) -> str:
+    """Return the form of a word that agrees with a number, such as ``is`` or ``are``."""
+    return one if number == 1 else several
+
+
+def sized(count: int) -> str:
+    """Return ``1.2 GB`` of a number of bytes."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.3g} {unit}"
+    return counted(count, "byte")

@@ -1,66 +1,61 @@
-"""Writing files whole or not at all, and naming content by its hash."""
+"""Files and folders that appear whole or not at all, checks of where to write, and hashes.
+
+What is being written lies beside its target under a temporary name, locked by the process that
+fills it; a lock ends with its process. The next writer of a target clears what a killed one left:
+only what carries a name that is made here for that very target, and that nobody holds. On disks
+and systems without locks nothing is cleared.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import re
+import shutil
+import sys
+import tempfile
+import time
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
-from stat import S_ISREG
 from typing import IO, TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import UserError
-from airzoo_bench.core.places import (
-    MARK,
-    cannot_write,
-    check_new_folder,
-    check_output_file,
-    check_output_folder,
-    followed,
-)
-from airzoo_bench.core.temporaries import (
-    clear_abandoned,
-    exchange,
-    exchange_entries,
-    temporary_file,
-    temporary_folder,
-)
-from airzoo_bench.core.trees import entries_below
+from platformdirs import user_cache_path
+
+from airzoo_bench.core.errors import UsageError, UserError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+if sys.platform != "win32":
+    import fcntl
 
-__all__ = [
-    "LIMIT_BYTES",
-    "atomic_entries",
-    "atomic_folder",
-    "atomic_write",
-    "canonical_json",
-    "check_output_file",
-    "check_output_folder",
-    "fingerprint",
-    "first_bytes",
-    "read_text",
-    "sha256_of",
-    "sha256_of_tree",
-    "stamps",
-    "write_npz",
-]
-
+MARK = "benchmark.toml"
+"""Every benchmark folder holds it."""
+PART = ".airzoo-part"
+"""Names of temporary files and folders end in it."""
+DATA_VARIABLE = "AIRZOO_BENCH_DATA"
+"""The variable of the environment that names the folder of benchmarks."""
 LIMIT_BYTES = 16 << 20
 """The most that is read of a text that a person wrote, unless a caller wants less."""
+
+_OLD = ".airzoo-old"
+_LONGEST = 40  # letters of a target in another name: systems allow 255 bytes
+_TRIES, _PAUSE_S = 5, 0.02
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 _CHUNK_BYTES = 1 << 20
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+_own: set[Path] = set()
 
 
 @contextmanager
 def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a file that appears under its name only when it has been written to the end."""
     check_output_file(path)
-    target = followed(path)
+    target = _followed(path)
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -83,36 +78,325 @@ def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Ite
         with temporary_folder(path.parent, path.name) as temporary:
             yield temporary
             _give_usual_permissions(temporary, 0o777)
-            if path.exists():
-                exchange(temporary, path)
-            else:
-                temporary.replace(path)
+            _replace_folder(temporary, path)
     except OSError as error:
         raise cannot_write(path, error) from error
 
 
 @contextmanager
 def atomic_entries(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Fill a folder whose entries replace those of another that have these names, all or none."""
+    """Fill a folder and replace the entries of another with these names, all or none.
+
+    The first name says that the others are complete: it is there only with all of its kind.
+    """
     try:
         clear_abandoned(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        whole = _is_ours_alone(folder, names)
-        with temporary_folder(folder.parent if whole else folder, folder.name) as temporary:
+        with temporary_folder(folder, folder.name) as temporary:
             yield temporary
-            if whole and _is_ours_alone(folder, names):
-                temporary.chmod(folder.stat().st_mode)
-                exchange(temporary, folder)
-            else:
-                exchange_entries(temporary, folder, names)
+            _exchange_entries(temporary, folder, names)
     except OSError as error:
         raise cannot_write(folder, error) from error
 
 
-def _is_ours_alone(folder: Path, names: Sequence[str]) -> bool:
-    stays = folder.is_symlink() or folder.is_mount() or folder.samefile(Path.cwd())
-    writable = os.access(folder.parent, os.W_OK | os.X_OK)
-    return writable and not stays and {entry.name for entry in folder.iterdir()} <= set(names)
+def _replace_folder(new: Path, path: Path) -> None:
+    """Rename a folder, and remove what stood there; a writer that is killed between leaves it."""
+    if not path.exists():
+        new.replace(path)
+        return
+    old = _old(path)
+    path.replace(old)
+    try:
+        new.replace(path)
+    except BaseException:
+        old.replace(path)
+        raise
+    _remove(old)
+
+
+def _exchange_entries(new: Path, folder: Path, names: Sequence[str]) -> None:
+    aside = folder / _old(folder).name
+    _remove(aside)
+    aside.mkdir()
+    moves = [(folder / name, aside / name) for name in names if os.path.lexists(folder / name)]
+    entries = sorted(new.iterdir(), key=lambda entry: entry.name in names[:1])
+    moves += [(entry, folder / entry.name) for entry in entries]
+    try:
+        for source, target in moves:
+            source.replace(target)
+    except BaseException:
+        for source, target in reversed(moves):
+            if os.path.lexists(target) and not os.path.lexists(source):
+                target.replace(source)
+        aside.rmdir()
+        raise
+    _remove(aside)
+
+
+@contextmanager
+def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
+    """Make an empty file next to `target`; it is removed at the end if it is still there."""
+    _clear(target.parent, target.name, _parts_at_first(target.parent))
+    prefix = f"{_stem(target.name)}."
+    handle, path = _locked(lambda: tempfile.mkstemp(PART, prefix, target.parent))
+    with _removed_at_the_end(path, os.dup(handle)):  # the copy outlives the caller's handle
+        yield handle, path
+
+
+@contextmanager
+def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
+    """Make an empty folder in `parent`, and remove what is left of it at the end."""
+    name = Path(name).name
+    _clear(parent, name, _parts(parent))
+
+    def make() -> tuple[int, str]:
+        folder = tempfile.mkdtemp(PART, f"{_stem(name)}.", parent)
+        return os.open(folder, os.O_RDONLY), folder
+
+    lock, path = _locked(make)
+    with _removed_at_the_end(path, lock):
+        yield path
+
+
+@contextmanager
+def only_writer(target: Path) -> Iterator[None]:
+    """Hold a file or folder that is to be written; raise BlockingIOError where another does."""
+    target = Path(os.path.realpath(target))
+    path = target.parent / f"{_stem(target.name)}{PART}"
+    flags = os.O_CREAT | os.O_RDWR | _NO_LINK
+    lock, _ = _locked(lambda: (os.open(path, flags, 0o600), str(path)))
+    with _removed_at_the_end(path, lock):
+        yield
+
+
+@contextmanager
+def only_run(folder: Path, what: str, where: object, otherwise: str) -> Iterator[None]:
+    """Keep other runs from a folder while the block lasts."""
+    made = [one for one in (folder.parent, *folder.parent.parents) if not one.exists()]
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    try:
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(only_writer(folder))
+            except BlockingIOError as error:
+                fix = f"wait until it has ended, or {otherwise}"
+                raise UsageError(what, where=where, fix=fix) from error
+            except OSError:  # a folder in which no lock can be made
+                pass
+            yield
+    finally:
+        for one in made:
+            with suppress(OSError):  # where something was made, it stays
+                one.rmdir()
+
+
+def clear_abandoned(target: Path) -> None:
+    """Remove what killed writers of a target left beside it, or put their old folder back."""
+    _clear(target.parent, target.name, _parts(target.parent))
+    old = _old(target)
+    if target.exists():
+        _remove(old)
+    elif old.is_dir() and not old.is_symlink():
+        old.replace(target)
+
+
+def remove_own() -> None:
+    """Remove what this process has made, when it must end without unwinding."""
+    for path in list(_own):
+        _remove(path)
+
+
+@contextmanager
+def _removed_at_the_end(path: Path, lock: int) -> Iterator[None]:
+    _own.add(path)
+    try:
+        yield
+    finally:
+        _remove(path)
+        _own.discard(path)
+        os.close(lock)
+
+
+def _stem(name: str) -> str:
+    """Return how all names begin that are made here for a target."""
+    if len(name) > _LONGEST:
+        name = f"{name[: _LONGEST - 9]}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
+    return f".{name}"
+
+
+def _old(target: Path) -> Path:
+    return target.parent / f"{_stem(target.name)}{_OLD}"
+
+
+def _parts(folder: Path) -> list[str]:
+    with suppress(OSError):
+        return [entry.name for entry in folder.iterdir() if entry.name.endswith(PART)]
+    return []
+
+
+# Folders of photos are written to thousands of times.
+_parts_at_first = lru_cache(maxsize=4096)(_parts)
+
+
+def _clear(folder: Path, name: str, parts: Iterable[str]) -> None:
+    ours = rf"{re.escape(_stem(name))}(\.[a-z0-9_]{{8}})?{re.escape(PART)}"
+    for path in (folder / part for part in parts if re.fullmatch(ours, part)):
+        with suppress(OSError):
+            handle = os.open(path, os.O_RDONLY | _NO_LINK)
+            try:
+                # Held until it is gone: who has just made it, and would lock it, then sees that.
+                if _try_lock(handle):
+                    _remove(path)
+            finally:
+                os.close(handle)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
+    """Make and lock a file or folder, again where another run was quick to clear it."""
+    for _ in range(_TRIES):
+        handle, path = make()
+        locked = _try_lock(handle)
+        with suppress(FileNotFoundError):
+            if locked is None or (locked and os.path.samestat(os.fstat(handle), Path(path).stat())):
+                return handle, Path(path)
+        os.close(handle)
+        time.sleep(_PAUSE_S)  # who looks for what is abandoned holds it for a moment
+    raise BlockingIOError(f"{path} is locked")
+
+
+def _try_lock(handle: int) -> bool | None:
+    """Lock an open file or folder unless another holds it; return None where nothing has locks."""
+    if sys.platform == "win32":
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+def _give_usual_permissions(path: Path, usual: int) -> None:
+    # What is temporary is private to its owner; a result is meant to be shared.
+    current = os.umask(0)
+    os.umask(current)
+    path.chmod(usual & ~current)
+
+
+def data_location() -> str | Path:
+    """Return where benchmark folders lie: AIRZOO_BENCH_DATA, path or URL, else a cache folder."""
+    named = os.environ.get(DATA_VARIABLE)
+    if named:
+        return named if "://" in named else Path(named).expanduser()
+    return user_cache_path("airzoo-bench") / "data"
+
+
+def data_root() -> Path:
+    """Return the folder of this machine in which benchmark folders lie and are made."""
+    place = data_location()
+    if isinstance(place, str):
+        raise UsageError(
+            "a URL, and a folder of this machine is needed",
+            where=f"{DATA_VARIABLE}={place}",
+            fix=f"set {DATA_VARIABLE} to a folder; what is read may be a URL, by --data",
+        )
+    return place
+
+
+def check_output_folder(folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder for output that cannot take files of these names, before any is written."""
+    _refuse_url(folder)
+    place = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise UsageError("a file, not a folder", where=place, fix="name a folder")
+    for name in names:
+        _check_replaceable(folder / name, "name another --out")
+
+
+def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Refuse a file that cannot be written, before the work that it is to hold."""
+    _refuse_url(path)
+    try:
+        _check_replaceable(path, "name another file")
+        parents = _followed(path).absolute().parents
+        place = next(place for place in parents if place.exists())
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    if not place.is_dir():
+        raise UsageError("a file, not a folder", where=place, fix=f"{path.name} needs a folder")
+    if not os.access(place, os.W_OK | os.X_OK):
+        fix = "name another one"
+        raise UsageError("nothing may be written into this folder", where=place, fix=fix)
+    if any(one.exists() and path.exists() and path.samefile(one) for one in inputs):
+        raise UsageError(
+            "is read to make what would be written here, and would be lost",
+            where=path,
+            fix="name another file to write",
+        )
+
+
+def check_new_folder(path: Path, *, replace: bool, mark: str = MARK) -> None:
+    """Refuse a folder that cannot be made, or must not be replaced."""
+    if not path.exists():
+        check_output_folder(path.parent, ())
+        return
+    if not replace:
+        fix = "name another, or add --force"
+        raise UsageError("the folder exists already", where=path, fix=fix)
+    if not path.is_dir() or (any(path.iterdir()) and not (path / mark).is_file()):
+        kind = "a benchmark folder" if mark == MARK else "such a folder"
+        raise UsageError(
+            f"is not {kind}, and so is not replaced",
+            where=path,
+            expected=f"a folder with {mark}, or none",
+            fix="name another folder",
+        )
+
+
+def cannot_write(path: Path, error: OSError) -> UserError:
+    """Make the error of a file or folder that the system refuses to write."""
+    return UserError(
+        f"cannot be written: {error.strerror or error}",
+        where=path,
+        fix="choose a folder you may write to, on a disk with room",
+    )
+
+
+def _refuse_url(path: Path) -> None:
+    if re.fullmatch(r"[a-z][a-z0-9+.-]+:", path.parts[0] if path.parts else "", re.IGNORECASE):
+        raise UsageError(
+            "looks like a URL, and this is written to a disk",
+            where=path,
+            expected="a path; of what is written, only runs (`eval --out`) may be at a URL",
+            fix="upload it afterwards, with your storage's own tools",
+        )
+
+
+def _followed(path: Path) -> Path:
+    """Return what a symbolic link leads to; anything else as it is."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _check_replaceable(path: Path, fix: str) -> None:
+    if not path.exists():
+        return
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or a device"
+        raise UsageError(f"{kind}, not a file", where=path, fix=fix)
+    # Even root would not want to replace what is marked as read-only.
+    if not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK):
+        raise UsageError("a read-only file, which is not replaced", where=path, fix=fix)
 
 
 def sha256_of(path: Path) -> str:
@@ -128,19 +412,21 @@ def sha256_of_tree(path: Path) -> str:
     """Return the SHA-256 of a file, or of all files of a folder, through links, by their names."""
     if path.is_file():
         return sha256_of(path)
-    files = sorted(p for p in entries_below(path) if p.is_file())
-    return fingerprint([[p.relative_to(path).as_posix(), sha256_of(p)] for p in files])
+    files = sorted(one for one in files_below(path) if one.is_file())
+    return fingerprint([[one.relative_to(path).as_posix(), sha256_of(one)] for one in files])
 
 
-def stamps(path: Path) -> dict[Path, tuple[int, int]]:
-    """Return size and time of change, in ns, of a file or of all files of a folder."""
-    found: dict[Path, tuple[int, int]] = {}
-    for entry in entries_below(path) if path.is_dir() else (path,):
-        with suppress(OSError, ValueError):  # it may go at any moment
-            told = entry.stat()
-            if S_ISREG(told.st_mode):
-                found[entry] = told.st_size, told.st_mtime_ns
-    return found
+def files_below(folder: Path) -> Iterator[Path]:
+    """Yield all that is no folder in a folder and in those below it, through links, each once."""
+    seen = set[str]()
+    for home, folders, names in os.walk(folder, followlinks=True):
+        real = os.path.realpath(home)
+        if real in seen:  # links may lead round
+            folders.clear()
+            continue
+        seen.add(real)
+        folders.sort()
+        yield from (Path(home) / name for name in names)
 
 
 def canonical_json(value: object) -> str:
@@ -157,7 +443,7 @@ def write_npz(
     target: Path | IO[bytes], arrays: Mapping[str, NDArray[Any]], *, compress: bool = False
 ) -> None:
     """Write arrays as ``.npz`` that is the same to the last byte for the same arrays."""
-    import numpy as np
+    import numpy as np  # the help of commands does without
 
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with zipfile.ZipFile(target, "w", method) as archive:
@@ -169,7 +455,7 @@ def write_npz(
 
 
 def first_bytes(path: Path, count: int) -> bytes:
-    """Return the first bytes of a regular file; none of what is no such file or is not readable."""
+    """Return the first bytes of a regular file, or none where it cannot be read."""
     try:
         if not path.is_file():  # opening a pipe would wait
             return b""
@@ -196,14 +482,3 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = L
             where=path,
             expected=f"a {what} in UTF-8",
         ) from error
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
-
-
-def _give_usual_permissions(path: Path, usual: int) -> None:
-    # What is temporary is private to its owner; a result is meant to be shared.
-    path.chmod(usual & ~_umask())

@@ -5,18 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-
-__all__ = [
-    "IMAGE_SUFFIXES",
-    "PHOTO_SUFFIXES",
-    "check_ids",
-    "rows_among",
-    "scene_of",
-    "with_endings",
-]
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 """What the names of photos end in; their ids leave it out."""
@@ -43,7 +36,7 @@ def with_endings(ids: Texts) -> bool:
 
 
 def check_ids(ids: Texts, where: str) -> None:
-    """Refuse ids without a scene or a name, and ids that stand more than once."""
+    """Refuse ids without a scene or a name, and repeated ids."""
     if not ids.size:
         raise PredictionError(
             "holds no id", where=where, expected="ids such as city/DJI_0001", fix="fill the file"
@@ -70,8 +63,6 @@ def check_ids(ids: Texts, where: str) -> None:
 
 def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:
     """Return the row of each name among known ones, -1 for the others."""
-    import pyarrow.compute as pc
-
     letters = max(1, *(texts.dtype.itemsize // _BYTES_OF_LETTER for texts in (names, known)))
     found = pc.index_in(_as_bytes(names, letters), value_set=_as_bytes(known, letters))
     rows: NDArray[np.intp] = pc.fill_null(found, -1).to_numpy().astype(np.intp)
@@ -80,8 +71,6 @@ def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:
 
 def _as_bytes(texts: Texts, letters: int) -> Any:
     """Return texts as Arrow's values of one width, which it compares without reading letters."""
-    import pyarrow as pa
-
     # A text in NumPy ends in as many NUL as it is shorter, and so do equal ones of other widths.
     filled = np.ascontiguousarray(texts, f"<U{letters}")
     kind = pa.binary(letters * _BYTES_OF_LETTER)

@@ -16,8 +16,6 @@ from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["default_style", "load_matplotlib", "load_open3d", "load_pycolmap"]
-
 # Pictures look alike whatever the person has set: a ``matplotlibrc`` in the working folder, the
 # person's own, or MPLBACKEND would rule fonts, sizes and whether a picture can be drawn at all.
 _BACKEND = "MPLBACKEND"
@@ -73,7 +71,7 @@ def _load_libusb() -> None:
 
 @cache
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, quiet but for warnings, and return the module."""
+    """Import pycolmap, which then logs warnings only, and return the module."""
     before = signal.getsignal(signal.SIGTERM)
     module = importlib.import_module("pycolmap")
     if threading.current_thread() is threading.main_thread() and before is not None:

@@ -8,8 +8,6 @@ from threading import Timer
 from time import monotonic
 from typing import Protocol, TypeVar
 
-__all__ = ["Headed", "Progress", "shown", "silent", "told"]
-
 T = TypeVar("T")
 
 _FIRST_S = 2.0
@@ -47,7 +45,7 @@ def shown(work: Callable[[], T], label: str, progress: Progress) -> T:
     return result
 
 
-def told(
+def report_progress(
     items: Iterable[T],
     label: str,
     total: int,
@@ -62,31 +60,18 @@ def told(
     name = Timer(first_s, say, [f"{label} ..."])
     name.daemon = True
     name.start()
+    begin = last = clock()
     try:
-        yield from _counted(items, label, total, say, clock, every_s, rate=rate)
+        for done, item in enumerate(items, 1):
+            yield item
+            now = clock()
+            if now - last >= every_s and done < total:
+                left = (now - begin) / done * (total - done)
+                speed = f"{done / (now - begin):.3g}/s, " if rate else ""
+                say(f"{label}: {done:,} of {total:,}, {speed}about {_duration(left)} left")
+                last = now
     finally:
         name.cancel()
-
-
-def _counted(
-    items: Iterable[T],
-    label: str,
-    total: int,
-    say: Callable[[str], None],
-    clock: Callable[[], float],
-    every_s: float,
-    *,
-    rate: bool,
-) -> Iterator[T]:
-    begin = last = clock()
-    for done, item in enumerate(items, 1):
-        yield item
-        now = clock()
-        if now - last >= every_s and done < total:
-            left = (now - begin) / done * (total - done)
-            speed = f"{done / (now - begin):.3g}/s, " if rate else ""
-            say(f"{label}: {done:,} of {total:,}, {speed}about {_duration(left)} left")
-            last = now
 
 
 def _duration(seconds: float) -> str:

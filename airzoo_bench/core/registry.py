@@ -1,125 +1,82 @@
-"""What can be added without touching the suite: tracks, datasets and readers.
+"""Tables of tracks, datasets and readers by name, and options of the command line.
 
-Built-in ones are named here and imported when they are asked for; another package adds its own by
-an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A name is
-one thing's: a package that uses one that is taken is refused by name.
+Built-in modules are named here and imported when they are chosen; another package adds its own by
+an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A package
+that uses a name that is taken is refused by name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["DATASETS", "READERS", "TRACKS", "Registry", "load_track", "resolve"]
+
+@dataclass(frozen=True)
+class Option:
+    """An option of the command line: an annotation of a field of a dataclass of settings.
+
+    Such as ``pixels: Annotated[int, Option("pixels", "Of the longer side.", least=64)] = 640``;
+    a field without a default is an option that must be given. The name has no hyphens before it;
+    where the field is a bool, ``--no-`` before it turns it off.
+    """
+
+    name: str
+    help: str
+    least: float | None = None
+    most: float | None = None
 
 
 def resolve(place: str) -> Any:
-    """Import ``module:name``.
-
-    Parameters
-    ----------
-    place : str
-        Such as "airzoo_bench.retrieval.track:TRACK".
-
-    Returns
-    -------
-    Any
-        What stands there.
-    """
+    """Import ``module:name``, such as "airzoo_bench.retrieval.info:INFO"."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
 
 class Registry:
-    """Things by name: built-in ones, those of installed packages, and those added at run time.
+    """Places ``module:name`` by name: built in, of installed packages, or added at run time.
 
-    Parameters
-    ----------
-    group : str
-        Of the entry points.
-    built_in : mapping of str to str
-        Places ``module:name``, by name.
+    `helps` holds a line for the list of commands, so that it imports none of the modules.
     """
 
-    def __init__(self, group: str, built_in: Mapping[str, str]) -> None:
+    def __init__(
+        self, group: str, places: Mapping[str, str], helps: Mapping[str, str] | None = None
+    ) -> None:
         self.group = group
-        self._places = dict(built_in)
+        self._places = dict(places)
+        self._helps = dict(helps or {})
         self._added: dict[str, Any] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self._places or name in self._added or name in self._installed()
 
     def add(self, name: str, thing: Any) -> None:
-        """Add a thing for the rest of this process.
-
-        Parameters
-        ----------
-        name : str
-            Not taken.
-        thing : Any
-            What `get` returns.
-
-        Raises
-        ------
-        ValueError
-            The name is taken.
-        """
+        """Add a thing for the rest of this process."""
         if name in self.names():
             raise ValueError(f"{self.group}: {name!r} is there already")
         self._added[name] = thing
 
     def remove(self, name: str) -> None:
-        """Take back what `add` added.
-
-        Parameters
-        ----------
-        name : str
-            Of what was added.
-        """
+        """Take back what `add` added."""
         del self._added[name]
 
     def names(self) -> list[str]:
-        """Return all names: built-in first, in their own order, then others by name.
-
-        Returns
-        -------
-        list of str
-            Each once.
-
-        Raises
-        ------
-        UsageError
-            An installed package uses a name that is taken.
-        """
+        """Return all names: built-in first, in their own order, then others by name."""
         return [*self._places, *sorted({*self._installed(), *self._added})]
 
     def get(self, name: str) -> Any:
-        """Return a thing.
-
-        Parameters
-        ----------
-        name : str
-            One of `names`.
-
-        Returns
-        -------
-        Any
-            Imported when it is first asked for.
-
-        Raises
-        ------
-        KeyError
-            Nothing has that name.
-        """
+        """Return a thing, imported when it is first asked for; raise KeyError where none is."""
         if name in self._places:
             return resolve(self._places[name])
-        if name in self._added:
-            return self._added[name]
-        return self._installed()[name].load()
+        return self._added[name] if name in self._added else self._installed()[name].load()
+
+    def help(self, name: str) -> str:
+        """Return what the list of commands says of a thing."""
+        return self._helps.get(name) or str(self.get(name).summary)
 
     def _installed(self) -> dict[str, EntryPoint]:
         found: dict[str, EntryPoint] = {}
@@ -153,18 +110,7 @@ TRACKS = Registry(
 
 
 def load_track(name: str) -> Any:
-    """Import the `airzoo_bench.evaluation.track.Track` of a name.
-
-    Parameters
-    ----------
-    name : str
-        One of ``TRACKS.names()``.
-
-    Returns
-    -------
-    Track
-        Its only object.
-    """
+    """Import the `airzoo_bench.evaluation.track.Track` of a name."""
     return resolve(TRACKS.get(name).track)
 
 

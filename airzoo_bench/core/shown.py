@@ -6,8 +6,6 @@ import html
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
-__all__ = ["Shown", "number"]
-
 
 class Shown(ABC):
     """Shows its most important fields, a line each; for dataclasses with ``repr=False``."""

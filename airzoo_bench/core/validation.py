@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import datetime
 import difflib
-import heapq
 import json
 import tomllib
-from itertools import takewhile
-from operator import eq
+from collections import Counter
 from pathlib import Path
 from reprlib import Repr
 from typing import Annotated, Any, TypeVar, get_args
@@ -18,26 +16,18 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import LIMIT_BYTES, read_text
 
-__all__ = [
-    "SAFE_NAME",
-    "Count",
-    "Limits",
-    "Name",
-    "Positive",
-    "Ranks",
-    "Seed",
-    "Strict",
-    "near_names",
-    "nearest",
-    "read_toml",
-    "toml_value",
-    "unambiguous_json",
-    "validated",
-    "validation_message",
-]
-
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 """Names that become folders, parts of ids and cells of tables."""
+
+M = TypeVar("M", bound=BaseModel)
+
+_SHORT = Repr()  # a value nested without end is as short as any
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
+_SHOWN = 5
+_OFFERED = 3
+_AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
+_MOST_COMPARED = 2000  # names that difflib compares in less than a second
+_SHORTEST_PART = 3  # letters; fewer are in too many names
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -49,21 +39,16 @@ def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
 Name = Annotated[str, Field(pattern=SAFE_NAME)]
 Positive = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
 """Metres, pixels, degrees or seconds: larger ones are slips, and would overflow further on."""
-
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+Count = Annotated[int, Field(ge=1, le=10**9)]
 Ranks = Annotated[
     tuple[Annotated[int, Field(ge=1, le=1000)], ...],
     Field(min_length=1, max_length=16),
     AfterValidator(_ascending),
 ]
 Limits = Annotated[
-    tuple[Positive, ...],
-    Field(min_length=1, max_length=16),
-    AfterValidator(_ascending),
+    tuple[Positive, ...], Field(min_length=1, max_length=16), AfterValidator(_ascending)
 ]
-
-
-Seed = Annotated[int, Field(ge=0, lt=2**31)]
-Count = Annotated[int, Field(ge=1, le=10**9)]
 
 
 class Strict(BaseModel):
@@ -84,21 +69,10 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
 
 
-M = TypeVar("M", bound=BaseModel)
-
-_SHORT = Repr()  # a value nested without end is as short as any
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
-_SHOWN = 5
-_OFFERED = 3
-_AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
-_MANY = 200
-_SHORTEST_PART = 3  # letters; fewer are in too many names
-
-
 def read_toml(
     path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES
 ) -> dict[str, Any]:
-    """Read a TOML file of at most so many bytes, or say what is wrong with it."""
+    """Read a TOML file up to a size, or say what is wrong with it."""
     try:
         return tomllib.loads(read_text(path, kind, what, limit_bytes))
     except (ValueError, RecursionError) as error:  # the latter of values nested too deep
@@ -110,6 +84,34 @@ def read_toml(
         ) from error
 
 
+def toml_value(value: Any) -> str:
+    """Write a value as TOML on one line."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    return json.dumps(value, ensure_ascii=False)
+
+
+def unambiguous_json(text: str) -> Any:
+    """Read JSON, and refuse a repeated key, of which other readers take the last."""
+
+    def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            times = Counter(name for name, _ in pairs)
+            twice = next(name for name in times if times[name] > 1)
+            raise ValueError(f"key {twice[:80]!r} stands twice")
+        return found
+
+    try:
+        return json.loads(text, object_pairs_hook=each_once)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
 def validated(
     data: dict[str, Any], model: type[M], kind: type[UserError], path: Path, what: str
 ) -> M:
@@ -117,9 +119,8 @@ def validated(
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise kind(validation_message(error, model), where=path, fix=f"correct the {what}") from (
-            error
-        )
+        message = validation_message(error, model)
+        raise kind(message, where=path, fix=f"correct the {what}") from error
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
@@ -131,7 +132,7 @@ def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _lacks_what_was_refused(item: Any, every: list[Any]) -> bool:
-    """Whether a list is only too short since its items, which are findings as well, are wrong."""
+    """Tell whether a list is only too short since its items, which are findings too, are wrong."""
     loc = item["loc"]
     return item["type"] == "too_short" and any(
         other["loc"][: len(loc)] == loc and len(other["loc"]) > len(loc) for other in every
@@ -145,6 +146,7 @@ def _finding(item: Any, model: type[BaseModel]) -> str:
     parts = [part for part in within if not part.startswith("<")]
     named = ".".join([*parts, last] if strange or not last.startswith("<") else parts)
     key = repr(named[:80])[1:-1]
+    said = item["msg"].removeprefix("Value error, ")
     if strange:
         return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
     if item["type"] == "json_invalid":
@@ -153,12 +155,12 @@ def _finding(item: Any, model: type[BaseModel]) -> str:
     if item["type"] == "missing":
         return f"key '{key}' is missing{example}"
     if not item["loc"]:
-        return str(item["msg"]).removeprefix("Value error, ")
+        return str(said)
     if isinstance(item["input"], dict) and item["type"] == "value_error":
-        return f"key '{key}': {item['msg'].removeprefix('Value error, ')}"
+        return f"key '{key}': {said}"
     given = _SHORT.repr(item["input"])
     shown = given if len(given) <= 60 else given[:57] + "..."
-    return f"key '{key}' is {shown}: {item['msg'].removeprefix('Value error, ')}{example}"
+    return f"key '{key}' is {shown}: {said}{example}"
 
 
 def _example(loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
@@ -172,34 +174,6 @@ def _example(loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
             return f" (such as {key} = {toml_value(field.examples[0])})" if field.examples else ""
         model = inner[0]
     return ""
-
-
-def unambiguous_json(text: str) -> Any:
-    """Read JSON in which no key stands twice: readers of JSON take the last, without a word."""
-    try:
-        return json.loads(text, object_pairs_hook=_each_once)
-    except RecursionError as error:
-        raise ValueError("nested too deep") from error
-
-
-def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict[str, Any]()
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"key {key[:80]!r} stands twice")
-        found[key] = value
-    return found
-
-
-def toml_value(value: Any) -> str:
-    """Write a value as TOML on one line."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(toml_value, value))}]"
-    if isinstance(value, datetime.date):
-        return value.isoformat()
-    return json.dumps(value, ensure_ascii=False)
 
 
 def _known_keys(model: type[BaseModel]) -> list[str]:
@@ -228,8 +202,8 @@ def near_names(name: str, known: list[str], offered: int = _OFFERED) -> list[str
     alike = [other for other in known if _letters(other) == _letters(name)][:offered]
     if alike:
         return alike
-    some = known if len(known) <= _MANY else _alike_at_the_ends(name, known)
-    near = difflib.get_close_matches(name, some, n=offered, cutoff=0.6)
+    some = known if len(known) <= _MOST_COMPARED else [n for n in known if n[:3] == name[:3]]
+    near = difflib.get_close_matches(name, some[:_MOST_COMPARED], n=offered, cutoff=0.6)
     near = [other for other in near if _ratio(name, other) > _ratio(name, near[0]) - _AS_NEAR]
     if not near and len(name) >= _SHORTEST_PART:
         near = [n for n in known if name.casefold() in n.casefold()][:offered]
@@ -243,16 +217,3 @@ def _letters(name: str) -> str:
 
 def _ratio(name: str, other: str) -> float:
     return difflib.SequenceMatcher(None, other, name).ratio()
-
-
-def _alike_at_the_ends(name: str, known: list[str]) -> list[str]:
-    """Choose those that begin and end as a name does: comparing it with each takes seconds."""
-
-    def kept(other: str) -> int:
-        return _shared(name, other) + _shared(name[::-1], other[::-1])
-
-    return heapq.nlargest(_MANY, known, key=kept)
-
-
-def _shared(one: str, other: str) -> int:
-    return len(list(takewhile(bool, map(eq, one, other))))

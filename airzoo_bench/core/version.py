@@ -1,11 +1,9 @@
-"""The version of the suite, which results and pictures state, and of what it computes with."""
+"""The version of the suite, stated in results and pictures, and those of its libraries."""
 
 from __future__ import annotations
 
 import importlib.metadata
 from functools import cache
-
-__all__ = ["__version__", "versions"]
 
 __version__ = "0.1.0.dev0"
 
@@ -14,6 +12,6 @@ _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pyk
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of this package and of those that numbers depend on."""
+    """Return the versions of this package and of the libraries behind its numbers."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {"airzoo-bench": __version__} | found

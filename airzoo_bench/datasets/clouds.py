@@ -15,8 +15,7 @@ from pyproj.exceptions import CRSError
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of
-from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in

@@ -38,7 +38,7 @@ class Dataset(ABC, Generic[OptionsT]):
     about : About
         What it says of itself.
     options : type
-        A frozen dataclass whose fields are annotated with `core.options.Option`; they become
+        A frozen dataclass whose fields are annotated with `core.registry.Option`; they become
         options of the command, next to those of `PrepareSettings`, which every dataset has.
     protocols : tuple of str
         Names or files of the protocols that its truth is made for.

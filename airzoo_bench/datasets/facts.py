@@ -12,7 +12,7 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, SceneInputs, cameras_of, poses_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.datasets.metadata import PhotoPrior
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project

@@ -16,9 +16,8 @@ from PIL import Image
 from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress, shown
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.facts import fact_lines

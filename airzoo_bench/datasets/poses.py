@@ -19,10 +19,9 @@ from pydantic import (
     model_validator,
 )
 
-from airzoo_bench.core.errors import CameraError, first_of
+from airzoo_bench.core.errors import CameraError, counted, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import unambiguous_json, validation_message
 from airzoo_bench.datasets.scenes import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras

@@ -22,13 +22,22 @@ from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import SceneFile
-from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError
-from airzoo_bench.core.files import atomic_folder, fingerprint
-from airzoo_bench.core.only_run import only_run
-from airzoo_bench.core.places import cannot_write
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    RasterError,
+    UsageError,
+    UserError,
+    agreeing,
+    counted,
+)
+from airzoo_bench.core.files import (
+    atomic_folder,
+    cannot_write,
+    fingerprint,
+    only_run,
+    temporary_folder,
+)
 from airzoo_bench.core.progress import Progress, shown
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.content import image_content, scene_content

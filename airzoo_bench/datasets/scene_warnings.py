@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airzoo_bench.benchmark.queries import poses_of
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted, first_of
 from airzoo_bench.datasets.facts import SceneFacts, often_lowest
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.registry import Option
 from airzoo_bench.engines.engine import HERE, Engine
 
 if TYPE_CHECKING:

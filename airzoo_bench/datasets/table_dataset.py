@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
 from airzoo_bench.datasets.content import photo_sizes, utm_zone

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 

@@ -6,8 +6,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import agreeing
+from airzoo_bench.core.errors import BenchmarkError, agreeing
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.protocol.model import Protocol
 

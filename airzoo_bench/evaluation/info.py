@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from airzoo_bench.core.options import Option
+from airzoo_bench.core.registry import Option
 
 __all__ = ["DOUBLED", "Baseline", "EvalOption", "TrackInfo"]
 

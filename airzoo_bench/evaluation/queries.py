@@ -10,10 +10,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UsageError, first_of
+from airzoo_bench.core.errors import PredictionError, UsageError, counted, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.ids import rows_among, scene_of, with_endings
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.track import Assignment
 from airzoo_bench.formats.arrays import Arrays, check_fields, protocol_name, texts

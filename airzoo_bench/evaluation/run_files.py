@@ -9,9 +9,7 @@ from datetime import datetime
 from pathlib import Path, PurePath
 
 from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.core.files import atomic_entries, fingerprint
-from airzoo_bench.core.only_run import only_run
-from airzoo_bench.core.places import check_output_folder
+from airzoo_bench.core.files import atomic_entries, check_output_folder, fingerprint, only_run
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.results.records_csv import write_csv

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from airzoo_bench.core.files import atomic_write, fingerprint
-from airzoo_bench.core.temporaries import PART
+from airzoo_bench.core.files import PART, atomic_write, fingerprint
 from airzoo_bench.evaluation.track import Scored
 
 __all__ = ["SceneStore"]

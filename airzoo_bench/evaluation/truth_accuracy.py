@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import agreeing
+from airzoo_bench.core.errors import agreeing, first_of
 from airzoo_bench.protocol.model import Protocol
 
 __all__ = ["FACTOR", "accuracy_notes"]

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from airzoo_bench.core.files import temporary_folder
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.sandbox import call_limited, check_limits
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions
 from airzoo_bench.evaluation.near_places import refuse_special
 from airzoo_bench.evaluation.track import Run, ScenePredictions

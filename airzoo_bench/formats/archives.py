@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.files import temporary_folder
 
 __all__ = ["ARCHIVE_SUFFIXES", "Bundle", "Member", "open_bundle"]
 

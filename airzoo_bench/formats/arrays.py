@@ -9,8 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.formats.parquet import read_columns

@@ -1,1 +1,1 @@
-"""Cameras, poses, frames, rays and rasters; knows nothing of tracks or files of predictions."""
+"""Cameras, poses, CRS, rasters, height fields and rays."""

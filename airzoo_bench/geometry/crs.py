@@ -86,7 +86,7 @@ def same_plane(first: Any, second: Any) -> bool:
 
 
 def check_same_crs(a: Any, b: Any, what: str) -> None:
-    """Refuse two CRS whose map planes differ; `what` names the two, such as "DOM and DSM"."""
+    """Refuse two CRS with different map planes, named such as "DOM and DSM"."""
     if same_plane(a, b):
         return
     first, second = horizontal_crs(a), horizontal_crs(b)
@@ -170,7 +170,7 @@ def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
 
 
 def check_true_metres(crs: CRS, lonlat: ArrayLike, where: object) -> None:
-    """Refuse a projected CRS whose scale at some places differs from 1 by 0.5 % or more."""
+    """Refuse a projected CRS with a scale that differs from 1 by 0.5 % or more at some place."""
     worst = float(np.max(scale_error(crs, lonlat), initial=0.0))
     if not worst < _MOST_SCALE_ERROR:
         lon, lat = np.asarray(lonlat, dtype=np.float64).reshape(-1, 2)[0]

@@ -160,7 +160,7 @@ def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:
 
 
 def _with_gaps(heights: Floats, local: Floats) -> Floats:
-    """Return heights at points (P, 2) of cells some of whose corners (P, 4) have none."""
+    """Return heights at points (P, 2) of cells with missing corners (P, 4)."""
     weights = np.abs(1.0 - CORNERS - local[:, None]).prod(axis=-1)
     # A neighbour of no weight is no neighbour: on the line between two pixels only they count.
     complete = ~(np.isnan(heights) & (weights > 0.0)).any(axis=-1)
@@ -227,7 +227,7 @@ def read_heights(dataset: Any, window: Window, dtype: Any) -> Heights:
 
 
 def _read_plain(dataset: Any, window: Window, dtype: np.dtype[Any]) -> Heights | None:
-    """Read floats whose only mark is a nodata value, three times as fast as through GDAL's mask.
+    """Read floats marked by a nodata value alone, three times as fast as through GDAL's mask.
 
     None where that mask is needed.
     """
@@ -253,7 +253,7 @@ def small_cache() -> rasterio.Env:
 
 
 def window_shape(dataset: Any, pixels: int) -> tuple[int, int]:
-    """Return width and height of windows of whole blocks of the file, of about so many pixels."""
+    """Return width and height of windows of whole blocks of the file, near a number of pixels."""
     high, wide = dataset.block_shapes[0]
     width = min(wide * max(int(pixels**0.5) // wide, 1), dataset.width)
     height = min(high * max(pixels // width // high, 1), dataset.height)
@@ -382,7 +382,7 @@ def blocked_heights(path: str | Path) -> Iterator[HeightField]:
 
 @dataclass(frozen=True, eq=False)
 class _BlockedHeightField(HeightField):
-    """A height field whose `heights` have a shape only."""
+    """A height field that is read by blocks; `heights` has their shape only."""
 
     dataset: Any
 

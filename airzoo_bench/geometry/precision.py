@@ -79,7 +79,7 @@ def rounding_errors(values: Floats) -> Floats:
 
 
 def pose_errors_m(rotations: Floats, translations: Floats, quaternions: Floats | None) -> Floats:
-    """Estimate how far (N,) rounding has moved cameras whose centres are -R^T t.
+    """Estimate how far (N,) rounding has moved cameras with centres -R^T t.
 
     `rotations` (N, 3, 3) are as the file has them, or made of its `quaternions` (N, 4). The larger
     of two signs counts: the digits that the file keeps, and how far rotations are from orthonormal

@@ -44,7 +44,7 @@ def _listed_files(path: Path) -> list[Path]:
 
 
 def raster_sha256(path: Path) -> str:
-    """Return the SHA-256 of what the numbers of a raster's first band rest on.
+    """Return the SHA-256 of all that the numbers of a raster's first band depend on.
 
     It is the same wherever the files stand: that of the raster's own file, unless others beside it
     change how this is read, such as a world file, a mask, or an ``.aux.xml`` with a nodata value,
@@ -120,7 +120,7 @@ def _virtual_content(path: Path, known: dict[Path, str]) -> str:
 
 
 def source_elements(tree: ET.ElementTree[ET.Element]) -> Iterator[ET.Element]:
-    """Yield the elements of a virtual raster whose texts name files."""
+    """Yield the elements of a virtual raster that name files."""
     yield from (one for one in tree.iter() if one.tag.lower() in _SOURCES)
 
 

@@ -1,4 +1,4 @@
-"""Georeferenced rasters: what a GeoTIFF says of itself, its grid, and its colours.
+"""Georeferenced rasters: their size, grid, type and colours.
 
 In pixel coordinates column comes before row; the raster's corner is (0, 0), the centre of its
 first pixel (0.5, 0.5). A transform is an affine.Affine or a sequence (a, b, c, d, e, f):
@@ -161,7 +161,7 @@ def read_rgb(
     *,
     long_side_px: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Read colours (H, W, 3) of a window (column, row, width, height), at most so many px long.
+    """Read colours (H, W, 3) of a window (column, row, width, height), shrunk to a longest side.
 
     Grey is repeated, alpha dropped.
     """

@@ -43,7 +43,7 @@ _TIE_M = 1e-6
 
 
 class RayStatus(IntEnum):
-    """Outcomes of a ray; the names are those of reports.
+    """Outcomes of a ray, by their names in reports.
 
     NO_RAY: the ray or its origin is not finite, since its pixel lies beyond the range of the lens
     model.

@@ -1,4 +1,4 @@
-"""What heights are measured in and counted from: vertical units, geoids and ellipsoids.
+"""Units and zero of heights: vertical units, geoids and ellipsoids.
 
 PROJ needs a grid for each geoid. pyproj's wheels carry none and nothing is fetched here: without
 the grid there is no figure, never a zero.
@@ -108,7 +108,7 @@ def heights_crs(given: Any) -> CRS:
 
 
 def stated_heights_crs(crs: CRS) -> CRS | None:
-    """Return what `heights_crs` does, but None for a CRS that says nothing of heights."""
+    """Return the same as `heights_crs`, or None for a CRS without heights."""
     if crs.is_compound:
         return CompoundCRS(crs.sub_crs_list[1].name, [_WGS84, crs.sub_crs_list[1]])
     if crs.is_vertical:

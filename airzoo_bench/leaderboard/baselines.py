@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.files import sha256_of_tree, temporary_folder
+from airzoo_bench.core.registry import TRACKS, Option
 from airzoo_bench.core.validation import nearest, toml_value
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.generate import run_baseline

@@ -13,9 +13,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.errors import SubmissionError, counted
 from airzoo_bench.core.files import atomic_write, sha256_of
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.addresses import (
     HTTPS_PORT,

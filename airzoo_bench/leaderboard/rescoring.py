@@ -10,8 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import ResultError, SubmissionError, UserError, first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import (
+    ResultError,
+    SubmissionError,
+    UserError,
+    agreeing,
+    counted,
+    first_of,
+)
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats

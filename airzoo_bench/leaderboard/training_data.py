@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from airzoo_bench.benchmark.folder import benchmark_folders
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.leaderboard.submission import Submission

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted
 from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M

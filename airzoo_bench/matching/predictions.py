@@ -13,9 +13,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.ids import check_ids
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.queries import QueryPredictions, errors_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses

@@ -8,8 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import PredictionError, agreeing, counted
 from airzoo_bench.evaluation.queries import Fields, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to

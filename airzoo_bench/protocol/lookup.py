@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import ValidationError
 
 from airzoo_bench.core.errors import PredictionError, ProtocolError
-from airzoo_bench.core.places import DATA_VARIABLE
+from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
 from airzoo_bench.formats.arrays import open_arrays, protocol_name

@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 
 if TYPE_CHECKING:

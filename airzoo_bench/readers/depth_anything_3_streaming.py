@@ -9,9 +9,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.readers.view_files import GivenArrays, ViewNames, check_count, inverted
 
 if TYPE_CHECKING:

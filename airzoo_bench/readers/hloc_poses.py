@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
 from airzoo_bench.readers.pose_text import first_rows, numbers_of, pose_rows, unit_share
 

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.places import cannot_write
-from airzoo_bench.core.plurals import counted
-from airzoo_bench.core.temporaries import temporary_file
+from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.files import cannot_write, temporary_file
 from airzoo_bench.readers.retrieval import NamedRows, SceneImages, join
 
 if TYPE_CHECKING:

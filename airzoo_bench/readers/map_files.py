@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 
 if TYPE_CHECKING:

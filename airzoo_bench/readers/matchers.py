@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.readers.match_files import PairFiles, field_of, npz_fields, pixels_of, stated_size
 
 if TYPE_CHECKING:

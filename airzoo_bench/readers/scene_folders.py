@@ -15,8 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
 

@@ -7,8 +7,7 @@ from math import exp, log
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 
 if TYPE_CHECKING:
     from airzoo_bench.geometry.arrays import Floats

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.depth_map_files import ScenePrediction

@@ -6,8 +6,7 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
 from airzoo_bench.readers.names import read_names
 from airzoo_bench.readers.pose_text import first_rows, numbers_of, pose_rows, unit_share

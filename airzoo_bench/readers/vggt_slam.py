@@ -10,8 +10,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.readers.map_files import maps_of_files
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import (

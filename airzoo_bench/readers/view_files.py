@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.readers.scene_folders import ScenePlaces
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.lengths import compared

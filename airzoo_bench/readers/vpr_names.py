@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.readers.names import read_names
 from airzoo_bench.readers.retrieval import SceneImages, tile_images
 from airzoo_bench.readers.vpr_log import VprLog

@@ -17,8 +17,7 @@ import numpy as np
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.places import check_output_folder
+from airzoo_bench.core.files import atomic_write, check_output_folder, write_npz
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply

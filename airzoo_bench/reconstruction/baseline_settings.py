@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from airzoo_bench.core.options import Option
+from airzoo_bench.core.registry import Option
 from airzoo_bench.evaluation.info import DOUBLED, Baseline
 
 __all__ = ["STRUCTURE_FROM_MOTION", "SfmSettings"]

@@ -7,8 +7,7 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.reconstruction.alignment.camera_sets import LEAST_CAMERAS, PosedCameras

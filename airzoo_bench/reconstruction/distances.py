@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.files import temporary_folder
 from airzoo_bench.core.progress import Progress, shown, silent
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.cloud_sources import (

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.track import ScenePredictions
 

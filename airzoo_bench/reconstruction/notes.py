@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras

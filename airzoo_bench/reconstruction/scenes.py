@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import PART
 from airzoo_bench.core.progress import Headed, shown
-from airzoo_bench.core.temporaries import PART
 from airzoo_bench.evaluation.track import Run, ScenePredictions
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling

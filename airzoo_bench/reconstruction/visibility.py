@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, project

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.optional_imports import default_style
-from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import name_text, new_canvas, series_style
 from airzoo_bench.report.labels import error_label, noted, over_scenes, who

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.optional_imports import default_style
-from airzoo_bench.core.plurals import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.by_condition import draw_by_condition
 from airzoo_bench.report.curves import NEAR, PERCENT, errors, recall

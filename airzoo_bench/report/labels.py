@@ -6,8 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import name_text
 from airzoo_bench.report.sheet import Sheet

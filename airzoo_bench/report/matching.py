@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import read_rgb_photo
+from airzoo_bench.core.errors import counted
 from airzoo_bench.core.optional_imports import default_style
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats

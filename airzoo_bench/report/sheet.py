@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.optional_imports import default_style
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.report.figures import (
     NO_ROOM,
     any_letters,

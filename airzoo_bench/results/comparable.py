@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from airzoo_bench.core.errors import ResultError, UsageError, first_of
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import ResultError, UsageError, counted, first_of
 from airzoo_bench.results.result import Result, ScoreColumn
 
 if TYPE_CHECKING:  # records need pandas, which tables of results do without

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.core.errors import ResultError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import ResultError, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records_csv import SCORE_AGAIN, column_names, no_number, read_table

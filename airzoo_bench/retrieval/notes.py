@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import agreeing, counted
+from airzoo_bench.core.errors import agreeing, counted, first_of
 from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.retrieval.predictions import RetrievalPredictions
 from airzoo_bench.retrieval.scene_predictions import ScenePredictions, strange_tiles

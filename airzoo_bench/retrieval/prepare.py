@@ -16,8 +16,7 @@ from airzoo_bench.benchmark.queries import (
     poses_of,
     with_unposed,
 )
-from airzoo_bench.core.errors import RasterError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import RasterError, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import LONLAT_CRS
 from airzoo_bench.geometry.heightfield import HeightField

@@ -11,8 +11,7 @@ import numpy as np
 
 from airzoo_bench.benchmark.queries import conditions_of, read_queries
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.pairs import Positives, read_pairs, write_pairs
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.plurals import counted, plural
+from airzoo_bench.core.errors import counted, plural
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.bootstrap_limits import (
     acceleration,

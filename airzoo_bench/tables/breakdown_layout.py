@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.plurals import plural
+from airzoo_bench.core.errors import plural
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.comparable import check_same_column
 from airzoo_bench.results.records import Scored

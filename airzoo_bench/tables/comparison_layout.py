@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import groupby
 
-from airzoo_bench.core.plurals import agreeing, counted, plural
+from airzoo_bench.core.errors import agreeing, counted, plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.comparison import Comparison, Pair
 from airzoo_bench.results.floors import FLOOR_MARK

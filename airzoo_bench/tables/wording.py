@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from airzoo_bench.core.plurals import plural
+from airzoo_bench.core.errors import plural
 from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval

@@ -21,7 +21,6 @@ import pytest
 from numpydoc.validate import validate
 
 import airzoo_bench as ab
-from airzoo_bench.core.registry import Registry, resolve
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.evaluation.track import Track
 
@@ -50,7 +49,7 @@ def members(thing: Any) -> Iterator[Any]:
 def public() -> dict[str, Any]:
     """Return all that is public, by its full name."""
     things = [getattr(ab, name) for name in ab.__all__ if name != "__version__"]
-    things += [Registry, resolve, Dataset]
+    things += [Dataset]
     for name in FORMULAS:
         module = import_module(f"airzoo_bench.{name}")
         things += [getattr(module, one) for one in module.__all__]

@@ -13,7 +13,7 @@ from airzoo_bench.benchmark.folder import Benchmark, benchmark_folders, find_ben
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import read_truth, write_truth
 from tests.support import MadeScene, made_protocol, made_truth, write_benchmark

@@ -12,7 +12,7 @@ import pytest
 from airzoo_bench.cli import common
 from airzoo_bench.cli.common import progress, working
 from airzoo_bench.cli.engines import rated
-from airzoo_bench.core.progress import told
+from airzoo_bench.core.progress import report_progress
 from tests.support import run_main, write_predictions
 
 KINDS = "recall, errors, thresholds, intervals, scenes, condition"
@@ -76,13 +76,13 @@ def test_work_that_takes_long_is_named_in_a_log(monkeypatch: pytest.MonkeyPatch)
     said: list[str] = []
     monkeypatch.setattr("sys.stderr", io.StringIO())
     monkeypatch.setattr(common, "say", said.append)
-    monkeypatch.setitem(told.__kwdefaults__, "first_s", 0.01)
+    monkeypatch.setitem(report_progress.__kwdefaults__, "first_s", 0.01)
     with working("drawing"):
         until = time.monotonic() + 30
         while not said and time.monotonic() < until:
             time.sleep(0.01)
     assert said == ["drawing ..."]
-    monkeypatch.setitem(told.__kwdefaults__, "first_s", 0.2)
+    monkeypatch.setitem(report_progress.__kwdefaults__, "first_s", 0.2)
     with pytest.raises(KeyError), working("fetching"):
         raise KeyError
     time.sleep(0.4)

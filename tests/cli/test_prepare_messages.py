@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.cli import common
-from airzoo_bench.core.progress import told
+from airzoo_bench.core.progress import report_progress
 from airzoo_bench.datasets import prepare as scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
@@ -113,6 +113,6 @@ def test_a_step_that_takes_long_is_named(
     real = getattr(importlib.import_module(module), name)
     monkeypatch.setattr(step, slow)
     monkeypatch.setattr(common, "say", said.append)
-    monkeypatch.setitem(told.__kwdefaults__, "first_s", 0.01)
+    monkeypatch.setitem(report_progress.__kwdefaults__, "first_s", 0.01)
     assert run_main("prepare", "uav-visloc", "--source", source, "--scene", "01", "--jobs", 1) == 0
     assert line in named_while

@@ -21,7 +21,7 @@ import sys
 from pathlib import Path
 from airzoo_bench.__main__ import main
 from airzoo_bench.cli import main as commands
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.files import temporary_folder
 
 def stuck(home: Path) -> None:
     with temporary_folder(home, "out"):

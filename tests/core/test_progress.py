@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from threading import Event, Timer
-from typing import Any, TypeVar
+from threading import Event
+from typing import TypeVar
 
-import pytest
-
-from airzoo_bench.core import progress
-from airzoo_bench.core.progress import Headed, shown, told
+from airzoo_bench.core.progress import Headed, report_progress, shown
 from tests.support import HANGS_S
 
 T = TypeVar("T")
@@ -22,24 +19,21 @@ def clock(*seconds: float) -> Iterator[float]:
 def test_a_line_every_half_minute() -> None:
     times = clock(0, 10, 29, 31, 40, 70, 80)
     said: list[str] = []
-    items = told("abcdef", "poses", 6, say=said.append, clock=lambda: next(times))
+    items = report_progress("abcdef", "poses", 6, say=said.append, clock=lambda: next(times))
     assert list(items) == list("abcdef")
     # After 31 s three of six are done, after 70 s five; the lines between come too soon.
     assert said == ["poses: 3 of 6, about 31 s left", "poses: 5 of 6, about 14 s left"]
-
-
-def test_short_work_is_done_in_silence() -> None:
-    times = clock(0, 10, 20, 60)
-    said: list[str] = []
-    assert len(list(told("abc", "poses", 3, say=said.append, clock=lambda: next(times)))) == 3
-    assert said == []  # what is done needs no word
 
 
 def test_minutes_and_hours() -> None:
     for second, words in ((240.0, "4 min"), (7200.0, "2 h")):
         times = clock(0, second, second)
         said: list[str] = []
-        list(told("ab", "cells", 2, say=said.append, clock=lambda times=times: next(times)))
+        list(
+            report_progress(
+                "ab", "cells", 2, say=said.append, clock=lambda times=times: next(times)
+            )
+        )
         assert said == [f"cells: 1 of 2, about {words} left"]
 
 
@@ -55,25 +49,7 @@ def test_work_under_way_is_named_before_its_first_item_is_done() -> None:
         return named.wait(HANGS_S)
 
     def soon(items: Iterable[T], label: str, total: int) -> Iterator[T]:
-        return told(items, label, total, say=say, first_s=0.01)
+        return report_progress(items, label, total, say=say, first_s=0.01)
 
     assert shown(slowly, "learning the words", Headed("city", soon))
     assert said == ["city: learning the words ..."]
-
-
-def test_work_that_was_given_up_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    timers: list[Timer] = []
-
-    def kept(*given: Any) -> Timer:
-        timers.append(Timer(*given))
-        return timers[-1]
-
-    monkeypatch.setattr(progress, "Timer", kept)
-    said: list[str] = []
-    begun = told("ab", "poses", 2, say=said.append, first_s=2 * HANGS_S)
-    next(begun)
-    begun.close()
-    (timer,) = timers
-    timer.join(HANGS_S)
-    assert not timer.is_alive()
-    assert said == []

@@ -93,28 +93,6 @@ def test_points_beyond_the_fold_of_the_lens_have_no_image_and_no_ray() -> None:
     assert np.isnan(back_project(camera, np.array([[[1e5, 0.0]]]))).all()
 
 
-def test_one_camera_serves_many_sets_and_many_cameras_one_set() -> None:
-    rng = np.random.default_rng(0)
-    lenses = np.array(LENSES)
-    pixels = rng.uniform(200, 2000, (5, 7, 2))
-    many = back_project(cameras_of(lenses), pixels)
-    shared = back_project(cameras_of(lenses), pixels[:1])
-    single = back_project(cameras_of(lenses[:1]), pixels)
-    for row in range(5):
-        alone = cameras_of(lenses).take(row)
-        assert np.array_equal(back_project(alone, pixels[row : row + 1])[0], many[row])
-        assert np.array_equal(back_project(alone, pixels[:1])[0], shared[row])
-    assert np.array_equal(single[0], many[0])
-    np.testing.assert_allclose(np.linalg.norm(many, axis=-1), 1.0, atol=1e-15)
-
-
-def test_rays_do_not_depend_on_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    pixels = np.random.default_rng(0).uniform(0, 2000, (5, 50, 2))
-    whole = back_project(cameras_of(np.array(LENSES)), pixels)
-    monkeypatch.setattr("airzoo_bench.geometry.cameras._BLOCK", 7)
-    assert back_project(cameras_of(np.array(LENSES)), pixels).tobytes() == whole.tobytes()
-
-
 def test_anchor_pixels_in_order() -> None:
     camera = Cameras.from_matrices(K[None], 160, 80)
     assert anchor_pixels(camera).tolist() == [[[10, 5], [150, 5], [150, 75], [10, 75]]]

@@ -62,14 +62,6 @@ def test_geodesic_distances() -> None:
     assert geodesic_distance_m(np.zeros((4, 1, 2)), np.ones((3, 2))).shape == (4, 3)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 1000])
-def test_geodesics_do_not_depend_on_threads(count: int) -> None:
-    ends = np.random.default_rng(count).uniform(-80.0, 80.0, (2, count, 2))
-    alone = geodesic_distance_m(*ends)
-    for jobs in (2, 3):
-        assert np.array_equal(geodesic_distance_m(*ends, jobs=jobs), alone)
-
-
 def test_enu_points_the_way_the_globe_does() -> None:
     place = np.array((112.93, 28.2, 50.0))
     (axes,) = enu_axes(place[None, :2])

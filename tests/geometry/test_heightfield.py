@@ -9,7 +9,6 @@ from hypothesis import given
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.geometry import heightfield
 from airzoo_bench.geometry.heightfield import HeightField, median_height
 from airzoo_bench.geometry.rasters import pixel_to_world
 
@@ -71,15 +70,6 @@ def test_nodata_corners() -> None:
     # 1.13 px away.
     assert np.isnan(lone.sample([(1.3, 1.3), (1.5, 0.5), (1.5, 1.5)])).all()
     assert np.isnan(field_of([[NAN]]).sample((0.5, 0.5)))
-
-
-def test_sampling_does_not_depend_on_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(1)
-    heights = np.where(rng.random((30, 20)) < 0.3, NAN, rng.normal(size=(30, 20)))
-    points = rng.uniform(-1, 31, (500, 2))
-    whole = field_of(heights).sample(points)
-    monkeypatch.setattr(heightfield, "_BLOCK", 17)
-    assert field_of(heights).sample(points).tobytes() == whole.tobytes()
 
 
 @pytest.mark.parametrize("nodata", [NAN, -9999.0, None])
@@ -145,13 +135,3 @@ def test_median_is_numpys(tmp_path_factory: pytest.TempPathFactory, seed: int) -
     path = tmp_path_factory.mktemp("median") / "dsm.tif"
     write_tif(path, np.where(lost, np.array(nodata, dtype), heights), nodata=nodata)
     assert median_height(path) == np.median(heights[~lost].astype(np.float64))
-
-
-def test_median_in_small_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    heights = np.random.default_rng(0).normal(-5, 30, (101, 203)).astype(np.float32)
-    heights[::3] = -9999
-    path = write_tif(
-        tmp_path / "d.tif", heights, nodata=-9999, tiled=True, blockxsize=32, blockysize=16
-    )
-    monkeypatch.setattr(heightfield, "_SCAN_PIXELS", 1500)
-    assert median_height(path) == np.median(heights[heights != -9999].astype(np.float64))

@@ -154,9 +154,3 @@ def test_a_file_whose_folder_depends_on_where_a_run_is_started(
         assert dataset.read(1)[0, 0] == 2.0
     with pytest.raises(RasterError, match=r"whose folder it does not say: a\.tif"):
         raster_sha256(path)
-
-
-def test_a_virtual_raster_without_its_files_has_no_checksum(halves: Path) -> None:
-    path = virtual(halves / "one.vrt", ("a.tif", 0), ("c.tif", 4))
-    with pytest.raises(RasterError, match=r"c\.tif: no such file"):
-        raster_sha256(path)

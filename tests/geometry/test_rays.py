@@ -8,10 +8,9 @@ from hypothesis import given
 from rasterio import Affine
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry import rays
-from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project, project
+from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
-from airzoo_bench.geometry.poses import Poses, rays_to_world, world_to_camera
+from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import pixel_to_world
 from airzoo_bench.geometry.rays import (
     RayStatus,
@@ -20,7 +19,7 @@ from airzoo_bench.geometry.rays import (
     nearest_heights,
 )
 
-from .support import LENSES, looking_down, quick, seeds, write_tif
+from .support import looking_down, quick, seeds, write_tif
 
 NAN = np.nan
 UTM = np.array((576661.0, 5188212.0))
@@ -83,30 +82,6 @@ def test_reasons_on_the_plane() -> None:
     assert shorter.points[:, 0, 2].tolist() == [10, 9, 0]
     with pytest.raises(RasterError, match="not finite"):
         intersect_plane(origins, directions, NAN, 100.0)
-
-
-@quick
-@given(seeds)
-def test_pixel_to_ground_and_back(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    count = len(LENSES)
-    K = np.tile(((2000.0, 0, 2000), (0, 2000, 1100), (0, 0, 1)), (count, 1, 1))
-    cameras = Cameras.from_matrices(K, 4000, 2200, LENSES)
-    R = np.repeat(looking_down(rng.uniform(0, 50), rng.uniform(0, 360)), count, axis=0)
-    centres = np.array((*UTM, 120.0)) + rng.uniform(-50, 50, (count, 3))
-    poses = Poses.from_centres(R, centres)
-    pixels = rng.uniform((200, 200), (3800, 2000), (count, 30, 2))
-    directions = rays_to_world(poses, back_project(cameras, pixels))
-    hits = intersect_plane(poses.centres, directions, 3.0, 1e4)
-    assert hits.valid.mean() > 0.5
-    assert (hits.points[hits.valid][:, 2] == 3.0).all()
-    back = project(cameras, world_to_camera(poses, hits.points))
-    np.testing.assert_allclose(back[hits.valid], pixels[hits.valid], rtol=0, atol=1e-6)
-    again = rays_to_world(poses, back_project(cameras, back))
-    ground = intersect_plane(poses.centres, again, 3.0, 1e4).points
-    far = np.linalg.norm(hits.points - centres[:, None], axis=-1) > 2000
-    near = hits.valid & ~far
-    np.testing.assert_allclose(ground[near], hits.points[near], rtol=0, atol=1e-6)
 
 
 def field_of(heights: object, pixel: float = 1.0, crs: object = "EPSG:32615") -> HeightField:
@@ -258,18 +233,6 @@ def test_gaps_in_the_dsm() -> None:
     assert names(cast((15, 10, 20), (0, 0, -1), field).status) == ["OFF_RASTER"]
     empty = field_of(np.full((4, 4), NAN))
     assert names(cast((2, 2, 20), (0, 0, -1), empty).status) == ["OFF_RASTER"]
-
-
-def test_hits_do_not_depend_on_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(5)
-    heights = np.where(rng.random((40, 40)) < 0.2, NAN, rng.uniform(0, 5, (40, 40)))
-    origins = np.column_stack((rng.uniform(0, 40, (6, 2)), np.full(6, 20.0)))
-    directions = rng.normal(size=(6, 9, 3)) - (0, 0, 1)
-    whole = intersect_heightfield(origins, directions, field_of(heights), 1e3)
-    monkeypatch.setattr(rays, "_BLOCK", 5)
-    parts = intersect_heightfield(origins, directions, field_of(heights), 1e3)
-    assert parts.points.tobytes() == whole.points.tobytes()
-    assert parts.status.tobytes() == whole.status.tobytes()
 
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:2263"])

@@ -19,14 +19,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from airzoo_bench.core import temporaries
 from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
 
 NAMES = ("result", "records", "figures")
 STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree")
 _SIZE = 20_000
 _GROWTH_BYTES = 4096  # times the step
-_LINES_OF = ("temporaries.py", "files.py")
+_LINES_OF = ("files.py",)
 _NO_FAULT = 3  # there are fewer steps
 
 
@@ -137,9 +136,7 @@ def hidden(home: Path) -> list[str]:
 
 
 def main() -> None:
-    root, kind, fault, swap = Path(sys.argv[1]), sys.argv[2], sys.argv[3], sys.argv[4] == "swap"
-    if not swap:
-        temporaries._swapped = lambda new, path: False
+    root, kind, fault = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
     size = 1 if fault == "line" else _SIZE
     old, new = "a" * size, "b" * size
     cases = []

@@ -17,7 +17,7 @@ from tests.support import HANGS_S
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
 
 
-def cases(tmp_path: Path, kind: str, fault: str, swap: bool) -> list[dict[str, Any]]:
+def cases(tmp_path: Path, kind: str, fault: str) -> list[dict[str, Any]]:
     command = [
         sys.executable,
         "-m",
@@ -27,7 +27,7 @@ def cases(tmp_path: Path, kind: str, fault: str, swap: bool) -> list[dict[str, A
         fault,
     ]
     done = subprocess.run(
-        [*command, "swap" if swap else "two renames"],
+        command,
         cwd=Path(__file__).parents[2],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
@@ -47,13 +47,10 @@ def whole(letter: str, kind: str) -> dict[str, str]:
     return found | extra.get(kind, {})
 
 
-@pytest.mark.parametrize("swap", [True, False])
 @pytest.mark.parametrize("kind", list(crash_points.WRITERS))
 @pytest.mark.parametrize("fault", ["failed", pytest.param("full", marks=pytest.mark.slow)])
-def test_a_step_that_fails_leaves_what_stood_there(
-    kind: str, fault: str, swap: bool, tmp_path: Path
-) -> None:
-    found = cases(tmp_path, kind, fault, swap)
+def test_a_step_that_fails_leaves_what_stood_there(kind: str, fault: str, tmp_path: Path) -> None:
+    found = cases(tmp_path, kind, fault)
     check_failures(found, kind)
 
 
@@ -68,19 +65,15 @@ def check_failures(found: list[dict[str, Any]], kind: str) -> None:
     assert any(case["left"] == whole("a", kind) for case in found)
 
 
-@pytest.mark.parametrize("swap", [True, False])
 @pytest.mark.parametrize("kind", list(crash_points.WRITERS))
-def test_killed_at_any_step(kind: str, swap: bool, tmp_path: Path) -> None:
-    found = cases(tmp_path, kind, "killed", swap)
-    check_kills(found, kind, in_one_step=kind == "file" or (swap and kind != "shared"))
+def test_killed_at_any_step(kind: str, tmp_path: Path) -> None:
+    check_kills(cases(tmp_path, kind, "killed"), kind, in_one_step=kind == "file")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "swap"), [("shared", True), ("entries", False), ("folder", False)]
-)
-def test_killed_at_any_line(kind: str, swap: bool, tmp_path: Path) -> None:
-    check_kills(cases(tmp_path, kind, "line", swap), kind, in_one_step=False)
+@pytest.mark.parametrize("kind", ["shared", "folder"])
+def test_killed_at_any_line(kind: str, tmp_path: Path) -> None:
+    check_kills(cases(tmp_path, kind, "line"), kind, in_one_step=False)
 
 
 def check_kills(found: list[dict[str, Any]], kind: str, *, in_one_step: bool) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.core.plurals import counted, plural
+from airzoo_bench.core.errors import counted, plural
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.interval_layout import with_intervals

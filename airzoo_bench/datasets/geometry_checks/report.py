@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.core.errors import CameraError
+from airzoo_bench.core.errors import CameraError, counted
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.datasets.geometry_checks.depth import FLOATING_BELOW, DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
 from airzoo_bench.datasets.geometry_checks.scenes import PosedScene

@@ -19,7 +19,7 @@ from airzoo_bench.benchmark.queries import (
     read_queries,
 )
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.core.places import MARK, data_root
+from airzoo_bench.core.files import MARK, data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.clouds import check_cloud
 from airzoo_bench.datasets.content import photo_sizes, surveyed

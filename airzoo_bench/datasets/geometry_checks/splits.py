@@ -17,9 +17,8 @@ import shapely
 from shapely import STRtree
 
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.geometry_checks.scenes import open_benchmark, scenes_of_benchmark
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.options import Option
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings

@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from airzoo_bench.core.files import atomic_write, fingerprint
-from airzoo_bench.core.places import check_output_folder
+from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.rendering.renderer import (

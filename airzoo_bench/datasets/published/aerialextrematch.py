@@ -20,9 +20,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata

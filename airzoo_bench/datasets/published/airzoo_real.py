@@ -26,9 +26,9 @@ import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import (

@@ -17,8 +17,8 @@ import numpy as np
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of
 from airzoo_bench.core.files import fingerprint
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset

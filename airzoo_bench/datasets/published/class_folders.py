@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset

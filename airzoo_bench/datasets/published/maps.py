@@ -15,8 +15,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
-from airzoo_bench.core.files import atomic_write, fingerprint
-from airzoo_bench.core.temporaries import temporary_folder
+from airzoo_bench.core.files import atomic_write, fingerprint, temporary_folder
 from airzoo_bench.datasets.published.places import folder_content
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache

@@ -18,8 +18,7 @@ from PIL import Image
 from rasterio.io import MemoryFile
 
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
-from airzoo_bench.core.files import atomic_write, fingerprint
-from airzoo_bench.core.places import data_root
+from airzoo_bench.core.files import atomic_write, data_root, fingerprint
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset

@@ -21,10 +21,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, first_of
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import utm_zone
 from airzoo_bench.datasets.dataset import Dataset

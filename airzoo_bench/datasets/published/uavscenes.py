@@ -21,8 +21,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import nearest, validation_message
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset

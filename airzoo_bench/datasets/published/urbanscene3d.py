@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, UserError, first_of
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.dataset import Dataset

@@ -10,10 +10,9 @@ from typing import Annotated
 import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.metadata import read_prior

@@ -12,8 +12,8 @@ import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.heights import surface_altitudes

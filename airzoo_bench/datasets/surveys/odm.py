@@ -22,12 +22,10 @@ from pyproj import CRS
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.errors import BenchmarkError, CameraError, UserError, first_of
-from airzoo_bench.core.files import read_text
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.places import data_root
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, CameraError, UserError, counted, first_of
+from airzoo_bench.core.files import data_root, read_text
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.lenses import Lens, cameras_of_lenses

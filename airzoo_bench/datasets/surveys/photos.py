@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.poses import read_poses

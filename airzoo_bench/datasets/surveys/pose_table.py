@@ -12,10 +12,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.options import Option
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations

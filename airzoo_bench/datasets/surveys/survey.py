@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pyproj import CRS
 
 from airzoo_bench.core.errors import CameraError, UsageError
-from airzoo_bench.core.options import Option
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.content import check_names, metric_crs
 from airzoo_bench.datasets.dataset import Dataset

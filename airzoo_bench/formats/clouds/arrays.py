@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
 from airzoo_bench.formats.clouds.cloud import ArrayPieces, FileCloud, refusal
 from airzoo_bench.formats.npz import map_numbers

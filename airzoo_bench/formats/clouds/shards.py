@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import first_bytes
-from airzoo_bench.core.plurals import counted
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.las import open_las
 

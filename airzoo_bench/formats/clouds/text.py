@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.formats.clouds.cloud import (
     FIX_COPY,
     Cloud,

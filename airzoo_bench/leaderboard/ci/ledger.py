@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Literal, get_args
 
-from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import SubmissionError, counted
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.ci.git import RefusedError
 from airzoo_bench.leaderboard.known import Place

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from filecmp import cmp
 from pathlib import Path
 
-from airzoo_bench.core.errors import UserError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import UserError, counted
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.ci.event import PullRequest
 from airzoo_bench.leaderboard.ci.git import RefusedError

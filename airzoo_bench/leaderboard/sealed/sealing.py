@@ -20,10 +20,10 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.files import (
     atomic_entries,
+    check_new_folder,
     check_output_file,
     sha256_of,
 )
-from airzoo_bench.core.places import check_new_folder
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.evaluation.given import read_truths
 from airzoo_bench.leaderboard.sealed.archive import Member, pieces_of, write_archive

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.core.temporaries import clear_abandoned, temporary_folder
+from airzoo_bench.core.files import clear_abandoned, temporary_folder
 from airzoo_bench.leaderboard.sealed.archive import opened_archive, read_pieces
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
 

@@ -16,9 +16,9 @@ from typing import Any
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.files import (
     atomic_folder,
+    check_new_folder,
+    only_writer,
 )
-from airzoo_bench.core.places import check_new_folder
-from airzoo_bench.core.temporaries import only_writer
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.leaderboard.site.api import as_json
 from airzoo_bench.leaderboard.site.api_files import API_FOLDER, MARK, ApiFiles, Given

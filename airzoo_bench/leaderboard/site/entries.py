@@ -11,8 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.plurals import counted
+from airzoo_bench.core.errors import SubmissionError, UserError, counted
 from airzoo_bench.leaderboard.names import fault_of_file_name
 from airzoo_bench.leaderboard.runs import RUN_FILE, Run, read_run
 from airzoo_bench.leaderboard.submission import (

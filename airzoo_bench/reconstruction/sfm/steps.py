@@ -11,9 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import read_rgb_photo
-from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of, write_npz
+from airzoo_bench.core.files import (
+    atomic_write,
+    fingerprint,
+    sha256_of,
+    temporary_folder,
+    write_npz,
+)
 from airzoo_bench.core.optional_imports import load_pycolmap
-from airzoo_bench.core.temporaries import temporary_folder
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.sift import extract, mutual_nearest

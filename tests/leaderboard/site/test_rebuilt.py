@@ -96,7 +96,7 @@ def test_the_folder_above_the_site_is_made(tmp_path: Path) -> None:
 
 
 def test_two_builds_at_once_are_refused(tmp_path: Path) -> None:
-    from airzoo_bench.core.temporaries import only_writer
+    from airzoo_bench.core.files import only_writer
 
     some_runs(tmp_path / "runs", 1)
     with only_writer(tmp_path / "site"), pytest.raises(UserError, match="another build"):

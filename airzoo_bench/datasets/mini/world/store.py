@@ -28,8 +28,13 @@ from rasterio import Affine
 from rasterio.io import MemoryFile
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
-from airzoo_bench.core.files import atomic_folder, canonical_json, sha256_of
-from airzoo_bench.core.places import DATA_VARIABLE, check_new_folder
+from airzoo_bench.core.files import (
+    DATA_VARIABLE,
+    atomic_folder,
+    canonical_json,
+    check_new_folder,
+    sha256_of,
+)
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.datasets.mini.noise import hash_of, is_keyed
 from airzoo_bench.datasets.mini.world.model import CRS, Buildings, Mesh, Region, World

@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 
 import airzoo_bench
-from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.plurals import agreeing, counted, plural
+from airzoo_bench.core.errors import agreeing, counted, first_of, plural
 
 SOURCES = sorted(Path(airzoo_bench.__file__).parent.rglob("*.py"))
 VERBS = "is|are|was|were|has|have|does|do|lies?|ends?|scores?|depends?|differs?|agrees?|overlaps?"
