@@ -26,7 +26,7 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 _SHOWN = 5
 _OFFERED = 3
 _AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
-_MOST_COMPARED = 2000  # names that difflib compares in less than a second
+_MOST_COMPARED = 5000  # names that difflib compares in a quarter of a second
 _SHORTEST_PART = 3  # letters; fewer are in too many names
 
 
@@ -202,8 +202,8 @@ def near_names(name: str, known: list[str], offered: int = _OFFERED) -> list[str
     alike = [other for other in known if _letters(other) == _letters(name)][:offered]
     if alike:
         return alike
-    some = known if len(known) <= _MOST_COMPARED else [n for n in known if n[:3] == name[:3]]
-    near = difflib.get_close_matches(name, some[:_MOST_COMPARED], n=offered, cutoff=0.6)
+    some = known[:_MOST_COMPARED]
+    near = difflib.get_close_matches(name, some, n=offered, cutoff=0.6)
     near = [other for other in near if _ratio(name, other) > _ratio(name, near[0]) - _AS_NEAR]
     if not near and len(name) >= _SHORTEST_PART:
         near = [n for n in known if name.casefold() in n.casefold()][:offered]

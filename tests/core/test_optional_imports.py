@@ -9,9 +9,8 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-import pytest
 
-from airzoo_bench.core.optional_imports import default_style, load_matplotlib
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.report.figures import figure_bytes, new_figure
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,18 +50,6 @@ def test_neither_a_folder_nor_a_backend_rules_pictures(tmp_path: Path) -> None:
     assert drawn_in(tmp_path / "ruled", MPLBACKEND="nonsense") == plain
 
 
-def test_settings_that_are_no_text_are_the_persons_fault(tmp_path: Path) -> None:
-    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe nonsense")
-    done = subprocess.run(
-        [sys.executable, "-c", DRAW],
-        capture_output=True,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        check=False,
-    )
-    assert b"UsageError: Matplotlib cannot start: its file of settings is no text" in done.stderr
-
-
 def test_settings_of_the_program_rule_no_picture_and_stay() -> None:
     def draw() -> bytes:
         figure, axes = new_figure()
@@ -74,19 +61,6 @@ def test_settings_of_the_program_rule_no_picture_and_stay() -> None:
     with matplotlib.rc_context({"font.size": 30, "figure.facecolor": "red"}):
         assert draw() == plain
         assert matplotlib.rcParams["font.size"] == 30
-
-
-def test_the_environment_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MPLBACKEND", "nonsense")
-    load_matplotlib.cache_clear()
-    assert load_matplotlib() is matplotlib
-    assert os.environ["MPLBACKEND"] == "nonsense"
-
-
-def test_a_change_holds_within_the_style() -> None:
-    with default_style({"path.simplify": False}):
-        assert not matplotlib.rcParams["path.simplify"]
-    assert matplotlib.rcParams["path.simplify"]
 
 
 def test_nothing_else_imports_matplotlib_first() -> None:
