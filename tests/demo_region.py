@@ -29,11 +29,7 @@ from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 NAME = "airzoo-demo"
 SEED = 0
@@ -46,11 +42,8 @@ def make(folder: Path) -> None:
     """Write the benchmark folder, with photos, maps and cloud in it."""
     world = build_world("city", SEED)
     photos = _photos(world)
-    protocols = BenchmarkProtocols(
-        protocol_of_track(f"{NAME}-retrieval", Path(), RetrievalProtocol),
-        protocol_of_track(f"{NAME}-matching", Path(), MatchingProtocol),
-        protocol_of_track(f"{NAME}-reconstruction", Path(), ReconstructionProtocol),
-    )
+    tracks = ("retrieval", "matching", "reconstruction")
+    protocols = BenchmarkProtocols.named([f"{NAME}-{track}" for track in tracks], Path())
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
         render_frames(photos.frames, lambda: world, home)

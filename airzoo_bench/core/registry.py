@@ -135,25 +135,6 @@ DATASETS = Registry(
         "denseuav": "airzoo_bench.datasets.published.class_folders:DENSEUAV",
         "gta-uav": "airzoo_bench.datasets.published.gta_uav:GTA_UAV",
     },
-    {
-        "photos": "Make a benchmark folder out of photos, their poses, a map and a surface model.",
-        "airzoo-mini": "Make AirZoo-Mini: a made-up world, flights, photos, truth of every track.",
-        "poses": "Make a benchmark folder out of photos and a table of their poses.",
-        "odm": "Make a benchmark folder out of an OpenDroneMap project.",
-        "dji": "Make a benchmark folder out of DJI photos with RTK.",
-        "colmap": "Make a benchmark folder out of a COLMAP model.",
-        "uav-visloc": "Make UAV-VisLoc's benchmark folder out of its download.",
-        "uavscenes": "Make a benchmark folder of UAVScenes.",
-        "urbanscene3d": "Make a benchmark folder of UrbanScene3D's real scenes.",
-        "airzoo-test": "Make a benchmark folder of AirZoo-Test, or of other trajectories.",
-        "airzoo-real": "Make a benchmark folder of AirZoo-Real.",
-        "aerialextrematch": "Make a benchmark folder of AerialExtreMatch's localisation set.",
-        "ortholoc": "Make a benchmark folder of OrthoLoC's test sets.",
-        "university-1652": "University-1652, both ways between drone and satellite.",
-        "sues-200": "SUES-200, both ways between drone and satellite at 150 to 300 m.",
-        "denseuav": "DenseUAV, both ways between drone and satellite, with SDM@K and MA@K.",
-        "gta-uav": "GTA-UAV, cross-area and same-area, both ways between drone and satellite.",
-    },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""
 

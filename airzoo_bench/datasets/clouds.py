@@ -42,22 +42,8 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
 
     A damaged cloud, or one of another frame or unit, is then found now and not when scoring.
 
-    Parameters
-    ----------
-    cloud : Path
-        A file, or a folder of LAS files.
-    inputs : SceneInputs
-
-    Returns
-    -------
-    float
-        Median height of the cloud above the surface model, in metres; NaN where they do not meet,
-        or there is no surface model.
-
-    Raises
-    ------
-    UserError
-        It is not there, damaged, elsewhere, or says that it is in another CRS or not in metres.
+    Return the median height of the cloud above the surface model, in metres; NaN where they do not
+    meet, or there is no surface model.
     """
     if not cloud.exists():
         raise UsageError("no such cloud", where=cloud)

@@ -68,19 +68,7 @@ _FOOT_M = 0.3048
 class SceneContent:
     """What is written of a scene into a benchmark folder.
 
-    Attributes
-    ----------
-    inputs : SceneInputs
-    truths : SceneTruths
-    files : mapping of str to Path
-        Photos, maps and clouds by the name that benchmark.toml has for them (`SceneFile`);
-        ``images`` is a folder.
-    facts : SceneFacts, optional
-        Figures of the parts against each other.
-    truth_accuracy_m : float, optional
-        Standard error of the true positions, where it is stated.
-    gallery_size : int, optional
-        How many images a gallery of images has as published.
+    `files` are photos, maps and clouds by the name that benchmark.toml has for them.
     """
 
     inputs: SceneInputs
@@ -126,7 +114,7 @@ def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneCo
     metadata = None if native.is_metadata else native.metadata
     dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
     facts = scene_facts(
-        inputs, metadata, native.images, survey, cameras, retrieval, truths.matching, above, dropped
+        inputs, metadata, survey, cameras, retrieval, truths.matching, above, dropped
     )
     return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
 

@@ -17,12 +17,7 @@ from airzoo_bench.datasets.prepare import (
     prepare_scenes,
 )
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
-from airzoo_bench.datasets.settings import (
-    Prepared,
-    PrepareSettings,
-    SourceOptions,
-    path_options,
-)
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions, path_options
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 
 __all__ = ["Dataset"]

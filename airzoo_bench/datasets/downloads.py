@@ -40,14 +40,7 @@ _STATUS = {
 class HubFile:
     """A file of a dataset.
 
-    Attributes
-    ----------
-    path : str
-        Relative to the dataset.
-    size : int
-        Bytes.
-    digest : str
-        SHA-256 of files in large file storage, else SHA-1 as git computes it.
+    `digest` is SHA-256 for files in large file storage, else SHA-1 as git computes it.
     """
 
     path: str
@@ -56,19 +49,7 @@ class HubFile:
 
 
 class HubDataset:
-    """A dataset on Hugging Face, at the commit that is its newest when this is made.
-
-    Parameters
-    ----------
-    repository : str
-        Its id, such as "name/data".
-
-    Raises
-    ------
-    UserError
-        huggingface_hub is not installed; the dataset cannot be reached, does not exist, or access
-        to it must be asked for.
-    """
+    """A dataset on Hugging Face, at the commit that is its newest when this is made."""
 
     def __init__(self, repository: str) -> None:
         self.repository = repository
@@ -172,13 +153,7 @@ class HubDataset:
 class Plan:
     """What a download has to do.
 
-    Attributes
-    ----------
-    folder : Path
-    files, lacking : tuple of HubFile
-        All that are wanted; of these, those to fetch.
-    needed, free : int
-        Bytes: still to fetch, and room on the disk.
+    `lacking` are to fetch, `needed` bytes of them; `free` is the room on the disk.
     """
 
     folder: Path

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import date, datetime
-from numbers import Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +14,6 @@ from scipy.spatial import cKDTree
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, SceneInputs, cameras_of, poses_of
 from airzoo_bench.core.errors import counted
 from airzoo_bench.datasets.metadata import PhotoPrior
-from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
 from airzoo_bench.geometry.crs import LOCAL_CRS, from_lonlat, geodesic_distance_m, to_lonlat
@@ -42,22 +37,14 @@ _NEAREST_OF_PX = 1_000_000
 _GRID = 65
 _SAME_M = 0.001
 _LOWEST_SHARE, _FAR_BELOW_M = 0.01, 10.0
-_MODEL, _EXIF_IFD, _TAKEN, _FOCAL_MM = 0x0110, 0x8769, 0x9003, 0x920A
 
 
 @dataclass(frozen=True, eq=False)
 class Cameras3D:
     """Cameras over the surface model.
 
-    Attributes
-    ----------
-    heights_m : (N,) array
-        Of each camera above the surface below it, or the nearest height there is; NaN where there
-        is none.
-    surface_m : (N,) array
-        The height of that surface.
-    relative_m : (N,) array
-        Above the place of take-off as the photo states it; NaN where it does not.
+    `heights_m` are above the surface below, or the nearest height there is (`surface_m`); NaN where
+    there is none. `relative_m` is above the place of take-off, as photos state it.
     """
 
     heights_m: Floats
@@ -99,14 +86,8 @@ class Cameras3D:
 class GpsFacts:
     """Medians of poses less the photos' own GPS.
 
-    Attributes
-    ----------
-    photos : int
-        Photos that have a position.
-    distance_m, height_m : float
-        Horizontal distance, and difference in height (NaN without altitudes).
-    offset_m : tuple of float
-        East and north.
+    `photos` have a position; `offset_m` is to the east and north; `height_m` is NaN without
+    altitudes.
     """
 
     photos: int
@@ -129,54 +110,32 @@ class PriorFacts:
 
 @dataclass(frozen=True, eq=False)
 class SceneFacts:
-    """Figures of a scene; None for parts that are missing.
+    """Figures of a scene; None for parts that are missing, shares NaN.
 
     Attributes
     ----------
-    inputs : SceneInputs
-    survey : HeightSurvey or None
-        Of the surface model.
-    cameras : Cameras3D
     is_metadata : bool
         Whether poses are the metadata's.
-    taken_by : mapping of str to int
-        Photos by camera (model and focal length), as EXIF has it.
-    days : tuple of date
-        On which photos were taken, ascending.
-    gps : GpsFacts or None
-    priors : PriorFacts or None
     without_prior : mapping of str to tuple of str
         Ids of photos without a prior by what they lack: position, altitude or gimbal angles.
-    has_metadata : bool
-        Whether any photo states a position or angles.
     photo_gsd_m, footprint_m : float
         Medians over photos: ground width of a pixel, and of the photo's longer side.
     on_map, on_surface : float
-        Share of the photos' corners, on the plane, that lie on the map, and within the rectangle
-        of the surface model; NaN where there is none.
+        Share of the photos' corners, on the plane, within the rectangle of map and surface model.
     shared_ground : float
-        Share of map or surface model, whichever is greater, that lies over the other; NaN without.
-    map_gsd_m : tuple of float or None
-        Of the map, between columns and rows.
-    crop_shares : (Q,) array or None
-        Share of the map that each query's crop takes.
-    positive_shares : (Q,) array or None
-        Share of the gallery that answers each query.
-    cloud_over_surface_m : float or None
-        Median height of the true cloud above the surface model; NaN where they do not meet.
-    dropped_tiles, dropped : int, str
-        Tiles that hold too little of the map to be in the gallery, and which these are.
+        Share of map or surface model, whichever is greater, that lies over the other.
+    crop_shares, positive_shares : (Q,) array or None
+        Share of the map that a query's crop takes; of the gallery that answers it.
+    dropped : str
+        Which tiles are not in the gallery.
     nearest_missed : float
-        Share of queries that the tile does not answer whose centre is nearest to the footprint's;
-        NaN where there are none.
+        Share of queries that the tile does not answer whose centre is nearest to the footprint's.
     """
 
     inputs: SceneInputs
     survey: HeightSurvey | None
     cameras: Cameras3D
     is_metadata: bool
-    taken_by: Mapping[str, int]
-    days: tuple[date, ...]
     gps: GpsFacts | None
     priors: PriorFacts | None
     without_prior: Mapping[str, tuple[str, ...]]
@@ -209,8 +168,6 @@ class SceneFacts:
             "height_over_take_off_m": _json(_median(cameras.relative_m)),
             "cameras_below_surface": cameras.below,
             "photo_gsd_m": _json(self.photo_gsd_m),
-            "photos_by_camera": dict(self.taken_by),
-            "days": [day.isoformat() for day in self.days],
             "photos_without_prior": {what: len(ids) for what, ids in self.without_prior.items()},
             "gps": gps
             and {
@@ -243,7 +200,6 @@ class SceneFacts:
 def scene_facts(
     inputs: SceneInputs,
     metadata: Mapping[str, PhotoPrior] | None,
-    images: Path,
     survey: HeightSurvey | None,
     cameras: Cameras3D,
     retrieval: RetrievalTruth | None,
@@ -256,7 +212,6 @@ def scene_facts(
     dsm = None if inputs.dsm is None else open_info(inputs.dsm)
     stated = [(metadata or {}).get(name, PhotoPrior()) for name in photos["image"]]
     gsd, footprint, corners = _footprints(inputs)
-    taken = [_camera_and_day(images / name) for name in photos["image"] if name in (metadata or {})]
     shares = None if retrieval is None else retrieval.positives.counts / len(retrieval.tiles)
     crops = None
     if matching is not None and dom is not None:
@@ -266,8 +221,6 @@ def scene_facts(
         survey=survey,
         cameras=cameras,
         is_metadata=metadata is None,
-        taken_by=Counter(sorted(camera for camera, _ in taken if camera)),
-        days=tuple(sorted({day for _, day in taken if day is not None})),
         gps=_gps_facts(inputs, stated),
         priors=_prior_facts(photos),
         without_prior=_without_prior(photos, stated if metadata is not None else None),
@@ -386,22 +339,6 @@ def _share_over(above: RasterInfo, below: RasterInfo) -> float:
     return float(((pixels >= 0) & (pixels <= (below.width, below.height))).all(axis=1).mean())
 
 
-def _camera_and_day(path: Path) -> tuple[str, date | None]:
-    """Return which camera took a photo, and on which day, as far as EXIF says."""
-    with opened_photo(path) as image:
-        exif = image.getexif()
-        model, more = exif.get(_MODEL), exif.get_ifd(_EXIF_IFD)
-    focal, taken = more.get(_FOCAL_MM), more.get(_TAKEN)
-    text = model.strip("\0 ") if isinstance(model, str) else ""
-    text = "".join(one for one in text if one.isprintable())[:40]
-    length = f" at {float(focal):g} mm" if isinstance(focal, Real) and float(focal) > 0 else ""
-    try:
-        day = datetime.strptime(str(taken).strip("\0 "), "%Y:%m:%d %H:%M:%S").date()
-    except ValueError:  # not stated, or all zero where the camera's clock was not set
-        return text + length, None
-    return text + length, day
-
-
 def often_lowest(survey: HeightSurvey) -> bool:
     """Whether the lowest height may stand for a missing one."""
     repeated = survey.at_low > 1 or survey.low == 0.0
@@ -427,7 +364,6 @@ def fact_lines(facts: SceneFacts) -> list[str]:
     """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
     rows = [
         ("photos", _photos_line(facts)),
-        ("taken", _taken_line(facts)),
         ("poses", _poses_line(facts)),
         ("priors", _priors_line(facts.priors)),
         ("map", _map_line(facts)),
@@ -450,16 +386,6 @@ def _photos_line(facts: SceneFacts) -> str:
     if math.isfinite(facts.photo_gsd_m):
         text += f", {facts.photo_gsd_m:.3g} m per pixel"
     return text if "," not in text else f"{text} (medians)"
-
-
-def _taken_line(facts: SceneFacts) -> str:
-    cameras = [f"{name} ({count})" for name, count in facts.taken_by.items()]
-    days = [day.isoformat() for day in facts.days]
-    parts = [f"by {', '.join(cameras)}"] if cameras else []
-    if days:
-        several = f"on {len(days)} days, {days[0]} to {days[-1]}"
-        parts.append(f"on {days[0]}" if len(days) == 1 else several)
-    return " ".join(parts)
 
 
 def _poses_line(facts: SceneFacts) -> str:

@@ -36,17 +36,8 @@ def surface_centres(
 ) -> tuple[Floats, tuple[str, ...]]:
     """Return camera centres in metres, with heights as the surface model has them, and a note.
 
-    Parameters
-    ----------
-    centres : (N, 3) array
-        In the CRS `named`, heights in its vertical CRS or in `vertical`.
-    named, crs : str
-        The CRS as it is stated, and its horizontal part.
-    vertical, dsm_vertical : str or None
-        Vertical CRS of poses and surface model, where they are named.
-    dsm : Path or None
-    place : str
-        What states the CRS, for messages.
+    Centres are in the CRS `named`, of which `crs` is the horizontal part, and heights in its
+    vertical CRS or in `vertical`; `place` is what states the CRS, for messages.
     """
     where = f"--vertical-crs {vertical}" if vertical else f"{place}, heights of {named}"
     stated = _named(vertical, where) if vertical else stated_heights_crs(CRS(named))

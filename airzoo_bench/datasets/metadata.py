@@ -58,16 +58,8 @@ _ALTITUDE_SIGN = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 class PhotoPrior:
     """Position and attitude that a photo's metadata state.
 
-    Attributes
-    ----------
-    lon, lat : float or None
-        WGS84, degrees; both or neither.
-    altitude_m : float or None
-        Above sea level or ellipsoid: photos do not say reliably which.
-    yaw_deg, pitch_deg, roll_deg : float or None
-        Of the gimbal; see `geometry.rotations`.
-    relative_altitude_m : float or None
-        Above the place of take-off.
+    Position in WGS84, angles of the gimbal; photos do not say reliably whether the altitude is
+    above the sea or the ellipsoid. `relative_altitude_m` is above the place of take-off.
     """
 
     lon: float | None = None

@@ -72,16 +72,7 @@ _WAY_OUT = "leave the scene out with --keep-going, or name those to make with --
 class Source:
     """Scenes that are to be prepared, in this process or on a worker.
 
-    Attributes
-    ----------
-    scenes : mapping of str to sequence of Path
-        Their ids, with the files and folders that each is read from.
-    read : callable
-        Takes options, a scene's id and a `Progress`, returns what the scene's files state.
-    options : object
-        The dataset's options, a dataclass.
-    home : Path
-        The folder that relative paths are seen from.
+    `read` takes the options, a scene's id and a `Progress`; relative paths are seen from `home`.
     """
 
     scenes: Mapping[str, Sequence[Path]]
@@ -121,14 +112,7 @@ class Source:
 class Part:
     """A finished scene: its entry of benchmark.toml, and what `prepare` prints of it.
 
-    Attributes
-    ----------
-    home : Path
-        The folder that holds it, as a benchmark folder does: ``scenes/ID``, perhaps ``data/ID``.
-    key : str
-        Of what it was made from, see `scene_keys`.
-    options : mapping of str to str
-        Those of `prepare` that it was made with.
+    `home` holds it as a benchmark folder does; `key` is of what it was made from (`scene_keys`).
     """
 
     home: Path
@@ -338,15 +322,7 @@ def prepare_scenes(
 
 @dataclass
 class _Run:
-    """Scenes that are being finished.
-
-    Attributes
-    ----------
-    keys, parts, facts, failed : dict
-        By scene: what it is made from, what is finished, what was measured, why it cannot be made.
-    made : bool
-        Whether the folder of all stands.
-    """
+    """Scenes that are being finished."""
 
     source: Source
     protocols: BenchmarkProtocols

@@ -104,19 +104,7 @@ class NativeScene:
 
 @dataclass(frozen=True, eq=False)
 class ImageScene:
-    """Queries and gallery of a benchmark that gives images, and states which belong together.
-
-    Attributes
-    ----------
-    queries, gallery : ImageSet
-    images, tiles : Path
-        The folders of both.
-    pairs : StatedPairs
-    gallery_size : int or None
-        How many images the gallery has as published.
-    notes : tuple of str
-        Sentences for the user.
-    """
+    """Queries and gallery of a benchmark that gives images, and states which belong together."""
 
     scene: str
     queries: ImageSet
@@ -130,18 +118,7 @@ class ImageScene:
 
 @dataclass(frozen=True)
 class PosedPhotos:
-    """N photos with cameras and poses.
-
-    Attributes
-    ----------
-    names : tuple of str
-        File names, relative to the folder of the photos.
-    cameras : Cameras
-    poses : Poses
-        In `crs`.
-    crs : str or None
-        Projected CRS in metres, where the file names it.
-    """
+    """N photos with cameras and poses."""
 
     names: tuple[str, ...]
     cameras: Cameras

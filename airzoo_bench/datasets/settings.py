@@ -98,14 +98,7 @@ class TrackSummary:
 class SceneSummary:
     """What `prepare` prints of a scene.
 
-    Attributes
-    ----------
-    photos : int
-    facts : tuple of str
-        A line for each part of the scene, where they were compared.
-    tracks : mapping of str to TrackSummary
-        The tracks that have truth.
-    warnings, notes : tuple of str
+    `facts` has a line for each part of the scene.
     """
 
     photos: int
@@ -119,18 +112,8 @@ class SceneSummary:
 class Prepared:
     """What was made.
 
-    Attributes
-    ----------
-    folder : Path
-        The benchmark folder.
-    protocols : mapping of str to str
-        The names of the protocols in it, with their tracks.
-    summaries : mapping of str to SceneSummary
-        By scene.
-    facts : mapping of str to SceneFacts
-        By scene, the figures of its parts, where they were measured in this run.
-    failed : mapping of str to str
-        Scenes that could not be made, and why.
+    `protocols` are names with their tracks; `summaries`, `facts` (measured in this run) and
+    `failed` (why it could not be made) are by scene.
     """
 
     folder: Path

@@ -76,19 +76,8 @@ def read_native_text(path: Path, limit_bytes: int = _LIMIT_BYTES) -> str:
 class Table:
     """Rows whose columns are known by our names.
 
-    Attributes
-    ----------
-    path : Path
-    header : mapping of str to str
-        What the file calls each column that is there.
-    names : tuple of str
-        All columns of the file, as it names them.
-    rows : tuple of tuple of str
-        The values of `header`, without blanks around them.
-    lines : tuple of int
-        Line of the file of each row, counted from 1.
-    decimal_commas : bool
-        Whether numbers may have them: not where commas separate the values.
+    `header` is what the file calls each column that is there, `names` are all of its columns,
+    `rows` the values of `header`, `lines` their lines in the file, counted from 1.
     """
 
     path: Path
@@ -111,12 +100,7 @@ class Table:
         return tuple(row[place] for row in self.rows)
 
     def numbers(
-        self,
-        column: str,
-        least: float = -math.inf,
-        most: float = math.inf,
-        *,
-        empty: bool = False,
+        self, column: str, least: float = -math.inf, most: float = math.inf, *, empty: bool = False
     ) -> Floats:
         """Return the values of a column as numbers; NaN for empty cells, where these may be."""
         texts = self.texts(column)
@@ -167,20 +151,8 @@ def read_table(
 ) -> Table:
     """Read a table whose first lines name its columns.
 
-    Parameters
-    ----------
-    path : Path
-    columns : mapping of str to iterable of str
-        What the file may call each of our columns.
-    optional : collection of str
-        Ours that may be missing.
-    blanks : bool
-        Whether blanks may separate the values too.
-
-    Raises
-    ------
-    BenchmarkError
-        It is no table, lacks a column, has one twice, or a row has too few values.
+    `columns` are the names that the file may have for each of ours, of which those in `optional`
+    may be missing. Raise BenchmarkError with the line or the column.
     """
     lines = read_native_text(path).splitlines()
     known = {plain(name): ours for ours, names in columns.items() for name in names}

@@ -132,18 +132,7 @@ def _stored(path: Path) -> tuple[NDArray[Any], float | None]:
 class Frame:
     """A photo's camera, pose and depth.
 
-    Attributes
-    ----------
-    camera : Cameras
-        Of length 1.
-    rotation, centre : (3, 3) array, (3,) array
-        World-to-camera, and where the camera is.
-    depth : (height, width) float32 array
-        As stored; NaN where there is none.
-    kind : str
-        "z" along the optical axis, "ray" along the pixel's ray.
-    points : (S, 3) array
-        The sampled pixels that have a depth, back-projected, in the camera's frame.
+    `points` (S, 3) are the sampled pixels that have a depth, in the camera's frame.
     """
 
     camera: Cameras
@@ -222,19 +211,9 @@ def _surface_planes(target: Frame, pixels: Floats, projected: Floats) -> tuple[F
 class DepthConsistency:
     """Depth errors of a scene.
 
-    Attributes
-    ----------
-    frames : DataFrame
-        A row a frame: id, median error without sign, ratio (by which its depths are longer than
-        its partners'), floating (share of its points in front of surfaces), compared.
-    error : (M,) float64
-        All relative errors, with sign.
-    pairs, hidden : int
-        Pairs of frames, and points that lie behind the surface that they should be on.
-    without_depth : int
-        Photos that have no depth map.
-    median_below : float
-        The limit of the verdict.
+    `error` are all relative errors, with sign. A row of `frames` is id, median error without sign,
+    ratio (by which its depths are longer than its partners'), floating (share of its points in
+    front of surfaces), compared. `hidden` points lie behind the surface that they should be on.
     """
 
     frames: pd.DataFrame

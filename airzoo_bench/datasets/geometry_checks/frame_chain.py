@@ -39,15 +39,9 @@ _SIDE = 5
 class FrameChain:
     """How well the chain closes for N photos.
 
-    Attributes
-    ----------
-    closure_m, closure_px : (N,) float64
-        The farthest that a point or pixel of the photo comes back from where it started; infinite
-        where one does not come back.
-    lens_fails : (N,) bool
-        A pixel of the photo, borders included, has no ray.
-    off_crs : (N,) bool
-        The camera, or a point that it sees, is no place of the CRS.
+    `closure_m` and `closure_px` (N,) are the farthest that a point or pixel comes back from where
+    it started, infinite where one does not; `lens_fails` and `off_crs` (N,) say where a pixel has
+    no ray, and where the camera or a point is no place of the CRS.
     """
 
     closure_m: Floats

@@ -50,22 +50,7 @@ _ROUNDED_M = 2e-3  # altitudes are written to 1 mm
 class PosedScene:
     """The N photos of a scene, sorted by id.
 
-    Attributes
-    ----------
-    name : str
-    ids, images : tuple of str
-        Images are file names, relative to `folder`.
-    cameras : Cameras
-    poses : Poses
-        In `crs`.
-    crs : str or None
-        Projected CRS in metres; None where nobody has named it, or the frame is local.
-    folder : Path
-        Of the photos.
-    plane_height_m : float or None
-        Of the ground, where the dataset says.
-    facts : SceneFacts or None
-        Figures of a benchmark folder's parts against each other, where maps are there.
+    `images` are relative to `folder`; `crs` is None where nobody has named it, or it is local.
     """
 
     name: str
@@ -168,7 +153,6 @@ def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
     return scene_facts(
         inputs,
         metadata,
-        images,
         surveyed(dsm) if dsm else None,
         Cameras3D.measure(inputs, metadata),
         read_retrieval_truth(home, scene) if "retrieval" in served else None,

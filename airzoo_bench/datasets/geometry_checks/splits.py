@@ -51,13 +51,8 @@ _LEAST_AREA_M2 = 1e-4  # what rounding makes of borders that touch: 1e-9 degrees
 class NamedFootprints:
     """Footprints of N photos.
 
-    Attributes
-    ----------
-    ids : tuple of str
-    lonlat : (N, 4, 2) array
-        Corners in order, in degrees of WGS84; NaN throughout for a photo that sees no ground.
-    unknown : (N,) bool array
-        Photos of which it is not known where they look.
+    `lonlat` (N, 4, 2) are corners in order, NaN for a photo that sees no ground; `unknown` (N,) are
+    photos of which it is not known where they look.
     """
 
     ids: tuple[str, ...]
@@ -118,11 +113,7 @@ def _read_csv(path: Path) -> NamedFootprints:
 class SplitOverlap:
     """The ground that two sets share.
 
-    Attributes
-    ----------
-    train, test : NamedFootprints
-    pairs : DataFrame
-        A row a pair that overlaps: train and test id, shared m2, share of the test footprint.
+    A row of `pairs` is train and test id, shared m2, and the share of the test footprint.
     """
 
     train: NamedFootprints

@@ -123,8 +123,7 @@ class AirZooRealOptions(SourceOptions):
         ),
     ] = "metadata"
     camera: Annotated[
-        list[str] | None,
-        Option("camera", "SCENE=FILE: camera (JSON), where metadata state none."),
+        list[str] | None, Option("camera", "SCENE=FILE: camera (JSON), where metadata state none.")
     ] = None
     height_offset: Annotated[
         list[str] | None,

@@ -71,8 +71,7 @@ class AirZooTestOptions(SourceOptions):
     """Which frames are reconstructed, and how depth is encoded."""
 
     name: Annotated[
-        str,
-        Option("name", "Of the benchmark; another name takes any number of trajectories."),
+        str, Option("name", "Of the benchmark; another name takes any number of trajectories.")
     ] = _NAME
     every: Annotated[
         int,

@@ -60,14 +60,8 @@ class ClassImage:
 class ClassFolders(Dataset[SourceOptions]):
     """A benchmark whose images stand in folders ``query_VIEW/CLASS`` and ``gallery_VIEW/CLASS``.
 
-    Attributes
-    ----------
-    places : tuple of str
-        Where these folders may stand below the source.
-    layout : str
-        What is expected there, for messages.
-    gallery_sizes : tuple of 2 int
-        Published number of images of each direction's gallery.
+    They may stand in one of `places` below the source. `gallery_sizes` are the published numbers of
+    images of each direction's gallery.
     """
 
     places: Sequence[str] = ("", "test")

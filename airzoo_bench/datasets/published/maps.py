@@ -51,16 +51,7 @@ _HEIGHT_TYPES = ("float32", "float64", "int16", "int32")
 class MapTile:
     """The header of one of the files of a map.
 
-    Attributes
-    ----------
-    transform : affine.Affine or None
-        None without a georeference.
-    crs : str
-        WKT; empty where the file states none.
-    bands : tuple of (str, str)
-        Type of pixels and colour of each band.
-    block : tuple of int
-        Height and width of the file's blocks.
+    Without a georeference `transform` is None; `bands` are the types of pixels and their colours.
     """
 
     path: Path
@@ -105,20 +96,8 @@ def join_maps(
 ) -> None:
     """Write a virtual raster (VRT) over the tiles of a map; none of their pixels is copied.
 
-    Parameters
-    ----------
-    tiles : mapping of (int, int) to MapTile
-        By row and column.
-    target : Path
-    bounds : tuple of 4 float, optional
-        Left, top, right, bottom of the whole, for tiles without a georeference.
-    crs : str
-        For tiles that state none.
-
-    Raises
-    ------
-    RasterError
-        The tiles are not alike, not of one grid, or do not fill a rectangle.
+    Tiles come by row and column; `bounds` (left, top, right, bottom of the whole) and `crs` are for
+    those without a georeference. Raise RasterError where they do not make one map.
     """
     ordered = [tiles[key] for key in sorted(tiles)]
     first = ordered[0]

@@ -40,14 +40,7 @@ Key = Callable[[str], str]
 class PosedLines:
     """N photos with a camera and a pose each.
 
-    Attributes
-    ----------
-    photos : PosedPhotos
-    stated_size, size : (N, 2) array
-        Width and height that the file of cameras states, and those of the photos.
-    unposed : tuple of str
-        Names of photos without a pose.
-    notes : tuple of str
+    `stated_size` (N, 2) is what the file of cameras states.
     """
 
     photos: PosedPhotos
@@ -70,20 +63,9 @@ def read_posed_lines(
 ) -> PosedLines:
     """Read cameras and poses of the photos of a folder.
 
-    Parameters
-    ----------
-    images : Path
-    photos : mapping of str to str
-        File names by their key.
-    poses, cameras : Path
-        The two files of lines.
-    key : callable
-        Takes a name of the files, returns the photo's key.
-    progress : Progress
-    axes : sequence of 3 float
-        What the camera's axes are multiplied by to be OpenCV's.
-    is_other : callable
-        Takes a key and all keys, returns whether it is of no photo.
+    `photos` are file names by the key that `key` makes of a name in the two files of lines. The
+    camera's axes are multiplied by `axes` to be OpenCV's; `is_other` takes a key and all keys, and
+    says whether it is of no photo.
     """
     table, keys = _read(poses, ("name", *_QUATERNION, *_TRANSLATION), key)
     chosen = [row for row, one in enumerate(keys) if not is_other(one, set(keys))]

@@ -37,7 +37,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
-from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
+from airzoo_bench.geometry.rasters import pixel_to_world
 
 __all__ = ["UAV_VISLOC", "UavVisLocOptions"]
 
@@ -153,7 +153,6 @@ class UavVisLoc(Dataset[UavVisLocOptions]):
         plane = _plane_height(height, scene, options, table, notes)
         dom = _flight_map(root, folder, scene, options.joined_maps, notes)
         tangents = np.tan(np.radians((options.fov_across / 2, options.fov_along / 2)))
-        _note_small_map(dom, 2.0 * (float(np.median(height)) - plane) * tangents, notes)
         shown = progress(names, "photos", len(names))
         sizes = np.array([photo_size(images / name) for name in shown], dtype=np.int64)
         crs = utm_zone(lonlat)
@@ -396,19 +395,6 @@ def _range_notes(tile: MapTile, bounds: Bounds | None) -> list[str]:
             fix="download the map again; if it is right, remove its row from the range table",
         )
     return [f"the bounds of {name} {what}, and were taken"]
-
-
-def _note_small_map(path: Path, sees_m: Floats, notes: list[str]) -> None:
-    """Note a map that few photos can have a corner on, as that of flight 07."""
-    info = open_info(path)
-    sides = np.array((info.width, info.height)) * gsd_m(info)
-    if sides.min() < sees_m[1]:
-        notes.append(
-            f"its map is {sides[0]:.0f} x {sides[1]:.0f} m, and a photo sees {sees_m[0]:.0f} x "
-            f"{sees_m[1]:.0f} m: photos of which no corner lies on the map are no queries; if they "
-            "were taken lower, say --plane-height; a flight without any query is left out by "
-            "--keep-going"
-        )
 
 
 UAV_VISLOC = UavVisLoc()

@@ -61,8 +61,7 @@ class DjiOptions(SurveyOptions):
         Option("rtk", "Photos whose position becomes truth: those with an RTK fix, or any."),
     ] = "fixed"
     camera: Annotated[
-        Path | None,
-        Option("camera", "Camera of all photos (JSON); default: what the photos say."),
+        Path | None, Option("camera", "Camera of all photos (JSON); default: what the photos say.")
     ] = None
 
 

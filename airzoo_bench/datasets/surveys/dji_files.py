@@ -51,18 +51,9 @@ _DEWARP = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 class DjiTags:
     """What a photo states of its position's quality and its lens.
 
-    Attributes
-    ----------
-    rtk_flag : int or None
-        See `FIXED`; 16 a single point, 34 a float solution.
-    std_m : tuple of 3 float, or None
-        Standard deviations to the east and north, and of the height.
-    lens : dict of str to float
-        See `lenses.lens_of`; empty where the photo states none.
-    lens_from : str
-        What states the lens.
-    flight_yaw_deg : float or None
-        Where the drone's nose points.
+    `rtk_flag` is one of `FIXED`, 16 for a single point, 34 for a float solution. `std_m` are
+    standard deviations to the east and north, and of the height; `lens` is empty where none is
+    stated.
     """
 
     rtk_flag: int | None
@@ -149,22 +140,7 @@ def photo_cameras(
 ) -> tuple[Cameras, list[str]]:
     """Return cameras: of a file, else as the photos state them; and sentences on what states them.
 
-    Parameters
-    ----------
-    home : Path
-        Folder of the photos.
-    sizes : mapping of str to (width, height)
-        By the photo's name.
-    tags : mapping of str to DjiTags
-    given : Path or None
-        JSON, see `lenses.read_camera_file`.
-    fix : str
-        How the file is given, for the message.
-
-    Raises
-    ------
-    UserError
-        A photo states no camera, or the file's is of photos of another size.
+    `fix` says how the file is given.
     """
     names = list(sizes)
     if given is not None:
@@ -207,20 +183,7 @@ def turned_note(priors: Mapping[str, PhotoPrior], tags: Mapping[str, DjiTags]) -
 
 @dataclass(frozen=True)
 class TimeStamp:
-    """A line of a table of time stamps: where a photo was taken, above the ellipsoid.
-
-    Attributes
-    ----------
-    number : int
-        Of the photo.
-    lat, lon : float
-        WGS84, degrees.
-    height_m : float
-    std_m : tuple of 3 float
-        To the east and north, and of the height.
-    flag : int
-        See `FIXED`.
-    """
+    """A line of a table of time stamps: where a photo was taken, above the ellipsoid."""
 
     number: int
     lat: float

@@ -183,9 +183,7 @@ def _same_crs(folders: Sequence[Path]) -> CRS:
             stated[folder / _ORTHOPHOTO] = horizontal_crs(open_info(folder / _ORTHOPHOTO).crs)
     if not stated:
         raise BenchmarkError(
-            "states no CRS",
-            where=folders[0],
-            expected=f"one of {_COORDS}, {_PROJ}, {_ORTHOPHOTO}",
+            "states no CRS", where=folders[0], expected=f"one of {_COORDS}, {_PROJ}, {_ORTHOPHOTO}"
         )
     first, *others = stated.values()
     if not all(same_plane(first, other) for other in others):

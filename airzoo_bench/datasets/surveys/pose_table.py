@@ -231,8 +231,7 @@ def _positions(
     if beyond.any():
         names = [table.texts("image")[rows[i]] for i in np.flatnonzero(beyond).tolist()]
         raise BenchmarkError(
-            f"positions beyond {describe_crs(crs)}: {first_of(names, len(rows))}",
-            where=table.path,
+            f"positions beyond {describe_crs(crs)}: {first_of(names, len(rows))}", where=table.path
         )
     return lonlat, np.column_stack((xy, height))
 

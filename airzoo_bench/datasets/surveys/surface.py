@@ -33,12 +33,7 @@ _VERSION = 1
 class GriddedSurface(NamedTuple):
     """A surface model that was made.
 
-    Attributes
-    ----------
-    path : Path
-    cell_m : float
-    disagreement_m : float or None
-        Of the heights in cells that two clouds share, the median of the absolute differences.
+    `disagreement_m` is the median difference of heights in cells that two clouds share.
     """
 
     path: Path

@@ -20,12 +20,7 @@ from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.heights import surface_altitudes, surface_centres
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import (
-    Prepared,
-    PrepareSettings,
-    SourceOptions,
-    path_options,
-)
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions, path_options
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.rasters import gsd_m, open_info
@@ -76,12 +71,10 @@ class SceneOptions:
         ),
     ] = None
     priors_vertical_crs: Annotated[
-        str | None,
-        Option("priors-vertical", "Vertical CRS of altitudes in metadata and --priors."),
+        str | None, Option("priors-vertical", "Vertical CRS of altitudes in metadata and --priors.")
     ] = None
     dsm_vertical_crs: Annotated[
-        str | None,
-        Option("dsm-vertical", "Vertical CRS of the DSM (default: what its file says)."),
+        str | None, Option("dsm-vertical", "Vertical CRS of the DSM (default: what its file says).")
     ] = None
     truth_accuracy: Annotated[
         float | None,
@@ -142,12 +135,8 @@ OptionsT = TypeVar("OptionsT", bound=SceneOptions)
 class Survey(Dataset[OptionsT]):
     """One scene of own photos, whose protocols start from those of own photos.
 
-    Attributes
-    ----------
-    needs : tuple of str
-        Options that must be given, by their fields.
-    needs_ground : bool
-        Whether a surface model or a plane must be given as well.
+    `needs` are the fields of options that must be given; `needs_ground` says that a surface model
+    or a plane must be given as well.
     """
 
     needs: ClassVar[Sequence[str]] = ()
@@ -264,19 +253,8 @@ def map_crs(dsm: Path | None, dom: Path | None) -> CRS:
 class FoundPhotos:
     """Photos and their poses as a source has them.
 
-    Attributes
-    ----------
-    images : Path
-    sizes : mapping of str to (width, height)
-        Every photo below `images`.
-    photos : PosedPhotos
-        In a projected CRS, which ``--crs`` states where the source does not.
-    poses_from, crs_from
-        For messages: the file of the poses, and what states their CRS.
-    dom, dsm : Path or None
-    notes : tuple of str
-    accuracy_m : float or None
-        Standard error of the positions, as the source has it.
+    `sizes` are of every photo below `images`. `poses_from` and `crs_from` are for messages;
+    `accuracy_m` is the standard error of the positions, as the source has it.
     """
 
     images: Path
