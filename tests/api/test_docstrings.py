@@ -29,7 +29,7 @@ FORMULAS = [
     *("retrieval.metrics", "retrieval.distance_metrics"),
     *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
 ]
-CONTRACTS = (Track,)
+CONTRACTS = (Track, Dataset)
 # No summary; parameters missing, unknown, in another order, without type or description; the same
 # of what is returned or yielded.
 CODES = {"GL08", "SS01", "PR01", "PR02", "PR03", "PR04", "PR07", "RT01", "RT03", "YD01"}
@@ -49,7 +49,6 @@ def members(thing: Any) -> Iterator[Any]:
 def public() -> dict[str, Any]:
     """Return all that is public, by its full name."""
     things = [getattr(ab, name) for name in ab.__all__ if name != "__version__"]
-    things += [Dataset]
     for name in FORMULAS:
         module = import_module(f"airzoo_bench.{name}")
         things += [getattr(module, one) for one in module.__all__]
