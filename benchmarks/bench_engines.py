@@ -34,10 +34,9 @@ from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.matching.solving import PoseQueries, solve_queries
+from airzoo_bench.matching.solving import solve_queries
 from airzoo_bench.results.records_csv import csv_blocks
-from benchmarks.bench_hard_queries import joined_queries
-from tests.matching.pose_support import SETTINGS, make_scene
+from tests.matching.pose_support import SOLVER, fingerprint, joined, make_scene
 from tests.support import MadeScene, made_protocol, write_benchmark
 
 TASKS = 10_000
@@ -138,8 +137,8 @@ def retrieval(home: Path, sizes: Sizes) -> Work:
     predictions, data = made_descriptors(home, *sizes.descriptors)
 
     def work(run: Run) -> bytes:
-        found = evaluate(predictions, track="retrieval", data=data, run=run)
-        return b"".join(csv_blocks(found.records))
+        run = evaluate(predictions, track="retrieval", data=data, run=run)
+        return b"".join(csv_blocks(run.records))
 
     return work
 
@@ -148,7 +147,7 @@ def matching(home: Path, sizes: Sizes) -> Work:
     """Return the solving of queries, half of whose matches are wrong."""
     del home
     count, matches = sizes.matches
-    queries: PoseQueries = joined_queries(
+    queries = joined(
         [
             make_scene(seed, count=matches, noise_px=1.0, outliers=0.5).problem
             for seed in range(count)
@@ -156,9 +155,7 @@ def matching(home: Path, sizes: Sizes) -> Work:
     )
 
     def work(run: Run) -> Hashable:
-        found = solve_queries(queries, SETTINGS, run)
-        arrays = found.rotations, found.centres, found.inliers, found.left_out
-        return (*found.status, *(array.tobytes() for array in arrays))
+        return (*map(fingerprint, solve_queries(queries, SOLVER, run)),)
 
     return work
 

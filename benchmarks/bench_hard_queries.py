@@ -28,9 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching.solving import PoseProblem, PoseQueries, QueryPoses, solve_queries
-from tests.matching.pose_support import SETTINGS, make_scene
+from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, solve_queries
+from tests.matching.pose_support import SOLVER, fingerprint, joined, make_scene
 
 MATCHES, EASY, HARD = 200, 2_000, 12
 
@@ -75,36 +74,14 @@ def make_queries(is_hard: np.ndarray) -> PoseQueries:
         make_scene(seed, count=MATCHES, noise_px=1.0, outliers=1.0 if one else 0.2).problem
         for seed, one in enumerate(is_hard.tolist())
     ]
-    return joined_queries(scenes)
+    return joined(scenes)
 
 
-def joined_queries(scenes: Sequence[PoseProblem]) -> PoseQueries:
-    """Put queries one after the other."""
-    cameras = [scene.camera for scene in scenes]
-    fields = ("width", "height", "focal", "principal_point", "distortion")
-    joined = (np.concatenate([getattr(camera, name) for camera in cameras]) for name in fields)
-    return PoseQueries(
-        "the made scene",
-        Cameras(*joined),
-        np.cumsum([0, *(len(scene.points) for scene in scenes)]),
-        np.concatenate([scene.query_xy for scene in scenes]),
-        np.concatenate([scene.points for scene in scenes]),
-    )
-
-
-def timed(queries: PoseQueries, run: Run) -> tuple[float, QueryPoses]:
+def timed(queries: PoseQueries, run: Run) -> tuple[float, list[PoseEstimate]]:
     """Return wall seconds and answers."""
     begin = time.perf_counter()
-    found = solve_queries(queries, SETTINGS, run)
+    found = solve_queries(queries, SOLVER, run)
     return time.perf_counter() - begin, found
-
-
-def same(a: QueryPoses, b: QueryPoses) -> bool:
-    """Tell whether answers are the same bytes."""
-    return a.status == b.status and all(
-        np.asarray(x).tobytes() == np.asarray(y).tobytes()
-        for x, y in zip((*a[:2], *a[3:5]), (*b[:2], *b[3:5]), strict=True)
-    )
 
 
 def report(label: str, wall: float, watched: Watched, workers: int) -> None:
@@ -124,12 +101,13 @@ def run(queries: PoseQueries, workers: Sequence[int]) -> None:
         wall, reference = timed(queries, Run(jobs=count))
         print(f"  {f'this process, {count} threads':40}{1:7}{wall:9.2f}")
         with local_cluster(count, 2 << 30) as engine:
-            timed(queries[: 4 * count], Run(engine=Watched(engine, 4 * count)))  # imports
+            first = [make_scene(seed).problem for seed in range(4 * count)]
+            timed(joined(first), Run(engine=Watched(engine, 4 * count)))  # imports
             for label, blocks in (("tasks as cut", None), ("one block a worker", count)):
                 watched = Watched(engine, blocks)
                 wall, found = timed(queries, Run(engine=watched))
                 report(f"Dask, {count} workers, {label}", wall, watched, count)
-                if not same(found, reference):
+                if [*map(fingerprint, found)] != [*map(fingerprint, reference)]:
                     raise SystemExit("other answers")
 
 
@@ -146,7 +124,8 @@ def main() -> None:
             is_hard = np.random.default_rng(0).permutation(is_hard)
         queries = make_queries(is_hard)
         _, found = timed(queries, Run())
-        usual, slow = (np.median(found.seconds[some]) for some in (~is_hard, is_hard))
+        spent = np.array([one.seconds for one in found])
+        usual, slow = (np.median(spent[some]) for some in (~is_hard, is_hard))
         place = "after all others" if last else "among the others"
         print(
             f"{easy:,} queries of {MATCHES:,} matches, {1000 * usual:.1f} ms each, and {hard} that "

@@ -12,7 +12,8 @@ from airzoo_bench.api.labels import same_index
 from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import solving
-from airzoo_bench.matching.solving import PoseEstimate, Solver
+from airzoo_bench.matching.settings import Solver, SolverName
+from airzoo_bench.matching.solving import PoseEstimate
 
 __all__ = ["solve_pose"]
 
@@ -23,7 +24,7 @@ def solve_pose(
     camera: ArrayLike,
     *,
     distortion: ArrayLike | None = None,
-    solver: Solver = "colmap",
+    solver: SolverName = "colmap",
     max_error_px: float = 5.0,
     min_inlier_ratio: float = 0.01,
     min_trials: int = 1_000,
@@ -91,7 +92,7 @@ def solve_pose(
     >>> found.status.value, int(found.inliers.sum()), found.centre.round(6).tolist() == [0, 0, 0]
     ('solved', 6, True)
     """
-    choice("solver", solver, get_args(Solver))
+    choice("solver", solver, get_args(SolverName))
     same_index({"pixels": pixels, "points3d": points3d})
     at = finite("pixels", floats("pixels", pixels, (None, 2)))
     points = coordinates("points3d", points3d)
@@ -101,20 +102,19 @@ def solve_pose(
             where="pixels, points3d",
             expected="a row a match in both",
         )
-    return solving.solve_pose(
-        _camera(camera, distortion),
-        at,
-        points,
-        solver=solver,
+    settings = Solver.model_construct(
+        name=solver,
         max_error_px=positive("max_error_px", max_error_px),
         min_inlier_ratio=_share("min_inlier_ratio", min_inlier_ratio),
         min_trials=whole("min_trials", min_trials),
         max_trials=whole("max_trials", max_trials, whole("min_trials", min_trials)),
         confidence=_share("confidence", confidence),
         seed=whole("seed", seed, 0),
+        least_matches=solving.MIN_MATCHES,
         max_matches=whole("max_matches", max_matches, solving.MIN_MATCHES),
         max_trials_times_matches=whole("max_trials_times_matches", max_trials_times_matches),
     )
+    return solving.solve_pose(_camera(camera, distortion), at, points, settings)
 
 
 def _camera(matrix: ArrayLike, distortion: ArrayLike | None) -> Cameras:

@@ -165,7 +165,7 @@ class SceneInputs:
     gallery : RasterInfo, optional
         The map that tiles are cut from, where it is another than `dom`.
     maps : Path, optional
-        Folder of a map and a surface model for each photo, see `matching.maps.own_map`.
+        Folder of a map and a surface model for each photo, see `matching.truth.own_map`.
     """
 
     scene: str

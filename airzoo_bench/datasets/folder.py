@@ -24,9 +24,8 @@ from airzoo_bench.datasets.summary import summary_of
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
-from airzoo_bench.matching.crops import write_crop
-from airzoo_bench.matching.maps import own_map
-from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.prepare import write_crop
+from airzoo_bench.matching.truth import MatchingTruth, own_map
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth

@@ -1,31 +1,59 @@
-"""The matching baseline: SIFT between the photos of a benchmark and their crops."""
+"""The matching baseline: SIFT between the photos of a benchmark and their crops of the map.
+
+The photo and the crop are brought to one ground resolution, that of the coarser, and the crop is
+turned as the prior says that the camera was, by quarters, which only move pixels. Features are SIFT
+(Lowe, IJCV 2004) as RootSIFT (Arandjelovic and Zisserman, CVPR 2012), matched where they are each
+other's nearest and clearly nearer than the second. The turn is no assumption: SIFT finds its own
+orientation, so a prior whose yaw is wrong does no harm.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from airzoo_bench.benchmark.folder import Benchmark, needed
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LONLAT_CRS, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, to_map_pixels
-from airzoo_bench.matching.baseline_settings import SiftSettings
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, to_map_pixels
+from airzoo_bench.geometry.sift import Grey, extract, mutual_nearest
+from airzoo_bench.matching.info import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.sift import Task, match_photos
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 
-__all__ = ["plan", "predict"]
+__all__ = ["Task", "match", "predict", "resample"]
 
+_GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
 _LEAST_SINE = 0.1
+
+
+@dataclass(frozen=True)
+class Task:
+    """A photo and the part of the map to match it with.
+
+    `turn_deg` says where the photo's right points on the map, clockwise from the map's right, and
+    `gsd_ratio` is the ground size of its pixel over that of the map's; 0 and 1 where not known.
+    """
+
+    photo: Path
+    camera: Cameras
+    dom: Path
+    window: tuple[int, int, int, int]
+    turn_deg: float = 0.0
+    gsd_ratio: float = 1.0
 
 
 def predict(
@@ -39,78 +67,136 @@ def predict(
     """Match every query of a benchmark to its crop and write a prediction file."""
     check_npz(out)
     ids: list[str] = []
-    matches: list[tuple[Floats, Floats]] = []
+    matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
     for scene in protocol.scenes:
         truth = read_truth(benchmark, scene.id)
         ids += truth.queries["id"].tolist()
         tasks = _tasks(benchmark, truth)
-        progress = Headed(scene.id, run.progress)
-        matches += match_photos(tasks, settings, engine=run.processes, progress=progress)
-    offsets = np.concatenate([[0], np.cumsum([len(query_xy) for query_xy, _ in matches])])
+        matched = run.processes.map(
+            _match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
+        )
+        matches += Headed(scene.id, run.progress)(matched, "photos", len(tasks))
+    query_xy, map_xy = zip(*matches, strict=True)
     arrays = {
         "query_ids": np.array(ids, dtype=str),
-        "offsets": offsets.astype(np.int64),
-        "query_xy": np.concatenate([np.zeros((0, 2)), *(query_xy for query_xy, _ in matches)]),
-        "map_xy": np.concatenate([np.zeros((0, 2)), *(map_xy for _, map_xy in matches)]),
+        "offsets": np.cumsum([len(xy) for xy in query_xy], dtype=np.int64),
+        "query_xy": np.concatenate(query_xy),
+        "map_xy": np.concatenate(map_xy),
     }
     write_predictions(out, protocol.name, arrays)
 
 
-def plan(
-    photo: Path,
-    camera: Cameras,
-    prior: Poses | None,
-    crs: Any,
-    dom: RasterInfo,
-    window: tuple[int, int, int, int],
-    *,
-    ground_height_m: float,
-) -> Task:
-    """Work out from a prior how a photo lies on the map."""
-    turn, ratio = (
-        _lie(camera, prior, crs, dom, ground_height_m) if prior is not None else (0.0, 1.0)
-    )
-    return Task(
-        photo=photo,
-        camera=camera,
-        dom=dom.path,
-        window=window,
-        turn_deg=turn if np.isfinite(turn) else 0.0,
-        gsd_ratio=ratio if ratio > 0.0 else 1.0,
-    )
+def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
+    scene, cameras = benchmark.scene(truth.scene), truth.cameras
+    images = benchmark.resolve(scene.images)
+    tasks = []
+    for row, (name, crop) in enumerate(zip(truth.queries["image"], truth.crops, strict=True)):
+        dom, camera, lie = truth.map_of(row).dom, cameras.take(row), (0.0, 1.0)
+        if not truth.own_maps:
+            ground = needed(scene.plane_height_m, "height of the ground", scene.id)
+            lie = lie_on_map(camera, truth.priors.take(row), scene.crs, dom, ground)
+        x, y, width, height = crop.tolist()
+        tasks.append(Task(images / name, camera, dom.path, (x, y, width, height), *lie))
+    return tasks
 
 
-def _lie(
+def lie_on_map(
     camera: Cameras, prior: Poses, crs: Any, dom: RasterInfo, ground_height_m: float
 ) -> tuple[float, float]:
-    """Return the turn and the ratio of ground sizes as `Task` has them, perhaps not usable."""
+    """Return from a prior the turn and the ratio of ground sizes that `Task` has."""
     right, forward = prior.rotation[0, 0], prior.rotation[0, 2]
     centre = prior.centres[0]
     ends = np.stack((centre[:2], centre[:2] + right[:2]))
     start, end = to_map_pixels(LONLAT_CRS, dom)(to_lonlat(crs, ends))
     turn = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
     away = (centre[2] - ground_height_m) / max(-forward[2], _LEAST_SINE)
-    ratio = away / np.sqrt(camera.focal[0].prod()) / np.sqrt(np.prod(gsd_m(dom)))
-    return turn, float(ratio)
+    ratio = float(away / np.sqrt(camera.focal[0].prod()) / np.sqrt(np.prod(gsd_m(dom))))
+    return turn if np.isfinite(turn) else 0.0, ratio if ratio > 0.0 else 1.0
 
 
-def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
-    scene = benchmark.scene(truth.scene)
-    images, cameras, priors = benchmark.resolve(scene.images), truth.cameras, truth.priors
-    ground = np.nan  # which nothing asks of photos without a prior
-    if not truth.own_maps:
-        ground = needed(scene.plane_height_m, "height of the ground", scene.id)
-    return [
-        plan(
-            images / name,
-            cameras.take(row),
-            None if truth.own_maps else priors.take(row),
-            scene.crs,
-            truth.map_of(row).dom,
-            (int(x), int(y), int(width), int(height)),
-            ground_height_m=ground,
-        )
-        for row, (name, (x, y, width, height)) in enumerate(
-            zip(truth.queries["image"], truth.crops, strict=True)
-        )
-    ]
+def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
+    size = np.array((task.camera.width[0], task.camera.height[0]))
+    photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
+    largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
+    fit = min(1.0, settings.max_side_px / largest)
+    wanted = np.maximum(np.round(size * photo_scale * fit), 1).astype(int)
+    query_xy, crop_xy = match(
+        _read_photo(task.photo, size, wanted),
+        task.camera,
+        _read_crop(task.dom, task.window),
+        turn_deg=task.turn_deg,
+        crop_scale=crop_scale * fit,
+        settings=settings,
+    )
+    return query_xy, crop_xy + task.window[:2]
+
+
+def _read_crop(dom: Path, window: tuple[int, int, int, int]) -> Grey:
+    colours = read_rgb(dom, window)
+    grey = np.round(colours @ _GREY).astype(np.uint8)
+    # Black is where a map has no data; what is nearly black is not.
+    data: Grey = np.maximum(grey, colours.any(axis=-1))
+    return data
+
+
+def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
+    fix = "put the photos back where benchmark.toml says, or prepare with --copy"
+    with opened_photo(path, fix) as image:
+        if image.size != tuple(size.tolist()):
+            raise BenchmarkError(
+                f"the photo is {image.size[0]} x {image.size[1]} px",
+                where=path,
+                expected=f"{size[0]} x {size[1]} px, the size of its camera",
+            )
+        target = (int(wanted[0]), int(wanted[1]))
+        # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
+        # so the box says where that is.
+        reduced = image.draft("L", target)
+        box = reduced[1] if reduced else (0, 0, *image.size)
+        grey: Grey = np.asarray(image.convert("L").resize(target, Image.Resampling.LANCZOS, box))
+    return grey
+
+
+def match(
+    query_grey: Grey,
+    query_camera: Cameras,
+    crop_grey: Grey,
+    *,
+    turn_deg: float,
+    crop_scale: float,
+    settings: SiftSettings,
+) -> tuple[Floats, Floats]:
+    """Match a photo with a crop of the map; return pixels (M, 2) of the full photo and the crop."""
+    peak, doubled = settings.peak_threshold, settings.doubled
+    full = np.array((query_camera.width[0], query_camera.height[0]), dtype=np.float64)
+    query_xy, query_found = extract(query_grey, settings.max_features, peak, doubled=doubled)
+    query_xy = query_xy * (full / query_grey.shape[::-1])
+    turned, back = resample(crop_grey, crop_scale, turn_deg)
+    there, crop_found = extract(turned, settings.max_map_features, peak, doubled=doubled)
+    crop_xy = there @ back[:, :2].T + back[:, 2]
+    column, row = np.floor(crop_xy).astype(np.int64).T
+    inside = (column >= 0) & (row >= 0) & (column < crop_grey.shape[1]) & (row < crop_grey.shape[0])
+    inside[inside] = crop_grey[row[inside], column[inside]] > 0
+    crop_xy, crop_found = crop_xy[inside], crop_found[inside]
+    query, crop = mutual_nearest(query_found, crop_found, settings.ratio)
+    pairs = np.hstack((query_xy[query], crop_xy[crop]))
+    # Features of one place and several orientations may agree more than once.
+    _, first = np.unique(pairs, axis=0, return_index=True)
+    kept = pairs[np.sort(first)]
+    return kept[:, :2], kept[:, 2:]
+
+
+def resample(grey: Grey, scale: float, turn_deg: float) -> tuple[Grey, Floats]:
+    """Make an image smaller, then turn it so that what pointed to `turn_deg` points right.
+
+    Returns the matrix (2, 3) that takes its pixels back to the image, too.
+    """
+    full = np.array(grey.shape[::-1], dtype=np.float64)
+    size = np.maximum(np.round(full * scale), 1.0)
+    small = Image.fromarray(grey).resize((int(size[0]), int(size[1])), Image.Resampling.LANCZOS)
+    quarters = round(turn_deg / 90.0) % 4
+    cos, sin = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters]
+    axes = np.array(((cos, -sin), (sin, cos)))
+    back = np.column_stack((axes, size / 2.0 - axes @ (np.abs(axes).T @ size / 2.0)))
+    turned = np.ascontiguousarray(np.rot90(np.asarray(small), quarters))
+    return turned, back * (full / size)[:, None]

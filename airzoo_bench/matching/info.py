@@ -1,11 +1,29 @@
-"""The matching track, as the command line shows it."""
+"""The matching track and its baseline, as the command line shows them."""
 
 from __future__ import annotations
 
-from airzoo_bench.evaluation.info import EvalOption, TrackInfo
-from airzoo_bench.matching.baseline_settings import SIFT
+from dataclasses import dataclass
+from typing import Annotated
 
-__all__ = ["INFO"]
+from airzoo_bench.core.registry import Option
+from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInfo
+
+__all__ = ["INFO", "SiftSettings"]
+
+
+@dataclass(frozen=True)
+class SiftSettings:
+    """How the baseline matches photos with the map; see `geometry.sift` for features."""
+
+    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
+    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
+    peak_threshold: float = 0.02 / 3  # pycolmap's own
+    ratio: Annotated[
+        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
+    ] = 0.8
+    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
+    doubled: Annotated[bool, DOUBLED] = True
+
 
 INFO = TrackInfo(
     name="matching",
@@ -25,5 +43,14 @@ INFO = TrackInfo(
         ),
     ),
     files={"timings.csv": "airzoo_bench.matching.track:write_timings"},
-    baseline=SIFT,
+    baseline=Baseline(
+        method="SIFT",
+        summary="Match photos to their crops by SIFT, mutual neighbours and ratio test.",
+        settings=SiftSettings(),
+        demo=SiftSettings(doubled=False),
+        out="sift-matches.npz",
+        out_help="The .npz to write.",
+        example="brighton-matching --out matches.npz",
+        predict="airzoo_bench.matching.baseline:predict",
+    ),
 )

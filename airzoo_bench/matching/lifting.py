@@ -1,15 +1,13 @@
 """Lifting matches: from pixels of the map to points on the surface model.
 
-The height is that of `HeightField.sample`, to the last bit. Points are sorted by blocks of the
+A height is that of `HeightField.sample`, to the last bit. Points are sorted by blocks of the
 raster, so that each block is read once and the raster is never whole in memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
@@ -34,8 +32,7 @@ from airzoo_bench.geometry.rasters import (
 __all__ = ["LiftStatus", "Lifted", "lift"]
 
 _BLOCK_PIXELS = 1 << 18
-# Points handled at a time; bounds the memory of each worker.
-_POINTS = 1 << 16
+_POINTS = 1 << 16  # that a thread handles at a time, which bounds its memory
 
 
 class LiftStatus(IntEnum):
@@ -51,15 +48,7 @@ class LiftStatus(IntEnum):
 
 
 class Lifted(NamedTuple):
-    """Points on the ground.
-
-    Parameters
-    ----------
-    points : (M, 3) array
-        X, Y, Z in the surface model's CRS; NaN where the match is dropped.
-    status : (M,) uint8 array
-        LiftStatus of each match; all but LIFTED are dropped.
-    """
+    """Points (M, 3) in the surface model's CRS, NaN where a match is dropped, and a LiftStatus."""
 
     points: Floats
     status: NDArray[np.uint8]
@@ -79,102 +68,73 @@ def lift(
     heights_above_m: float | None = None,
     jobs: int,
 ) -> Lifted:
-    """Lift matches onto the surface model."""
+    """Lift pixels (M, 2) of the map onto the surface model by so many threads."""
     xy = np.asarray(map_xy, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise PredictionError(f"map pixels have shape {xy.shape}", expected="shape (M, 2)")
     ground = dsm if isinstance(dsm, RasterInfo) else open_info(dsm)
-    with ExitStack() as stack:
+    with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
         stack.enter_context(small_cache())
         datasets = [stack.enter_context(opened(ground.path))]
-        task = _Task.of(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS), heights_above_m)
-        with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(task.locate, range(0, len(xy), _POINTS)))
-        order, runs = task.runs()
+        task = _Task(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS), heights_above_m)
+        list(pool.map(task.locate, range(0, len(xy), _POINTS)))
+        order, runs = task.sort_by_block()
         shares = [share for share in np.array_split(runs, jobs) if share.size]
-        # Opened here and not by the jobs: `opened` sets warnings, which threads share.
+        # Opened here and not by the threads, which share the warnings that `opened` sets.
         datasets += [stack.enter_context(opened(ground.path)) for _ in shares[1:]]
-        with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(partial(task.sample, order), datasets, shares))
+        list(pool.map(partial(task.sample, order), datasets, shares))
     return Lifted(task.points, task.status)
 
 
-@dataclass(frozen=True, eq=False)
 class _Task:
-    """What the jobs share; each writes to rows of its own."""
+    """The arrays that threads fill, each in rows of its own."""
 
-    xy: Floats
-    dom: RasterInfo
-    dsm: RasterInfo
-    to_dsm: Callable[[Floats], Floats]
-    shape: tuple[int, int]
-    heights_above_m: float | None
-    across: int
-    blocks: int
-    points: Floats
-    status: NDArray[np.uint8]
-    key: NDArray[Any]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         xy: Floats,
         dom: RasterInfo,
         dsm: RasterInfo,
-        shape: tuple[int, int],
+        block: tuple[int, int],
         heights_above_m: float | None,
-    ) -> _Task:
-        across, down = -(-dsm.width // shape[0]), -(-dsm.height // shape[1])
-        return cls(
-            xy,
-            dom,
-            dsm,
-            change_of_plane(dom.crs, dsm.crs),
-            shape,
-            heights_above_m,
-            across,
-            across * down,
-            points=np.empty((len(xy), 3)),
-            status=np.empty(len(xy), np.uint8),
-            # numpy sorts keys of 16 bits by counting.
-            key=np.empty(len(xy), np.min_scalar_type(across * down)),
-        )
+    ) -> None:
+        self.xy, self.dom, self.dsm = xy, dom, dsm
+        self.block, self.heights_above_m = block, heights_above_m
+        self.to_dsm = change_of_plane(dom.crs, dsm.crs)
+        self.blocks_across = -(-dsm.width // block[0])
+        self.blocks = self.blocks_across * -(-dsm.height // block[1])
+        self.points = np.empty((len(xy), 3))
+        self.status = np.empty(len(xy), np.uint8)
+        # NumPy sorts keys of 16 bits by counting.
+        self.key = np.empty(len(xy), np.min_scalar_type(self.blocks))
 
     def locate(self, start: int) -> None:
-        """Find X and Y, the status but for the height, and the block of the raster."""
+        """Find X and Y, the status except for the height, and the block of the raster."""
         part = slice(start, start + _POINTS)
-        xy = self.xy[part]
+        xy, points, status = self.xy[part], self.points[part], self.status[part]
         on_map = _inside(xy, self.dom)
         usable = xy if on_map.all() else np.where(on_map[:, None], xy, np.nan)
         world = self.to_dsm(pixel_to_world(self.dom.transform, usable))
         pixel = world_to_pixel(self.dsm.transform, world)
         on_dsm = _inside(pixel, self.dsm)
-        self.points[part, :2] = world
-        self.points[part, 2] = np.nan
-        self.status[part] = LiftStatus.LIFTED
+        points[:, :2], points[:, 2] = world, np.nan
+        status[:] = LiftStatus.LIFTED
         if not on_dsm.all():
-            self._drop(part, np.flatnonzero(~on_dsm), on_map)
-            pixel[~on_dsm] = 0.0
-        column, row = _cells(pixel)
-        key = row // self.shape[1] * self.across + column // self.shape[0]
+            points[~on_dsm], pixel[~on_dsm] = np.nan, 0.0
+            status[~on_dsm] = LiftStatus.OUTSIDE_DSM
+            status[~on_map] = LiftStatus.OUTSIDE_MAP
+            status[~np.isfinite(xy).all(axis=1)] = LiftStatus.NOT_FINITE
+        column, row = _first_neighbour(pixel)
+        key = row // self.block[1] * self.blocks_across + column // self.block[0]
         self.key[part] = np.where(on_dsm, key, self.blocks)
 
-    def _drop(self, part: slice, rows: Ints, on_map: Bools) -> None:
-        self.points[part][rows] = np.nan
-        finite = np.isfinite(self.xy[part][rows]).all(axis=1)
-        self.status[part][rows] = np.select(
-            (~finite, ~on_map[rows]),
-            (LiftStatus.NOT_FINITE, LiftStatus.OUTSIDE_MAP),
-            LiftStatus.OUTSIDE_DSM,
-        )
-
-    def runs(self) -> tuple[Ints, Ints]:
-        """Rows of the matches in the order of blocks, and runs (R, 2) in it, each in one block."""
+    def sort_by_block(self) -> tuple[Ints, Ints]:
+        """Return the matches in the order of blocks, and runs (R, 2) in it, each in one block."""
         order = np.argsort(self.key, kind="stable")
-        blocks = np.arange(self.blocks + 1, dtype=self.key.dtype)
-        border = np.searchsorted(self.key, blocks, sorter=order)
-        start = np.union1d(border, np.arange(0, border[-1] + 1, _POINTS))
-        return order, np.stack((start[:-1], start[1:]), axis=-1)
+        borders = np.searchsorted(
+            self.key, np.arange(self.blocks + 1, dtype=self.key.dtype), sorter=order
+        )
+        starts = np.union1d(borders, np.arange(0, borders[-1] + 1, _POINTS))
+        return order, np.stack((starts[:-1], starts[1:]), axis=-1)
 
     def sample(self, order: Ints, dataset: Any, runs: Ints) -> None:
         """Find the heights of some runs."""
@@ -185,12 +145,11 @@ class _Task:
             height = self._heights(dataset, world_to_pixel(self.dsm.transform, world))
             self.points.reshape(-1)[3 * rows + 2] = height
             lost = rows[np.isnan(height)]
-            self.status[lost] = LiftStatus.NO_HEIGHT
-            self.points[lost] = np.nan
+            self.status[lost], self.points[lost] = LiftStatus.NO_HEIGHT, np.nan
 
     def _heights(self, dataset: Any, pixel: Floats) -> Floats:
-        """Heights at pixel coordinates that lie in one block."""
-        column, row = _cells(pixel)
+        """Return heights at pixel coordinates that lie in one block."""
+        column, row = _first_neighbour(pixel)
         left, top = int(column.min()), int(row.min())
         # The neighbours of the last cell, where the raster has them.
         right = min(int(column.max()) + 2, self.dsm.width)
@@ -217,14 +176,14 @@ def _all_above(field: HeightField, grid: Floats, limit: float) -> Bools:
     return above
 
 
-def _cells(pixel: Floats) -> tuple[Ints, Ints]:
-    """Column and row (P,) of the first of the four neighbours of each point."""
+def _first_neighbour(pixel: Floats) -> tuple[Ints, Ints]:
+    """Return column and row (P,) of the first of the four neighbours of each point."""
     column, row = (np.maximum(axis - 0.5, 0.0).astype(np.int64) for axis in pixel.T)
     return column, row
 
 
 def _inside(pixel: Floats, raster: RasterInfo) -> Bools:
-    # By columns: numpy reduces an axis of two some ten times slower.
+    # By columns: NumPy reduces an axis of two some ten times slower.
     column, row = pixel.T
     inside: Bools = column >= 0.0
     for condition in (column <= raster.width, row >= 0.0, row <= raster.height):

@@ -1,7 +1,7 @@
-"""Scores of estimated poses: errors of each query, and what is made of them.
+"""Errors of estimated poses, and what each query is worth.
 
-Throughout, errors are (Q,) float64, a value a query, and a failure is an infinite error: it stays
-in every denominator and in the median.
+Errors are (Q,) float64, a value a query, and a failure is an infinite error: it stays in every
+denominator and in the median.
 """
 
 from __future__ import annotations
@@ -15,12 +15,7 @@ from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 
-__all__ = [
-    "PoseErrors",
-    "area_share",
-    "pose_errors",
-    "within",
-]
+__all__ = ["PoseErrors", "area_share", "pose_errors", "within"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,34 +51,13 @@ class PoseErrors(Shown):
 def pose_errors(
     rotation: Floats, centres: Floats, true_rotation: Floats | None, true_centres: Floats
 ) -> PoseErrors:
-    """Compare estimated poses with the truth.
+    """Compare poses (Q, 3, 3) and (Q, 3), world-to-camera, z up in metres, with finite true ones.
 
-    Parameters
-    ----------
-    rotation : (Q, 3, 3) array
-        World-to-camera. A query with any entry of its rotation or centre not finite has failed.
-    centres : (Q, 3) array
-        Camera centres in metres, z up.
-    true_rotation : (Q, 3, 3) array or None
-        None where the truth has no trusted orientation (RTK positions only).
-    true_centres : (Q, 3) array
-        Finite, in the same frame.
-
-    Returns
-    -------
-    PoseErrors
-        Infinite for queries that failed.
-
-    Raises
-    ------
-    ValueError
-        Shapes that do not fit together, or a truth that is not finite.
-
-    References
-    ----------
-    Hartley, Trumpf, Dai, Li, Rotation averaging, IJCV 103, 2013, for the geodesic angle.
+    A query with any entry not finite has failed. True rotations are None where the orientation is
+    not trusted (RTK positions only). Angles are geodesic: Hartley, Trumpf, Dai, Li, Rotation
+    averaging, IJCV 103, 2013.
     """
-    _check_truth(rotation, centres, true_rotation, true_centres)
+    _check_poses(rotation, centres, true_rotation, true_centres)
     entries = np.concatenate((rotation.reshape(-1, 9), centres), axis=1)
     failed = np.logical_not(np.isfinite(entries).all(axis=1))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -104,29 +78,9 @@ def within(
     limit_m: float,
     limit_deg: float | None = None,
 ) -> Floats:
-    """1 where the errors are below their limits, strictly; else 0.
+    """Return 1 where the errors are below their limits, strictly, else 0.
 
-    Parameters
-    ----------
-    translation_m : (Q,) array
-        Metres, infinite for failures.
-    rotation_deg : (Q,) array or None
-        Degrees; None where the truth has no orientation.
-    limit_m : float
-        Metres.
-    limit_deg : float, optional
-        Degrees; left out, only the translation counts.
-
-    Returns
-    -------
-    (Q,) float64
-        1 or 0.
-
-    Raises
-    ------
-    ValueError
-        An angle is asked of a truth without orientation; errors that are NaN or negative or do
-        not fit together.
+    Without `limit_deg` only the translation counts.
     """
     near = _checked(translation_m) < limit_m
     if limit_deg is not None:
@@ -139,7 +93,7 @@ def within(
 
 
 def area_share(errors: Floats, limit: float) -> Floats:
-    r"""Share of [0, limit] that lies beyond each error: :math:`\max(0, 1 - e / L)`.
+    r"""Return the share of [0, limit] that lies beyond each error: :math:`\max(0, 1 - e / L)`.
 
     Its mean over Q queries is the area under the recall curve up to the limit L, as a share of the
     best possible:
@@ -147,36 +101,16 @@ def area_share(errors: Floats, limit: float) -> Floats:
     .. math:: \frac{1}{L} \int_0^L \frac{|\{q : e_q \le e\}|}{Q} \, de
         = \frac{1}{Q} \sum_q \max\!\left(0, 1 - \frac{e_q}{L}\right)
 
-    Exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
+    The measure is that of SuperGlue (Sarlin, DeTone, Malisiewicz, Rabinovich, CVPR 2020, section
+    5.2), exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
     steps' upper ends by straight lines, which gives up to 1 / (2 Q) more.
-
-    Parameters
-    ----------
-    errors : (Q,) array
-        In metres or degrees.
-    limit : float
-        In the same unit, above 0.
-
-    Returns
-    -------
-    (Q,) float64
-        1 for no error, 0 from the limit on and for failures.
-
-    Raises
-    ------
-    ValueError
-        Errors that are NaN or negative, or a limit that is not above 0 and finite.
-
-    References
-    ----------
-    Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020, section 5.2, for the measure.
     """
     if not 0.0 < limit < np.inf:
         raise ValueError(f"limit is {limit}, expected above 0 and finite")
     return 1.0 - np.minimum(_checked(errors), limit) / limit
 
 
-def _check_truth(
+def _check_poses(
     rotation: Floats, centres: Floats, true_rotation: Floats | None, true_centres: Floats
 ) -> None:
     count = len(centres)

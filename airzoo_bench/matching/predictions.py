@@ -1,188 +1,343 @@
-"""Predictions of the matching track, matches, 2D-3D pairs or poses, and their validation.
-
-The checks here need no truth; ``airzoo-bench check`` runs them, and ``eval`` runs them first.
-"""
+"""Predictions of the matching track, matches, 2D-3D pairs or poses, and how files hold them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.core.ids import check_ids
-from airzoo_bench.evaluation.queries import QueryPredictions, errors_of
+from airzoo_bench.core.errors import (
+    CameraError,
+    PredictionError,
+    UnreadableError,
+    counted,
+    first_of,
+)
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
+from airzoo_bench.formats.arrays import (
+    Arrays,
+    check_length,
+    numbers,
+    open_arrays,
+    wrong_type,
+)
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations, quaternion_to_matrix
+from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
 
 __all__ = [
     "Correspondences",
     "GivenPoses",
     "MatchingPredictions",
-    "check_digits",
-    "lattice_m",
-    "validation_errors",
+    "ScenePredictions",
+    "given_poses",
+    "read_matching",
 ]
 
-
-# Of the finest threshold: whole metres lose 0.5 m, which passes beside 1 m; six digits lose 2.9 m
-# of a northing, which does not beside 5 m.
-_MATTERS = 0.55
+NO_POSE = "write NaN in all of a pose that was not found"
+_EXPECTED = (
+    "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
+    "points3d, or poses, or rotations and centres"
+)
+_TEXT_BYTES = 1 << 27
 
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Matches or 2D-3D pairs of Q queries, by offsets.
-
-    Attributes
-    ----------
-    offsets : (Q + 1,) int64
-        Query q has the rows ``offsets[q]:offsets[q + 1]``.
-    query_xy : (M, 2) float64
-        Pixels of the query at its full size; the image's corner is (0, 0).
-    map_xy : (M, 2) float64 or None
-        Pixels of the map or of the query's crop.
-    map_frame : {"map", "crop"} or None
-        Which of the two; the map where the file does not say.
-    points3d : (M, 3) float64 or None
-        Instead of `map_xy`: points in the scene's CRS.
-    image_size : (Q, 2) int64 or None
-        Width and height that the pixels of each query belong to, where the file says so.
-    rounded : bool
-        Whether pixels are known to have gone through float16, and the result says so.
-    """
+    """Matches or 2D-3D pairs of Q queries; query q has the rows ``offsets[q]:offsets[q + 1]``."""
 
     offsets: Ints
-    query_xy: Floats
-    map_xy: Floats | None
-    map_frame: Literal["map", "crop"] | None
-    points3d: Floats | None
-    image_size: Ints | None
-    rounded: bool = False
+    query_xy: Floats  # (M, 2), pixels of the query at its full size; the image's corner is (0, 0)
+    map_xy: Floats | None  # (M, 2), pixels of the map or of the query's crop
+    map_frame: Literal["map", "crop"] | None  # which of the two the file says that it has
+    points3d: Floats | None  # (M, 3) in the scene's CRS, instead of `map_xy`
+    image_size: Ints | None  # (Q, 2), width and height that pixels belong to, where it is stated
 
     @property
     def kind(self) -> str:
         """What they are, for results."""
         return "matches" if self.points3d is None else "pairs"
 
+    @cached_property
+    def query(self) -> Ints:
+        """The query (M,) of each match."""
+        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+
+    def parts(self) -> list[slice]:
+        """Return the rows of each query."""
+        ends = self.offsets.tolist()
+        return [slice(start, stop) for start, stop in pairwise(ends)]
+
+    def take(self, rows: Ints) -> Correspondences:
+        """Return those of some queries, in this order; -1 stands for a query without any."""
+        counts = np.where(rows >= 0, np.diff(self.offsets)[rows], 0)
+        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        taken = np.repeat(self.offsets[rows] - offsets[:-1], counts) + np.arange(offsets[-1])
+        return replace(
+            self,
+            offsets=offsets,
+            query_xy=self.query_xy[taken],
+            map_xy=None if self.map_xy is None else self.map_xy[taken],
+            points3d=None if self.points3d is None else self.points3d[taken],
+            image_size=None if self.image_size is None else self.image_size[rows],
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class GivenPoses:
-    """Poses that the method computed itself.
+    """World-to-camera poses of Q queries, in the scene's CRS, that the method computed itself."""
 
-    Attributes
-    ----------
-    found : (Q,) bool
-        Whether there is a pose.
-    poses : Poses
-        World-to-camera, in the scene's CRS; meaningless where there is none.
-    errors_m : (Q,) float64
-        How far rounding in the file may have moved the cameras; see `pose_errors_m`.
-    quaternions : bool
-        Whether the file has rotations as quaternions, and not as matrices.
-    centred : bool
-        Whether the file has centres, and not translations.
-    """
-
-    kind: ClassVar[str] = "poses"
-
-    found: Bools
+    found: Bools  # (Q,), whether there is a pose; the others are meaningless
     poses: Poses
-    errors_m: Floats
-    quaternions: bool = False
-    centred: bool = False
+    errors_m: Floats  # (Q,), how far rounding in the file may have moved the cameras
+    quaternions: bool = False  # the file has rotations as quaternions, and not as matrices
+    centred: bool = False  # the file has centres, and not translations
+
+    @property
+    def kind(self) -> str:
+        """What they are, for results."""
+        return "poses"
+
+    def take(self, rows: Ints) -> GivenPoses:
+        """Return those of some queries, NaN where there is none, or where the row is -1."""
+        found = (rows >= 0) & self.found[rows]
+        rotation = np.where(found[:, None, None], self.poses.rotation[rows], np.nan)
+        centres = np.where(found[:, None], self.poses.centres[rows], np.nan)
+        poses = Poses(rotation=rotation, centres=centres)
+        return replace(self, found=found, poses=poses, errors_m=self.errors_m[rows] * found)
 
 
 MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
 """A prediction file of the matching track, as read."""
 
 
-def validation_errors(predictions: MatchingPredictions) -> Iterator[PredictionError]:
-    """Yield the errors of predictions that can be found without truth."""
-    content = predictions.content
-    checks = [partial(check_ids, predictions.query_ids, f"{predictions.path}, field 'query_ids'")]
-    if isinstance(content, Correspondences):
-        checks += [
-            partial(check, predictions, content) for check in (_check_offsets, _check_finite)
-        ]
-    yield from errors_of(checks)
+@dataclass(frozen=True, eq=False)
+class ScenePredictions:
+    """The predictions for the Q queries of a scene, in their order, in pixels of the whole map."""
+
+    answered: Bools  # (Q,), which queries the file has
+    content: Correspondences | GivenPoses
+    notes: tuple[str, ...] = ()  # on what looks wrong
 
 
-def check_digits(
-    given: GivenPoses,
-    query_ids: NDArray[np.str_],
-    finest_m: float,
-    true_centres: Floats | None = None,
-) -> None:
-    """Refuse poses whose rounding may have moved their cameras by more than a centimetre."""
-    limit = COARSEST_M
-    if given.centred:
-        limit = max(limit, _MATTERS * finest_m, lattice_m(true_centres))
-    coarse = np.flatnonzero(given.errors_m > limit)
-    if coarse.size:
-        error = float(np.sqrt((given.errors_m[coarse] ** 2).mean()))
-        why = "" if given.centred else ", since its centre is -R^T t"
-        fix = "compute in float64 and write all digits"
-        translated = (
-            " (%.17g in text), or write an .npz with rotations and centres, which lose nothing"
-        )
+def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
+    """Read a prediction file of the matching track."""
+    if path.suffix == ".txt":
+        return _read_pose_list(path)
+    return read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
+
+
+def _read_correspondences(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences:
+    offsets = _integers(arrays, "offsets", (None,))
+    if len(offsets) != len(query_ids) + 1:
         raise PredictionError(
-            f"too few digits in the {'centres' if given.centred else 'poses'} of "
-            f"{_queries(query_ids[coarse], query_ids)}: what they leave out moves a camera by "
-            f"{error:.2g} m on average{why}",
-            where="field 'centres'" if given.centred else "the poses",
-            expected=f"digits that fix camera centres to {limit:g} m",
-            fix=fix if given.centred else fix + translated,
-        )
-
-
-def lattice_m(centres: Floats | None) -> float:
-    """Return how far centres may lie from what was meant if they were rounded, 0 for none."""
-    return 0.0 if centres is None else float(centre_errors_m(centres).max(initial=0.0))
-
-
-def _check_offsets(predictions: MatchingPredictions, matches: Correspondences) -> None:
-    offsets, rows = matches.offsets, len(matches.query_xy)
-    sound = len(offsets) and offsets[0] == 0 and offsets[-1] == rows
-    # Compared, not subtracted: the difference of two large integers may wrap around.
-    falling = np.flatnonzero(offsets[1:] < offsets[:-1])
-    if not sound or falling.size:
-        first = (
-            f", falling first at query {predictions.query_ids[falling[0]]}" if falling.size else ""
-        )
-        ends = f"from {offsets[0]} to {offsets[-1]}" if len(offsets) else "empty"
-        raise PredictionError(
-            f"the offsets do not add up: {ends}{first}",
-            where=f"{predictions.path}, field 'offsets'",
-            expected=f"rising from 0 to {rows}, the number of rows of query_xy",
+            f"field 'offsets' has {counted(len(offsets), 'entry')} "
+            f"for {counted(len(query_ids), 'query')}",
+            where=arrays.path,
+            expected=f"{len(query_ids) + 1:,}, one more than there are queries",
             fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
         )
+    query_xy, map_xy, points, size = _pixels(arrays, "query_xy"), None, None, None
+    if "map_xy" in arrays.names():
+        name, map_xy = "map_xy", _pixels(arrays, "map_xy")
+    else:
+        name, points = "points3d", _precise(arrays, "points3d", (None, 3))
+    found = map_xy if points is None else points
+    if found is not None and len(found) != len(query_xy):
+        raise PredictionError(
+            f"field '{name}' has {counted(len(found), 'row')}, 'query_xy' has {len(query_xy):,}",
+            where=arrays.path,
+            expected="a row a match in both",
+            fix="write the two together",
+        )
+    if "image_size" in arrays.names():
+        size = _integers(arrays, "image_size", (None, 2))
+        check_length(arrays, "image_size", size, len(query_ids))
+    return Correspondences(offsets, query_xy, map_xy, _map_frame(arrays), points, size)
 
 
-def _check_finite(predictions: MatchingPredictions, matches: Correspondences) -> None:
-    for name in ("query_xy", "map_xy", "points3d"):
-        values = getattr(matches, name)
-        if values is None:
-            continue
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        if bad.size:
-            queries = np.unique(np.searchsorted(matches.offsets, bad, side="right") - 1)
-            # Offsets that do not add up, an error of its own, may point beyond the ids.
-            known = (queries >= 0) & (queries < len(predictions.query_ids))
-            named = _queries(predictions.query_ids[queries[known]], predictions.query_ids)
-            rows = counted(len(bad), "row is", "rows are")
-            raise PredictionError(
-                f"{rows} NaN or infinite, in {named}",
-                where=f"{predictions.path}, field '{name}'",
-                expected="finite coordinates",
-                fix="leave out what was not matched",
-            )
+def _pixels(arrays: Arrays, name: str) -> Floats:
+    """Read pixels, whole ones of any width among them."""
+    values = arrays.read(name)
+    if values.dtype.kind in "iu" and values.shape[1:] == (2,):
+        return values.astype(np.float64)
+    return numbers(arrays, name, (None, 2)).astype(np.float64)
 
 
-def _queries(some: NDArray[np.str_], every: NDArray[np.str_]) -> str:
-    return first_of(some, len(every), noun="query")
+def _map_frame(arrays: Arrays) -> Literal["map", "crop"] | None:
+    if "map_frame" not in arrays.names():
+        return None
+    value = arrays.read("map_frame")
+    if value.dtype.kind == "U" and value.size == 1:
+        if value.item() == "crop":
+            return "crop"
+        if value.item() == "map":
+            return "map"
+    raise PredictionError(
+        f"field 'map_frame' is {str(value)[:80]!r}",
+        where=arrays.path,
+        expected="'map' (pixels of the whole map) or 'crop' (of the query's crop)",
+    )
+
+
+def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
+    values = numbers(arrays, "poses", (None, 3, 4)).astype(np.float64)
+    check_length(arrays, "poses", values, len(query_ids))
+    where = f"{arrays.path}, field 'poses'"
+    return given_poses(where, query_ids, values[:, :, :3], values[:, :, 3])
+
+
+def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
+    rotations = numbers(arrays, "rotations", (None, 3, 3)).astype(np.float64)
+    centres = _precise(arrays, "centres", (None, 3))
+    for name, values in (("rotations", rotations), ("centres", centres)):
+        check_length(arrays, name, values, len(query_ids))
+    where = f"{arrays.path}, field 'rotations'"
+    return given_poses(where, query_ids, rotations, centres, centred=True)
+
+
+def given_poses(
+    where: object,
+    names: Sequence[str] | NDArray[np.str_],
+    rotation: Floats,
+    place: Floats,
+    *,
+    centred: bool = False,
+) -> GivenPoses:
+    """Make poses of quaternions (Q, 4) or matrices (Q, 3, 3), and translations or centres (Q, 3).
+
+    A row is NaN where there is no pose. What the rotation beside a centre has lost does not move
+    the camera.
+    """
+    found = _has_pose(np.column_stack((rotation.reshape(len(place), -1), place)), names, where)
+    quaternions, listed = rotation.ndim == 2, [*map(str, names)]
+    turn = np.array((1.0, 0.0, 0.0, 0.0)) if quaternions else np.eye(3)
+    rotation = np.where(found.reshape(-1, *[1] * turn.ndim), rotation, turn)
+    place = np.where(found[:, None], place, 0.0)
+    try:
+        matrices = (quaternion_to_matrix if quaternions else check_rotations)(rotation, listed)
+        poses = Poses(rotation=matrices, centres=place)
+        if not centred:
+            poses = Poses.from_translations(matrices, place, listed)
+    except CameraError as error:
+        fix = error.fix or f"{NO_POSE}, and world-to-camera rotations elsewhere"
+        raise PredictionError(error.what, where=where, expected=error.expected, fix=fix) from error
+    errors = np.zeros(len(found))
+    if centred:
+        near = found & (np.abs(place) <= FARTHEST).all(axis=1)
+        errors[near] = centre_errors_m(place[near])
+    else:
+        matrices = poses.rotation if quaternions else rotation
+        quaternion = rotation[found] if quaternions else None
+        errors[found] = pose_errors_m(matrices[found], place[found], quaternion)
+    return GivenPoses(found, poses, errors, quaternions, centred)
+
+
+def _has_pose(values: Floats, names: Sequence[str] | NDArray[np.str_], where: object) -> Bools:
+    """Tell which rows (Q, K) hold a pose, and refuse those that hold a part of one."""
+    found: Bools = np.asarray(np.isfinite(values).all(axis=1))
+    half = np.flatnonzero(~found & ~np.isnan(values).all(axis=1))
+    if half.size:
+        raise PredictionError(
+            f"poses that are NaN or infinite in part: "
+            f"{first_of([names[row] for row in half.tolist()], len(names))}",
+            where=where,
+            expected="a whole pose, or NaN in all of it where there is none",
+        )
+    return found
+
+
+def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
+
+    Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
+    """
+    given = numbers(arrays, name, shape)
+    values = given.astype(np.float64)
+    finite = values[np.isfinite(values).all(axis=1)]
+    is_narrow = given.dtype.itemsize < 8
+    narrow = given.dtype.type if is_narrow else narrow_type(finite[:, :2])
+    largest = float(np.abs(finite).max(initial=0.0))
+    step = 0.0 if narrow is None else float(np.spacing(narrow(largest)))
+    if step > COARSEST_M:
+        raise PredictionError(
+            f"field '{name}' {'is' if is_narrow else 'went through'} {np.dtype(narrow)}, which "
+            f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
+            where=arrays.path,
+            expected="float64",
+            fix=f"compute and write {name} as float64",
+        )
+    return values
+
+
+def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Ints:
+    values: NDArray[Any] = arrays.read(name)
+    if values.dtype.kind in "iu" and (values.ndim, *values.shape[1:]) == (len(shape), *shape[1:]):
+        return values.astype(np.int64)
+    sides = ", ".join("any" if side is None else str(side) for side in shape)
+    raise wrong_type(
+        arrays.path,
+        name,
+        values,
+        expected=f"integers of shape ({sides})",
+        fix=f"np.asarray({name}, dtype=np.int64)",
+    )
+
+
+def _read_pose_list(path: Path) -> MatchingPredictions:
+    """Read ``name qw qx qy qz tx ty tz``, as hloc and AerialExtreMatch write poses."""
+    text = read_text(path, UnreadableError, "pose file", _TEXT_BYTES)
+    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    rows = [_name_and_pose(line) for line in lines]
+    wrong = [f"row {n + 1}, {lines[n].split()[0][:80]!r}" for n, row in enumerate(rows) if not row]
+    if wrong or not rows:
+        raise PredictionError(
+            f"rows that are no name and seven numbers: {first_of(wrong, len(rows))}",
+            where=path,
+            expected="name qw qx qy qz tx ty tz, world-to-camera",
+            fix="trajectories of TUM and KITTI are read with --reader tum or kitti, and --names",
+        )
+    names = np.array([row[0] for row in rows if row], dtype=str)
+    values = np.array([row[1] for row in rows if row], dtype=np.float64)
+    # As AerialExtreMatch writes that there is none.
+    values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
+    given = given_poses(path, names, values[:, :4], values[:, 4:])
+    return QueryPredictions(path, None, names, given)
+
+
+def _name_and_pose(line: str) -> tuple[str, list[float]] | None:
+    """Split a line; a name may have spaces, and its later words are no numbers: DJI 0001.JPG."""
+    name, *columns = line.strip().rsplit(None, 7)
+    if len(columns) < 7 or any(_number(word) is not None for word in name.split()[1:]):
+        return None
+    if not name.isprintable() or len(name) > 256:  # no id, and no line of a message
+        return None
+    pose = [number for number in map(_number, columns) if number is not None]
+    stem, dot, ending = name.rpartition(".")
+    is_photo = dot + ending.lower() in PHOTO_SUFFIXES
+    return (stem if is_photo else name, pose) if len(pose) == 7 else None
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+_Form = Fields[Correspondences | GivenPoses]
+_MATCHES, _PAIRS = ("offsets", "query_xy", "map_xy"), ("offsets", "query_xy", "points3d")
+_FORMS: tuple[_Form, ...] = (
+    Fields("map_xy", _MATCHES, ("map_frame", "image_size"), _read_correspondences),
+    Fields("points3d", _PAIRS, ("image_size",), _read_correspondences),
+    Fields("poses", ("poses",), (), _read_poses),
+    Fields("centres", ("rotations", "centres"), (), _read_centres),
+)

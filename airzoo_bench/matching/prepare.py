@@ -1,12 +1,17 @@
-"""Making the truth of one scene for matching: which photos have a prior, and their crops."""
+"""Making the truth of a scene for matching: which photos have a crop of the map, and its files."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import rasterio
+import rasterio.shutil
 from numpy.typing import NDArray
+from rasterio.io import MemoryFile
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import (
@@ -17,30 +22,57 @@ from airzoo_bench.benchmark.queries import (
     poses_of,
     with_unposed,
 )
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.arrays import Bools
-from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.geometry.crs import change_of_plane
+from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
+from airzoo_bench.geometry.poses import Poses, rays_to_world, rotation_angle_deg
 from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.crops import CropStatus, crop_windows
-from airzoo_bench.matching.maps import ReferenceMap, own_map
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    open_info,
+    opened,
+    pixel_to_world,
+    to_map_pixels,
+    world_to_pixel,
+)
+from airzoo_bench.geometry.rays import (
+    HeightAt,
+    intersect_heightfield,
+    meet_missing,
+    nearest_heights,
+)
 from airzoo_bench.matching.settings import Crop, Prior
-from airzoo_bench.matching.truth import MatchingTruth, with_truth_as_prior
+from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap, own_map, with_truth_as_prior
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["build_truth", "given_truth"]
+__all__ = ["CropStatus", "build_truth", "crop_windows", "given_truth", "write_crop"]
 
 # No GPS and no gimbal is as good as this in half of the photos. A truth that went through EXIF and
 # XMP comes back with the rounding of their digits: 3 mm, and up to 0.09 degrees where each of three
 # angles has one decimal.
 _SAME_M, _SAME_DEG = 0.02, 0.1
-_NO_PRIOR = "no GPS position or gimbal angles in the metadata"
-_NO_CROP = {
-    CropStatus.OFF_MAP: "by the prior pose, it does not see the map",
-    CropStatus.NO_RAY: "by the prior pose, no corner of the image has a ray",
-}
+# A few hundred rays at a time: what they need of the DSM fits into the blocks kept.
+_CAMERAS = 64
+# Pixels are rounded to this before they are made whole, so that two builds of PROJ give one crop.
+_DECIMALS = 6
+# Along each side of a window that is taken to another CRS, where sides bend.
+_SIDE_POINTS = 33
+
+PixelWindow = tuple[int, int, int, int]
+
+
+class CropStatus(StrEnum):
+    """What became of a crop; the texts are the reasons for photos that are left out."""
+
+    CROPPED = "cropped"
+    NO_PRIOR = "no GPS position or gimbal angles in the metadata"
+    NO_MAP = "no map of its own"
+    OFF_MAP = "by the prior pose, it does not see the map"
+    """The box around the corners' ground points misses the map."""
+    NO_RAY = "by the prior pose, no corner of the image has a ray"
+    """Or none ends within the domain of the map's CRS."""
 
 
 def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
@@ -48,18 +80,17 @@ def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
     photos = inputs.photos
     files = [own_map(maps, photo) for photo in photos["id"]]
     there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
-    kept = [pair for pair, found in zip(files, there, strict=True) if found]
-    found = tuple(ReferenceMap(open_info(dom), dsm, raster_sha256(dsm)) for dom, dsm in kept)
-    windows = np.array([(0, 0, one.dom.width, one.dom.height) for one in found], np.int64)
-    reasons = np.full(len(photos), "no map of its own", dtype=object)
-    return MatchingTruth(
-        inputs.scene,
-        with_truth_as_prior(photos[there].reset_index(drop=True)),
-        windows.reshape(-1, 4),
-        found,
-        with_unposed(_excluded(inputs, ~there, reasons), inputs),
-        own_maps=True,
+    found = tuple(
+        ReferenceMap(open_info(dom), dsm, raster_sha256(dsm))
+        for (dom, dsm), has_map in zip(files, there, strict=True)
+        if has_map
     )
+    windows = np.array([(0, 0, one.dom.width, one.dom.height) for one in found], np.int64)
+    status = np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP)
+    queries = with_truth_as_prior(photos[there].reset_index(drop=True))
+    excluded = _excluded(inputs, status)
+    windows = windows.reshape(-1, 4)
+    return MatchingTruth(inputs.scene, queries, windows, found, excluded, own_maps=True)
 
 
 def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
@@ -69,31 +100,20 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     dsm = needed(inputs.dsm, "surface model", inputs.scene)
     columns = PRIOR_COLUMNS if prior.is_measured else POSE_COLUMNS
     there = np.isfinite(photos[list(columns)].to_numpy(np.float64)).all(axis=1)
-    asked = photos[there].reset_index(drop=True)
+    queries = photos[there].reset_index(drop=True)
     if prior.is_measured:
-        _refuse_truth_as_prior(asked)
+        _refuse_truth_as_prior(queries)
     else:
-        asked = with_truth_as_prior(asked)
-    found = crop_windows(
-        cameras_of(asked),
-        poses_of(asked, PRIOR_COLUMNS),
-        dom,
-        dsm,
-        crop=crop,
-        plane_height_m=needed(inputs.plane_height_m, "height of the ground", inputs.scene),
-    )
-    kept = found.status == CropStatus.CROPPED
-    reasons = np.full(len(photos), _NO_PRIOR, dtype=object)
-    reasons[there] = [_NO_CROP.get(CropStatus(status), "") for status in found.status]
-    left_out = ~there
-    left_out[there] = ~kept
-    return MatchingTruth(
-        inputs.scene,
-        asked[kept].reset_index(drop=True),
-        found.windows[kept],
-        (ReferenceMap(dom, dsm, raster_sha256(dsm)),),
-        with_unposed(_excluded(inputs, left_out, reasons), inputs),
-    )
+        queries = with_truth_as_prior(queries)
+    height = needed(inputs.plane_height_m, "height of the ground", inputs.scene)
+    cameras, priors = cameras_of(queries), poses_of(queries, PRIOR_COLUMNS)
+    windows, of_queries = crop_windows(cameras, priors, dom, dsm, crop=crop, plane_height_m=height)
+    kept = of_queries == CropStatus.CROPPED
+    status = np.full(len(photos), CropStatus.NO_PRIOR, object)
+    status[there] = of_queries
+    maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
+    queries = queries[kept].reset_index(drop=True)
+    return MatchingTruth(inputs.scene, queries, windows[kept], maps, _excluded(inputs, status))
 
 
 def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
@@ -112,6 +132,108 @@ def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
         )
 
 
-def _excluded(inputs: SceneInputs, left_out: Bools, reasons: NDArray[np.object_]) -> pd.DataFrame:
+def _excluded(inputs: SceneInputs, status: NDArray[Any]) -> pd.DataFrame:
+    left_out = status != CropStatus.CROPPED
     photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
-    return photos.assign(reason=reasons[left_out])
+    reasons = np.array([str(one) for one in status[left_out]], object)
+    return with_unposed(photos.assign(reason=reasons), inputs)
+
+
+def crop_windows(
+    cameras: Cameras,
+    priors: Poses,
+    dom: RasterInfo,
+    dsm: HeightField | str | Path,
+    *,
+    crop: Crop,
+    plane_height_m: float,
+) -> tuple[Ints, NDArray[np.str_]]:
+    """Find the reference crops of N queries (PROTOCOLS.md, track 2, "Crop").
+
+    Returns windows (N, 4) in whole pixels of the map, x, y, width and height, zero where there is
+    no crop; and the CropStatus (N,) of each.
+    """
+    if not isinstance(dsm, HeightField):
+        with blocked_heights(dsm) as field:
+            return crop_windows(
+                cameras, priors, dom, field, crop=crop, plane_height_m=plane_height_m
+            )
+    ends = _ends_of_corner_rays(cameras, priors, dsm, crop, plane_height_m)
+    pixels = to_map_pixels(dsm.crs, dom)(ends)
+    low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
+    grown = crop.margin * (high - low)
+    blind = np.isnan(grown).any(axis=1)
+    size = (dom.width, dom.height)
+    first = np.floor(np.round(low - grown, _DECIMALS))
+    # Rays of a level camera, all cut, end on one line: it has a pixel nevertheless.
+    last = np.maximum(np.ceil(np.round(high + grown, _DECIMALS)), first + 1)
+    first, last = np.clip(first, 0, size), np.clip(last, 0, size)
+    found = (last > first).all(axis=1)
+    windows = np.where(found[:, None], np.hstack((first, last - first)), 0).astype(np.int64)
+    status = np.select((found, blind), (CropStatus.CROPPED, CropStatus.NO_RAY), CropStatus.OFF_MAP)
+    return windows, status
+
+
+def _ends_of_corner_rays(
+    cameras: Cameras, priors: Poses, dsm: HeightField, crop: Crop, plane_height_m: float
+) -> Floats:
+    """Return where the rays (N, 4) of the image's corners end: on the ground, or at the range."""
+    directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
+    centres, far = priors.centres, crop.max_range_m
+    ends = centres[:, None] + far * directions
+    height_at: HeightAt | None = None  # of what stands in for heights that are missing
+    if crop.missing_heights == "nearest":
+        height_at = nearest_heights(dsm, crop.nearest_of_px)
+    elif crop.missing_heights == "plane":
+        height_at = lambda places: np.full(places.shape[:-1], plane_height_m)  # noqa: E731
+    for start in range(0, len(cameras), _CAMERAS):
+        part = slice(start, start + _CAMERAS)
+        hits = intersect_heightfield(centres[part], directions[part], dsm, far)
+        points = hits.points
+        if height_at is not None:
+            points = meet_missing(centres[part], directions[part], hits, dsm, height_at, far)
+        ends[part] = np.where(np.isnan(points), ends[part], points)
+    return ends[..., :2]
+
+
+def write_crop(
+    dom_path: str | Path, dsm_path: str | Path, window: PixelWindow, folder: Path, name: str
+) -> tuple[Path, Path]:
+    """Write the crop of map and surface model, ``<name>_dom.tif`` and ``<name>_dsm.tif``."""
+    dom, dsm = open_info(dom_path), open_info(dsm_path)
+    targets = folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
+    _copy_window(dom_path, window, targets[0])
+    _copy_window(dsm_path, _window_below(window, dom, dsm), targets[1])
+    return targets
+
+
+def _window_below(window: PixelWindow, dom: RasterInfo, dsm: RasterInfo) -> PixelWindow:
+    """Return the window of the surface model that covers a window of the map and a pixel more."""
+    x, y, width, height = window
+    share = np.linspace(0.0, 1.0, _SIDE_POINTS)
+    column, row = np.meshgrid(x + width * share, y + height * share)
+    world = pixel_to_world(dom.transform, np.stack((column, row), axis=-1).reshape(-1, 2))
+    pixels = world_to_pixel(dsm.transform, change_of_plane(dom.crs, dsm.crs)(world))
+    size = (dsm.width, dsm.height)
+    low = np.clip(np.floor(np.fmin.reduce(pixels)) - 1, 0, size)
+    high = np.clip(np.ceil(np.fmax.reduce(pixels)) + 1, 0, size)
+    if not (high > low).all():
+        raise RasterError(
+            f"the surface model does not meet the window {window} of the map",
+            where=dsm.path,
+            expected=f"a raster that covers {dom.path}",
+        )
+    first, second, third, fourth = (int(value) for value in (*low, *(high - low)))
+    return first, second, third, fourth
+
+
+def _copy_window(source: str | Path, window: PixelWindow, target: Path) -> None:
+    """Write a window of a GeoTIFF as one of its own, whole or not at all."""
+    layout = {"tiled": True, "blockxsize": 256, "blockysize": 256, "bigtiff": "if_safer"}
+    # The mask goes into the file: a separate one would not be moved with it.
+    internal = rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True)
+    with opened(source) as dataset, internal, MemoryFile() as memory:
+        part = f"vrt://{dataset.name}?srcwin={','.join(map(str, window))}"
+        rasterio.shutil.copy(part, memory.name, driver="GTiff", compress="deflate", **layout)
+        with atomic_write(target) as stream:
+            stream.write(memory.getbuffer())

@@ -1,76 +1,98 @@
-"""Scoring one scene of the matching track: its predictions become records, a row a query."""
+"""Scoring a scene of the matching track: lift its matches, solve for poses, record their errors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from airzoo_bench.core.errors import counted
 from airzoo_bench.core.progress import Headed
-from airzoo_bench.evaluation.track import Run
+from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.lifting import LiftStatus, lift
-from airzoo_bench.matching.metrics import pose_errors
-from airzoo_bench.matching.scene_predictions import ScenePredictions, count_near
-from airzoo_bench.matching.scores import pose_columns
+from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, count_near
+from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
+from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
+from airzoo_bench.matching.predictions import Correspondences, GivenPoses, ScenePredictions
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
-from airzoo_bench.matching.solving import PoseQueries, QueryPoses, solve_queries
+from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth
-
-if TYPE_CHECKING:
-    import pandas as pd
+from airzoo_bench.results.scores import Score
 
 __all__ = [
-    "NEAR_DEG",
-    "NEAR_M",
-    "NOT_GIVEN",
-    "ScoredScene",
-    "lifted_points",
+    "RECORDED",
+    "matching_scores",
+    "pose_columns",
     "score_priors",
     "score_scene",
+    "translation_column",
 ]
 
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "status", "failed"),
+        *("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"),
+        "inliers",
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the queries."""
 
-MISSING = "missing from the predictions"
-NOT_GIVEN = "no pose given"
-GIVEN = "given"
-STATUS_COLUMNS = {
-    LiftStatus.LIFTED: "lifted",
-    LiftStatus.OUTSIDE_MAP: "outside_map",
-    LiftStatus.OUTSIDE_DSM: "outside_dsm",
-    LiftStatus.NO_HEIGHT: "no_height",
+_NOT_LIFTED = {
+    "outside_map": "outside the map",
+    "outside_dsm": "outside the surface model",
+    "no_height": "where the surface model has no height",
 }
-"""Columns of the records that count matches by how lifting ended."""
-NEAR_M, NEAR_DEG = 0.05, 0.1
-"""An answer this near to its prior counts as the prior, however it was written or solved."""
+_SAME_M, _SAME_DEG = 1e-3, 1e-3  # a prior that was copied went through a file at most
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """Records of a scene, and what figures need besides.
+def matching_scores(settings: MatchingScores) -> list[Score]:
+    """Return the scores that a protocol asks for."""
+    error = partial(Score, higher_is_better=False, average="median")
+    share = Score.share
+    scores = [error("error_m", "Median", "m", headline=True)]
+    for m in settings.translation_below_m:
+        scores.append(share(translation_column(m), f"@{m:g}m", headline=True))
+    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
+        scores.append(share(_pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True))
+    scores += [error("horizontal_m", "Horizontal", "m"), error("vertical_m", "Vertical", "m")]
+    if settings.orientation_is_trusted:
+        scores.append(error("rotation_deg", "Rotation", "deg"))
+    return scores + [share(f"auc_{m:g}m", f"AUC@{m:g}m") for m in settings.auc_up_to_m]
 
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query.
-    centres : (Q, 3) float64
-        Estimated camera centres; NaN for failures.
-    inliers : list of (m,) bool
-        Of the matches of each query; empty where poses were given.
-    seconds : (Q,) float64
-        Spent in the solver. Not part of the records, which are the same for the same input.
-    counts : dict of str to int
-        What a result states of the scene.
-    """
 
-    records: pd.DataFrame
-    centres: Floats
-    inliers: list[Bools]
-    seconds: Floats
-    counts: dict[str, int]
+def translation_column(limit_m: float) -> str:
+    """Name the column of translation recall."""
+    return f"within_{limit_m:g}m"
+
+
+def _pose_column(limit_m: float, limit_deg: float) -> str:
+    return f"within_{limit_m:g}m_{limit_deg:g}deg"
+
+
+def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
+    """Return the columns of the records that errors of Q poses give: the errors, then scores."""
+    metres, degrees = errors.translation_m, errors.rotation_deg
+    columns = {
+        "error_m": metres,
+        "horizontal_m": errors.horizontal_m,
+        "vertical_m": errors.vertical_m,
+    }
+    if degrees is not None:
+        worst = settings.failed_rotation_deg
+        failed = np.inf if worst == "infinite" else worst
+        columns["rotation_deg"] = np.where(np.isfinite(degrees), degrees, failed)
+    for m in settings.translation_below_m:
+        columns[translation_column(m)] = within(metres, None, m)
+    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
+        columns[_pose_column(m, deg)] = within(metres, degrees, m, deg)
+    return columns | {f"auc_{m:g}m": area_share(metres, m) for m in settings.auc_up_to_m}
 
 
 def score_scene(
@@ -78,125 +100,156 @@ def score_scene(
     predicted: ScenePredictions,
     protocol: MatchingProtocol,
     run: Run,
-) -> ScoredScene:
+) -> Scored:
     """Score every query of a scene."""
+    content = predicted.content
     of_matches: dict[str, Ints] = {}
-    if predicted.poses is not None:
-        found = _given_poses(predicted.poses)
+    if isinstance(content, GivenPoses):
+        estimates = _as_estimates(content.poses)
     else:
-        found, of_matches = _solve(truth, predicted, protocol, run)
-    records = _records(truth, predicted.answered, found, of_matches, protocol.scores)
-    counts = _result_counts(truth, records) | {"equal_to_prior": predicted.equal_to_prior(truth)}
-    if protocol.prior.is_measured:
-        poses = Poses(rotation=found.rotations, centres=found.centres)
-        counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
-    inliers = [found.inliers[part] for part in predicted.parts()]
-    return ScoredScene(records, found.centres, inliers, found.seconds, counts)
-
-
-def _result_counts(truth: MatchingTruth, records: pd.DataFrame) -> dict[str, int]:
+        estimates, of_matches = _solve(truth, content, protocol, run)
+    records = _records(truth, predicted.answered, estimates, of_matches, protocol.scores)
+    poses, priors = _poses_of(estimates), truth.priors
+    given = isinstance(content, GivenPoses)
     counts = {
         "queries": len(records),
         "missing": int((~records["answered"]).sum()),
         "failed": int(records["failed"].sum()),
         "left_out": len(truth.excluded),
+        **{name: int(column.sum()) for name, column in of_matches.items() if name != "inliers"},
+        "equal_to_prior": count_near(poses, priors, _SAME_M, _SAME_DEG) if given else 0,
     }
-    for name in ("matches", *STATUS_COLUMNS.values(), "beyond_limit"):
-        if name in records.columns:
-            counts[name] = int(records[name].sum())
-    return counts
+    if protocol.prior.is_measured:
+        counts["near_prior"] = count_near(poses, priors, NEAR_M, NEAR_DEG)
+    notes = [f"scene {truth.scene}: {note}" for note in _notes(records, counts)]
+    seconds = {"seconds": [round(one.seconds, 6) for one in estimates]}
+    details = (content, estimates) if run.keep else None
+    return Scored(records, counts, content.kind, (*predicted.notes, *notes), seconds, details)
 
 
-def _records(
-    truth: MatchingTruth,
-    answered: Bools,
-    found: QueryPoses,
-    of_matches: dict[str, Ints],
-    settings: MatchingScores,
-) -> pd.DataFrame:
-    import pandas as pd
+def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:
+    """Yield notes on failures by their reason, and on matches that were not used."""
+    failures = Counter(records["status"][records["failed"] & records["answered"]])
+    if failures:
+        who = counted(failures.total(), "answered query has", "answered queries have")
+        yield f"{who} no pose ({_listed(failures)}): infinite errors"
+    lost = {why: counts.get(name, 0) for name, why in _NOT_LIFTED.items()}
+    if dropped := sum(lost.values()):
+        what = f"{dropped:,} of {counts['matches']:,} matches could not be lifted"
+        yield f"{what} and were dropped: {_listed(lost)}"
+    if beyond := counts.get("beyond_limit"):
+        what = f"{beyond:,} of {counted(counts['matches'], 'match')}"
+        yield f"{what} are more than the protocol solves of a query: left out by a seeded choice"
 
-    true = truth.poses
-    rotation = true.rotation if settings.orientation_is_trusted else None
-    errors = pose_errors(found.rotations, found.centres, rotation, true.centres)
-    columns: dict[str, Any] = {
-        "scene": truth.scene,
-        "query": truth.queries["id"].to_numpy(),
-        "answered": answered,
-        "status": np.where(answered, found.status, MISSING),
-        "failed": ~np.isfinite(errors.translation_m),
-        **of_matches,
-        **pose_columns(errors, settings),
-    }
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+
+def _listed(reasons: Mapping[str, int]) -> str:
+    found = [f"{number:,} {why}" for why, number in sorted(reasons.items()) if number]
+    return ", ".join(found)
 
 
 def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
     """Return the records of a method that answers every query by its prior pose."""
     answered = np.ones(len(truth.queries), np.bool_)
-    return _records(truth, answered, _given_poses(truth.priors), {}, settings)
+    return _records(truth, answered, _as_estimates(truth.priors), {}, settings)
 
 
-def _given_poses(poses: Poses) -> QueryPoses:
-    status = np.where(np.isfinite(poses.centres).all(axis=1), GIVEN, NOT_GIVEN).tolist()
-    none = np.zeros(len(poses), np.int64)
-    no_inliers = np.zeros(0, np.bool_)
-    return QueryPoses(
-        poses.rotation, poses.centres, status, no_inliers, none, none.astype(np.float64)
+def _poses_of(estimates: Sequence[PoseEstimate]) -> Poses:
+    return Poses(
+        rotation=np.array([one.rotation for one in estimates]).reshape(-1, 3, 3),
+        centres=np.array([one.centre for one in estimates]).reshape(-1, 3),
     )
+
+
+def _as_estimates(poses: Poses) -> list[PoseEstimate]:
+    """Return poses that need no solving, NaN where there is none."""
+    found = np.isfinite(poses.centres).all(axis=1)
+    status = np.where(found, Status.GIVEN, Status.NOT_GIVEN)
+    return [
+        PoseEstimate(rotation, centre, np.zeros(0, np.bool_), Status(one))
+        for rotation, centre, one in zip(poses.rotation, poses.centres, status, strict=True)
+    ]
 
 
 def _solve(
     truth: MatchingTruth,
-    predicted: ScenePredictions,
+    matches: Correspondences,
     protocol: MatchingProtocol,
     run: Run,
-) -> tuple[QueryPoses, dict[str, Ints]]:
+) -> tuple[list[PoseEstimate], dict[str, Ints]]:
     """Lift matches and solve for poses; return these, and counts of each query's matches."""
-    solver = protocol.solver
-    points, status = lifted_points(truth, predicted, protocol.lift, run.jobs)
-    given = np.diff(predicted.offsets)
-    lifted = (status == LiftStatus.LIFTED) & np.repeat(given >= solver.least_matches, given)
-    queries = PoseQueries(
-        f"scene {truth.scene}",
-        truth.cameras,
-        np.concatenate([[0], np.cumsum(lifted)])[predicted.offsets],
-        predicted.query_xy[lifted],
-        points[lifted],
-    )
-    settings: Any = solver.model_dump(exclude={"name", "least_matches"}) | {"solver": solver.name}
+    points, status = _lift_matches(truth, matches, protocol.lift, run.jobs)
+    given = np.diff(matches.offsets)
+    enough = np.repeat(given >= protocol.solver.least_matches, given)
+    lifted = (status == LiftStatus.LIFTED) & enough
+    offsets = np.concatenate([[0], np.cumsum(lifted)])[matches.offsets]
+    name = f"scene {truth.scene}"
+    queries = PoseQueries(name, truth.cameras, offsets, matches.query_xy[lifted], points[lifted])
     progress = Headed(truth.scene, run.progress)
-    found = solve_queries(queries, settings, replace(run, progress=progress))
+    solved = solve_queries(queries, protocol.solver, replace(run, progress=progress))
     inliers = np.zeros(len(lifted), np.bool_)
-    inliers[lifted] = found.inliers
-    counts = {"matches": given}
-    for kind, name in STATUS_COLUMNS.items():
-        counts[name] = _sums(status == kind, predicted.offsets)
-    counts |= {"beyond_limit": found.left_out, "inliers": _sums(inliers, predicted.offsets)}
-    return found._replace(inliers=inliers), counts
+    inliers[lifted] = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in solved)])
+    estimates = [
+        replace(one, inliers=inliers[part])
+        for one, part in zip(solved, matches.parts(), strict=True)
+    ]
+    counts = {"matches": given} | _count_statuses(status, matches)
+    counts["beyond_limit"] = np.array([one.left_out for one in estimates], np.int64)
+    return estimates, counts | {"inliers": _count(inliers, matches)}
 
 
-def _sums(chosen: Bools, offsets: Ints) -> Ints:
-    """Count what is chosen of each query's matches."""
-    total = np.concatenate([[0], np.cumsum(chosen)])
-    return np.diff(total[offsets])
-
-
-def lifted_points(
-    truth: MatchingTruth, predicted: ScenePredictions, lifting: Lift, jobs: int
-) -> tuple[Floats, NDArray[np.uint8]]:
-    """Return points (M, 3) and a LiftStatus each; points that were given need no lifting."""
-    if predicted.map_xy is None:
-        return predicted.points, np.full(len(predicted.points), LiftStatus.LIFTED, np.uint8)
+def _lift_matches(
+    truth: MatchingTruth, matches: Correspondences, lifting: Lift, jobs: int
+) -> Lifted:
+    """Lift the matches of a scene; points that were given need no lifting."""
+    if matches.map_xy is None:
+        points = np.zeros((0, 3)) if matches.points3d is None else matches.points3d
+        return Lifted(points, np.full(len(points), LiftStatus.LIFTED, np.uint8))
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
-    shift = 0.5 if lifting.map_pixel_centres == "integer" else 0.0
-    map_xy, parts = predicted.map_xy + shift, predicted.parts() if truth.own_maps else [slice(None)]
+    map_xy = matches.map_xy + (0.5 if lifting.map_pixel_centres == "integer" else 0.0)
+    parts: Sequence[slice] = matches.parts() if truth.own_maps else [slice(None)]
     lifted = [
         lift(map_xy[part], one.dom, one.dsm, heights_above_m=heights, jobs=jobs)
         for part, one in zip(parts, truth.maps, strict=True)
     ]
     if len(lifted) == 1:
-        return lifted[0].points, lifted[0].status
-    points = [np.zeros((0, 3)), *(one.points for one in lifted)]
-    status = [np.zeros(0, np.uint8), *(one.status for one in lifted)]
-    return np.concatenate(points), np.concatenate(status)
+        return lifted[0]
+    points = np.concatenate([np.zeros((0, 3)), *(one.points for one in lifted)])
+    return Lifted(points, np.concatenate([np.zeros(0, np.uint8), *(one.status for one in lifted)]))
+
+
+def _count_statuses(status: NDArray[np.uint8], matches: Correspondences) -> dict[str, Ints]:
+    """Count how the lifting of each query's matches ended, by columns of the records."""
+    return {
+        one.name.lower(): _count(status == one, matches)
+        for one in LiftStatus
+        if one is not LiftStatus.NOT_FINITE  # which no file may hold
+    }
+
+
+def _count(chosen: Bools, matches: Correspondences) -> Ints:
+    """Count what is chosen of each query's matches."""
+    total = np.concatenate([[0], np.cumsum(chosen)])
+    return np.diff(total[matches.offsets])
+
+
+def _records(
+    truth: MatchingTruth,
+    answered: Bools,
+    estimates: Sequence[PoseEstimate],
+    of_matches: dict[str, Ints],
+    settings: MatchingScores,
+) -> pd.DataFrame:
+    true, poses = truth.poses, _poses_of(estimates)
+    rotation = true.rotation if settings.orientation_is_trusted else None
+    errors = pose_errors(poses.rotation, poses.centres, rotation, true.centres)
+    status = [one.status.value for one in estimates]
+    columns: dict[str, Any] = {
+        "scene": truth.scene,
+        "query": truth.queries["id"].to_numpy(),
+        "answered": answered,
+        "status": np.where(answered, status, Status.MISSING.value),
+        "failed": ~np.isfinite(errors.translation_m),
+        **of_matches,
+        **pose_columns(errors, settings),
+    }
+    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)

@@ -16,17 +16,10 @@ __all__ = [
     "MatchingScores",
     "Prior",
     "Solver",
+    "SolverName",
 ]
 
-_MOST_TRIALS = 10_000_000
-_MOST_MATCHES = 1_000_000
-_MOST_WORK = 10**12
-
-
-def _ascending_pairs(pairs: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    if list(pairs) != sorted(set(pairs)):
-        raise ValueError("must be ascending pairs (metres, degrees), without repeats")
-    return pairs
+SolverName = Literal["colmap", "colmap+refine", "poselib"]
 
 
 class Crop(Strict):
@@ -62,16 +55,16 @@ class Lift(Strict):
 class Solver(Strict):
     """How matches become a pose."""
 
-    name: Literal["colmap", "colmap+refine", "poselib"]
+    name: SolverName
     max_error_px: Positive
     min_inlier_ratio: Annotated[float, Field(gt=0, lt=1)]
-    min_trials: Annotated[int, Field(ge=1, le=_MOST_TRIALS)]
-    max_trials: Annotated[int, Field(ge=1, le=_MOST_TRIALS)]
+    min_trials: Annotated[int, Field(ge=1, le=10_000_000)]
+    max_trials: Annotated[int, Field(ge=1, le=10_000_000)]
     confidence: Annotated[float, Field(gt=0, lt=1)]
     seed: Annotated[int, Field(ge=0, lt=2**31)]
     least_matches: Annotated[int, Field(ge=4, le=1000)]
-    max_matches: Annotated[int, Field(ge=4, le=_MOST_MATCHES)]
-    max_trials_times_matches: Annotated[int, Field(ge=1, le=_MOST_WORK)]
+    max_matches: Annotated[int, Field(ge=4, le=1_000_000)]
+    max_trials_times_matches: Annotated[int, Field(ge=1, le=10**12)]
 
     @model_validator(mode="after")
     def _limits_fit(self) -> Solver:
@@ -86,6 +79,12 @@ class Solver(Strict):
                 f"max_matches are {least} already"
             )
         return self
+
+
+def _ascending_pairs(pairs: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if list(pairs) != sorted(set(pairs)):
+        raise ValueError("must be ascending pairs (metres, degrees), without repeats")
+    return pairs
 
 
 class MatchingScores(Strict):

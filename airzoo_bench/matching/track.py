@@ -7,31 +7,21 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
+from airzoo_bench.evaluation.queries import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
+from airzoo_bench.matching.checks import check_file, open_scene
 from airzoo_bench.matching.info import INFO
-from airzoo_bench.matching.notes import (
-    all_notes,
-    lifting_facts,
-    plausibility_warnings,
-    scored_facts,
-)
 from airzoo_bench.matching.predictions import (
-    GivenPoses,
     MatchingPredictions,
-    check_digits,
-    validation_errors,
+    ScenePredictions,
+    read_matching,
 )
-from airzoo_bench.matching.reading import read_matching
-from airzoo_bench.matching.scene_predictions import ScenePredictions, match_scene
-from airzoo_bench.matching.scores import RECORDED, matching_scores
-from airzoo_bench.matching.scoring import score_priors, score_scene
+from airzoo_bench.matching.scoring import RECORDED, matching_scores, score_priors, score_scene
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference
@@ -46,7 +36,7 @@ _MATCHES = 20  # of each query, in a template
 
 
 class MatchingTrack(Track):
-    """Cross-view matching; see `Track`. A part of an assignment is matched to its truth already."""
+    """Cross-view matching; see `Track`."""
 
     info = INFO
     protocol = MatchingProtocol
@@ -67,64 +57,35 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
-        errors = list(validation_errors(predictions))
-        content = predictions.content
-        if not (errors or truths) and isinstance(content, GivenPoses):
-            try:
-                check_digits(content, predictions.query_ids, protocol.scores.finest_m)
-            except PredictionError as error:
-                errors.append(error.inside(predictions.path))
+        errors = list(check_file(predictions, None if truths else protocol.scores.finest_m))
         if errors:
             return Assignment(errors=errors)
         assignment = assign_queries(predictions, truths, protocol)
         for place, truth in enumerate(truths):
-            rows = assignment.parts[place].rows
+            rows, assignment.parts[place] = assignment.parts[place].rows, None
             try:
-                matched = match_scene(predictions, truth, rows, protocol.scores)
-                assignment.parts[place] = QueryPart(predictions, rows), matched
+                part = open_scene(predictions, truth, rows, protocol.scores)
+                assignment.parts[place] = part
             except PredictionError as error:
-                assignment.errors.append(error)
-                assignment.parts[place] = None
+                assignment.errors.append(error.inside(predictions.path))
         return assignment
 
     def score(
-        self,
-        part: tuple[QueryPart, ScenePredictions],
-        truth: MatchingTruth,
-        protocol: MatchingProtocol,
-        run: Run,
+        self, part: ScenePredictions, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
     ) -> Scored:
         """See `Track.score`."""
-        (rows, predicted), kept = part, None
-        found = score_scene(truth, predicted, protocol, run)
-        if run.keep:
-            kept = predicted, found
-        content = rows.predictions.content
-        return Scored(
-            found.records,
-            found.counts,
-            content.kind,
-            tuple(plausibility_warnings(content, truth, predicted)),
-            scored_facts(found, truth, predicted),
-            kept,
-        )
+        return score_scene(truth, part, protocol, run)
 
     def check(
         self,
-        part: tuple[QueryPart, ScenePredictions],
+        part: ScenePredictions,
         truth: MatchingTruth | None,
         protocol: MatchingProtocol,
         run: Run,
     ) -> Scored:
         """See `Track.check`."""
-        if truth is None:
-            return Scored()
-        rows, predicted = part
-        return Scored(
-            counts={"queries": len(truth.queries)},
-            notes=tuple(plausibility_warnings(rows.predictions.content, truth, predicted)),
-            facts=lifting_facts(truth, predicted, protocol, run.jobs),
-        )
+        counts = {} if truth is None else {"queries": len(truth.queries)}
+        return Scored(counts=counts, notes=() if truth is None else part.notes)
 
     def scores(self, protocol: MatchingProtocol) -> list[Score]:
         """See `Track.scores`."""
@@ -137,8 +98,8 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
         scored: Sequence[Scored],
     ) -> list[str]:
-        """See `Track.notes`."""
-        return all_notes(predictions, truths, scored)
+        """Say what was scored, which no scene says for itself."""
+        return [f"scored from {one.kind}" for one in scored[:1] if one.kind]
 
     def references(
         self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
@@ -185,7 +146,7 @@ def write_timings(evaluation: Evaluation, path: Path) -> None:
         for scene in evaluation.scored.values()
     ]
     with atomic_write(path, "w") as stream:
-        pd.concat(parts, ignore_index=True).to_csv(stream, index=False, lineterminator="\n")
+        concatenate(parts).to_csv(stream, index=False, lineterminator="\n")
 
 
 TRACK = MatchingTrack()

@@ -1,14 +1,16 @@
-"""The truth of one scene of the matching track, and the crops that its queries are matched to."""
+"""The truth of one scene of the matching track: queries, their crops, and maps to match them to."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark, needed
@@ -21,56 +23,61 @@ from airzoo_bench.benchmark.queries import (
     poses_of,
     read_queries,
 )
-from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.arrays import Bools, Ints
+from airzoo_bench.core.files import read_text
+from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.matching.maps import (
-    ReferenceMap,
-    check_dsm,
-    check_map,
-    dsm_checksum,
-    grid_of,
-    read_own_maps,
-    write_own_maps,
-)
+from airzoo_bench.storage.rasters import pointed
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["CROP_COLUMNS", "MatchingTruth", "read_truth", "with_truth_as_prior", "write_truth"]
+__all__ = [
+    "CROP_COLUMNS",
+    "MatchingTruth",
+    "ReferenceMap",
+    "check_dsm",
+    "dsm_checksum",
+    "own_map",
+    "read_truth",
+    "with_truth_as_prior",
+    "write_truth",
+]
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
+_GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
+_MAP_LIMIT_BYTES = 1 << 20
+_ANEW = "prepare the benchmark again"
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceMap:
+    """A map, of which scoring uses the georeference, and the surface model below it."""
+
+    dom: RasterInfo
+    dsm: Path
+    dsm_sha256: str
+
+    @property
+    def grid(self) -> dict[str, Any]:
+        """Size, geotransform and CRS of the map."""
+        transform = [float(value) for value in self.dom.transform[:6]]
+        size = {"width": self.dom.width, "height": self.dom.height}
+        return size | {"transform": transform, "crs": self.dom.crs.to_string()}
 
 
 @dataclass(frozen=True, eq=False)
 class MatchingTruth:
-    """Queries with cameras, poses, priors and crops, and the rasters that they are lifted by.
-
-    Attributes
-    ----------
-    scene : str
-        The scene's id.
-    queries : DataFrame
-        A row a query, sorted by ``id``.
-    crops : (Q, 4) int64
-        Window of each query in its map: x, y, width, height in pixels.
-    maps : tuple of ReferenceMap
-        One of the whole scene, or one a query, in their order.
-    excluded : DataFrame
-        Photos that are no queries, with the reason.
-    own_maps : bool
-        Whether each query has a map of its own.
-    """
+    """Queries with cameras, poses, priors and crops, and the rasters that they are lifted by."""
 
     scene: str
-    queries: pd.DataFrame
-    crops: Ints
-    maps: tuple[ReferenceMap, ...]
-    excluded: pd.DataFrame
-    own_maps: bool = False
+    queries: pd.DataFrame  # a row a query, sorted by id
+    crops: Ints  # (Q, 4), the window of each query in its map: x, y, width, height
+    maps: tuple[ReferenceMap, ...]  # one of the whole scene, or one a query
+    excluded: pd.DataFrame  # photos that are no queries, with the reason
+    own_maps: bool = False  # each query has a map of its own
 
     @property
     def scene_map(self) -> ReferenceMap | None:
@@ -117,30 +124,50 @@ class MatchingTruth:
         ):
             digest.update(array.astype("<f8").tobytes())
         for one in self.maps:
-            digest.update(repr([*grid_of(one.dom).values()]).encode() + one.dsm_sha256.encode())
+            digest.update(repr([*one.grid.values()]).encode() + one.dsm_sha256.encode())
         return digest.hexdigest()
 
 
 def with_truth_as_prior(queries: pd.DataFrame) -> pd.DataFrame:
     """Return the queries with their true poses as priors, for a protocol that says so."""
-    return queries.assign(
-        **{prior: queries[pose] for prior, pose in zip(PRIOR_COLUMNS, POSE_COLUMNS, strict=True)}
-    )
+    pairs = zip(PRIOR_COLUMNS, POSE_COLUMNS, strict=True)
+    return queries.assign(**{prior: queries[pose] for prior, pose in pairs})
+
+
+def own_map(folder: Path, photo: str) -> tuple[Path, Path]:
+    """Return the files of a photo's own map and surface model."""
+    name = photo.split("/", 1)[1]
+    return folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
 
 
 def write_truth(folder: Path, truth: MatchingTruth) -> None:
     """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "matching"
     home.mkdir(parents=True, exist_ok=True)
-    columns = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
-    crops = truth.queries[["id"]].assign(**columns)
-    crops.to_csv(home / "crops.csv", index=False, lineterminator="\n")
-    truth.excluded.to_csv(home / "excluded.csv", index=False, lineterminator="\n")
+    crops = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
+    _write_csv(home / "crops.csv", truth.queries[["id"]].assign(**crops))
+    _write_csv(home / "excluded.csv", truth.excluded)
     if truth.own_maps:
-        write_own_maps(home / "maps.csv", truth.queries["id"].tolist(), truth.maps)
+        _write_csv(home / "maps.csv", _table_of_maps(truth))
         return
-    grid = json.dumps(grid_of(truth.maps[0].dom), indent=1)
-    (home / "map.json").write_text(grid + "\n", encoding="utf-8")
+    text = json.dumps(truth.maps[0].grid, indent=1)
+    (home / "map.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _write_csv(path: Path, table: pd.DataFrame) -> None:
+    table.to_csv(path, index=False, lineterminator="\n")
+
+
+def _table_of_maps(truth: MatchingTruth) -> pd.DataFrame:
+    """Lay out the grid of each query's map, and the checksum of its surface model."""
+    rows = [
+        (query, one.dom.width, one.dom.height, *map(repr, one.grid["transform"]))
+        for query, one in zip(truth.queries["id"], truth.maps, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=["id", *_GRID]).assign(
+        crs=[one.grid["crs"] for one in truth.maps],
+        dsm_sha256=[one.dsm_sha256 for one in truth.maps],
+    )
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
@@ -149,53 +176,102 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     home = folder / "matching"
     excluded = read_excluded(benchmark, scene, "matching")
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source")
-    priors = () if prior in ("truth", "given") else PRIOR_COLUMNS
+    is_truth = prior in ("truth", "given")
     poses = () if benchmark.is_sealed else POSE_COLUMNS
-    queries = read_queries(folder, excluded, (*CAMERA_COLUMNS, *poses, *priors))
-    if prior in ("truth", "given"):
+    columns = (*CAMERA_COLUMNS, *poses, *(() if is_truth else PRIOR_COLUMNS))
+    queries = read_queries(folder, excluded, columns)
+    if is_truth:
         queries = with_truth_as_prior(queries)
-    crops = read_table(home / "crops.csv", ("id", *CROP_COLUMNS))
-    if crops["id"].tolist() != queries["id"].tolist():
-        raise BenchmarkError(
-            "the crops are not those of queries.csv",
-            where=home / "crops.csv",
-            fix="prepare the benchmark again",
-        )
+    ids = queries["id"].tolist()
     if entry.maps is not None:
-        own = read_own_maps(
-            home / "maps.csv", benchmark.resolve(entry.maps), queries["id"].tolist()
+        maps = _read_own_maps(home / "maps.csv", benchmark.resolve(entry.maps), ids)
+    else:
+        dom = benchmark.resolve(needed(entry.dom, "map", scene))
+        dsm, grid = benchmark.resolve(entry.dsm or ""), _read_grid(home / "map.json")
+        maps = (_checked_map(dom, dsm, entry.dsm_sha256, grid),)
+    crops = _read_crops(home / "crops.csv", ids, maps)
+    own_maps = entry.maps is not None
+    return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=own_maps)
+
+
+def _read_crops(path: Path, ids: list[str], maps: Sequence[ReferenceMap]) -> Ints:
+    """Read the windows (Q, 4) of the queries, each inside its map."""
+    table = _read_rows(path, CROP_COLUMNS, ids)
+    windows = table[list(CROP_COLUMNS)].to_numpy(np.int64)
+    sizes = np.broadcast_to([(one.dom.width, one.dom.height) for one in maps], (len(ids), 2))
+    beyond = windows[:, :2] + windows[:, 2:] > sizes
+    wrong = np.hstack((windows[:, :2] < 0, (windows[:, 2:] < 1) | beyond))
+    for name, rows in zip(CROP_COLUMNS, wrong.T, strict=True):
+        refuse_cells(path, name, table[name], rows, "a window inside the map", ids)
+    return windows
+
+
+def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFrame:
+    """Read a table that has a row for each query, in their order."""
+    table = read_table(path, ("id", *columns))
+    if table["id"].tolist() != ids:
+        raise BenchmarkError("the rows are not those of queries.csv", where=path, fix=_ANEW)
+    return table
+
+
+def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceMap, ...]:
+    """Read the queries' maps, and compare them with those that were prepared."""
+    maps = []
+    for row in _read_rows(path, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
+        transform = [float(row[name]) for name in _GRID[2:]]
+        size = {"width": int(row["width"]), "height": int(row["height"])}
+        grid = size | {"transform": transform, "crs": row["crs"]}
+        maps.append(_checked_map(*own_map(folder, row["id"]), str(row["dsm_sha256"]), grid))
+    return tuple(maps)
+
+
+def _read_grid(path: Path) -> dict[str, Any]:
+    text = read_text(path, BenchmarkError, "grid of the map", _MAP_LIMIT_BYTES)
+    try:
+        prepared = json.loads(text)
+    except ValueError as error:
+        raise BenchmarkError(f"not JSON: {error}", where=path, fix=_ANEW) from error
+    return prepared if isinstance(prepared, dict) else {}
+
+
+def _checked_map(
+    dom: Path, dsm: Path, dsm_sha256: str | None, prepared: dict[str, Any]
+) -> ReferenceMap:
+    """Open a map whose grid and surface model are those that were prepared."""
+    reference = ReferenceMap(open_info(dom), dsm, dsm_checksum(dsm))
+    found = reference.grid
+    if prepared | {"crs": found["crs"]} != found:  # one CRS has several spellings
+        raise BenchmarkError(
+            "the map's grid is not the one that the benchmark was prepared with: "
+            f"{json.dumps(found)}",
+            where=dom,
+            expected=json.dumps(prepared),
+            fix=f"put the map back, or {_ANEW}",
         )
-        windows = _windows(crops, [one.dom for one in own], home / "crops.csv")
-        return MatchingTruth(scene, queries, windows, own, excluded, own_maps=True)
-    dsm = benchmark.resolve(entry.dsm or "")
-    found = dsm_checksum(dsm)
-    check_dsm(dsm, found, entry.dsm_sha256)
-    dom = open_info(benchmark.resolve(needed(entry.dom, "map", scene)))
-    check_map(home / "map.json", dom)
-    windows = _windows(crops, [dom] * len(crops), home / "crops.csv")
-    return MatchingTruth(scene, queries, windows, (ReferenceMap(dom, dsm, found),), excluded)
+    check_same_crs(reference.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
+    check_dsm(dsm, reference.dsm_sha256, dsm_sha256)
+    return reference
 
 
-def _windows(crops: pd.DataFrame, doms: list[RasterInfo], path: Path) -> Ints:
-    """Return the crops (Q, 4), each inside its map; `read_table` has seen to whole numbers."""
-    values = crops[list(CROP_COLUMNS)].to_numpy(np.int64)
-    sizes = np.array([(dom.width, dom.height) for dom in doms], np.int64).reshape(-1, 2)
-    far = sizes.max(axis=1, initial=0, keepdims=True)
-    _refuse_cells((values < (0, 0, 1, 1)) | (values > far), crops, "not inside the map", path)
-    over = values[:, :2] + values[:, 2:] > sizes
-    _refuse_cells(np.hstack((np.zeros_like(over), over)), crops, "beyond the map's edge", path)
-    return values
+def dsm_checksum(dsm: Path) -> str:
+    """Return the SHA-256 of a surface model."""
+    if not pointed(dsm).is_file():
+        raise BenchmarkError(
+            "the surface model is not there",
+            where=dsm,
+            expected="the DSM that matches are lifted by",
+            fix="put it back where benchmark.toml says, or prepare with --copy",
+        )
+    return raster_sha256(dsm)
 
 
-def _refuse_cells(bad: Bools, crops: pd.DataFrame, what: str, path: Path) -> None:
-    if not bad.any():
-        return
-    row, column = (int(index[0]) for index in np.nonzero(bad))
-    name = CROP_COLUMNS[column]
-    raise BenchmarkError(
-        f"column {name!r}, row {row + 1} ({crops['id'].iloc[row]}): "
-        f"{str(crops[name].iloc[row])[:40]!r} is {what}",
-        where=path,
-        expected="a window of whole pixels, inside the map",
-        fix="prepare the benchmark again",
-    )
+def check_dsm(dsm: Path, found: str, prepared: str | None) -> None:
+    """Refuse a surface model that is not the one that was prepared."""
+    if found != prepared:
+        raise BenchmarkError(
+            "the surface model is not the one that the benchmark was prepared with",
+            where=dsm,
+            expected=f"SHA-256 {(prepared or 'none')[:12]}…",
+            fix="put it back, and what lies beside it and changes its heights (.aux.xml, .msk, "
+            f"world files); or {_ANEW}",
+        )

@@ -75,7 +75,7 @@ class Hloc(Reader):
         notes = [f"{counted(left, 'pair')} of other pictures left out"] if left else []
         steps = [] if given is None else given.steps()
         return ReadPredictions(
-            rows.predictions(rounded=bool(steps)),
+            rows.predictions(),
             (
                 "pixels are those of the picture at its full size, and whole numbers at the "
                 "centres of pixels: 0.5 was added",

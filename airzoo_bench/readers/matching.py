@@ -14,9 +14,8 @@ if TYPE_CHECKING:
     from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.evaluation.reader import Reading
     from airzoo_bench.geometry.arrays import Bools, Floats
-    from airzoo_bench.matching.maps import ReferenceMap
     from airzoo_bench.matching.predictions import GivenPoses
-    from airzoo_bench.matching.truth import MatchingTruth
+    from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap
 
 __all__ = ["NamedPoses", "posed", "refuse_other_world", "scenes_of"]
 
@@ -66,6 +65,7 @@ def posed(
     import numpy as np
 
     from airzoo_bench.evaluation.queries import QueryPredictions
+    from airzoo_bench.matching.predictions import given_poses
 
     scenes = scenes_of(reading, path)
     known = ImageNames.of(
@@ -81,34 +81,11 @@ def posed(
         names, given.rotation[kept], given.place[kept], given.found[kept], given.centred
     )
     query_ids = np.array([ids[row] for row in kept], dtype=str)
-    return QueryPredictions(path, None, query_ids, _content(part, path)), len(ids) - len(kept)
-
-
-def _content(given: NamedPoses, path: Path) -> GivenPoses:
-    import numpy as np
-
-    from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
-    from airzoo_bench.geometry.precision import centre_errors_m, pose_errors_m
-    from airzoo_bench.matching.pose_list import NO_POSE, refused_in
-    from airzoo_bench.matching.predictions import GivenPoses
-
-    found, names = given.found, list(given.names)
-    quaternions = given.rotation.ndim == 2
-    none = np.array((1.0, 0.0, 0.0, 0.0)) if quaternions else np.eye(3)
-    there = found.reshape(-1, *[1] * (given.rotation.ndim - 1))
-    rotation = np.where(there, given.rotation, none)
-    place = np.where(found[:, None], given.place, 0.0)
-    with refused_in(path, NO_POSE):
-        matrices = quaternion_to_matrix(rotation, names) if quaternions else rotation
-        make = Poses.from_centres if given.centred else Poses.from_translations
-        poses = make(matrices, place, names)
-    errors = np.zeros(len(found))
-    if given.centred:
-        errors[found] = centre_errors_m(place[found])
-    else:
-        quaternion = rotation[found] if quaternions else None
-        errors[found] = pose_errors_m(matrices[found], place[found], quaternion)
-    return GivenPoses(found, poses, errors, quaternions=quaternions, centred=given.centred)
+    there = part.found.reshape(-1, *[1] * (part.rotation.ndim - 1))
+    rotation = np.where(there, part.rotation, np.nan)
+    place = np.where(part.found[:, None], part.place, np.nan)
+    content = given_poses(path, part.names, rotation, place, centred=part.centred)
+    return QueryPredictions(path, None, query_ids, content), len(ids) - len(kept)
 
 
 def refuse_other_world(content: GivenPoses, scenes: Sequence[MatchingTruth], path: Path) -> None:

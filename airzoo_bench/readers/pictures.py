@@ -196,7 +196,7 @@ class MatchRows:
         farthest = (xy / picture.size).max(axis=0)
         self._farthest[kind] = np.maximum(self._farthest.get(kind, farthest), farthest)
 
-    def predictions(self, *, rounded: bool = False) -> MatchingPredictions:
+    def predictions(self) -> MatchingPredictions:
         """Return what was taken as predictions, in pixels of the whole map."""
         import numpy as np
 
@@ -209,7 +209,7 @@ class MatchRows:
         parts = [pair for rows in self._rows.values() for pair in rows]
         sides = [np.concatenate([np.zeros((0, 2)), *side]) for side in zip(*parts, strict=True)]
         query_xy, map_xy = sides if sides else (np.zeros((0, 2)), np.zeros((0, 2)))
-        content = Correspondences(offsets, query_xy, map_xy, "map", None, None, rounded)
+        content = Correspondences(offsets, query_xy, map_xy, "map", None, None)
         return QueryPredictions(self.path, None, np.array(list(self._rows), dtype=str), content)
 
     def _refuse_smaller(self) -> None:

@@ -17,10 +17,8 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb, to_map_pixels
-from airzoo_bench.matching.maps import ReferenceMap
-from airzoo_bench.matching.scene_predictions import ScenePredictions
-from airzoo_bench.matching.scoring import ScoredScene
-from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.predictions import Correspondences
+from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap
 from airzoo_bench.report.curves import share_below
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure, series_style
 
@@ -150,21 +148,22 @@ def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Ru
     save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
     drawn, benchmark = 1, evaluation.benchmark
     for truth in evaluation.truths:
-        predicted, scored = evaluation.scored[truth.scene].details
+        matches, estimates = evaluation.scored[truth.scene].details
         if truth.scene_map is not None:
             path = folder / f"{truth.scene}_map.png"
-            _draw_map(truth, truth.scene_map, scored, titles[truth.scene], path)
+            centres = np.array([one.centre for one in estimates])
+            _draw_map(truth, truth.scene_map, centres, titles[truth.scene], path)
             drawn += 1
         images = benchmark.resolve(benchmark.scene(truth.scene).images)
-        rows = range(len(truth.queries) if predicted.map_xy is not None else 0)
+        rows = range(len(truth.queries) if matches.kind == "matches" else 0)
         for row in run.progress(rows, "pictures", len(rows)):
-            _draw_query(truth, predicted, scored, row, images, folder)
+            _draw_query(truth, matches, estimates[row].inliers, row, images, folder)
         drawn += len(rows)
     yield f"drew {drawn} pictures into {folder}"
 
 
 def _draw_map(
-    truth: MatchingTruth, scene: ReferenceMap, scored: ScoredScene, title: str, path: Path
+    truth: MatchingTruth, scene: ReferenceMap, estimated: Floats, title: str, path: Path
 ) -> None:
     """Draw in metres along the map's sides: its CRS may differ from the scene's, and be rotated."""
     dom, scene_crs = scene.dom, open_info(scene.dsm).crs
@@ -182,7 +181,7 @@ def _draw_map(
         read_rgb(dom.path, long_side_px=_LONG_SIDE_PX),
         (0.0, float(sides[0]), 0.0, float(sides[1])),
         along_sides(truth.poses.centres),
-        along_sides(scored.centres),
+        along_sides(estimated),
         title,
     )
     save_figure(figure, path)
@@ -190,25 +189,25 @@ def _draw_map(
 
 def _draw_query(
     truth: MatchingTruth,
-    predicted: ScenePredictions,
-    scored: ScoredScene,
+    matches: Correspondences,
+    inliers: NDArray[np.bool_],
     row: int,
     images: Path,
     folder: Path,
 ) -> None:
-    query, part = truth.queries.iloc[row], predicted.parts()[row]
+    query, part = truth.queries.iloc[row], matches.parts()[row]
     x, y, width, height = (int(side) for side in truth.crops[row])
     photo = read_rgb_photo(images / query["image"], _LONG_SIDE_PX)
     dom = truth.map_of(row).dom
     crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
     shrunk = np.array([photo.shape[1] / query["width"], photo.shape[0] / query["height"]])
-    map_xy = predicted.map_xy if predicted.map_xy is not None else np.zeros((0, 2))
+    map_xy = matches.map_xy if matches.map_xy is not None else np.zeros((0, 2))
     figure = draw_matches(
         photo,
         crop,
-        predicted.query_xy[part] * shrunk,
+        matches.query_xy[part] * shrunk,
         (map_xy[part] - (x, y)) * (crop.shape[1] / width, crop.shape[0] / height),
-        scored.inliers[row],
+        inliers,
         str(query["id"]),
     )
     name = str(query["id"]).replace("/", "_")

@@ -98,15 +98,14 @@ def test_the_image_size_plays_no_part_in_solving(world: World, solver: Any) -> N
 
     from airzoo_bench.matching import solving
 
-    settings: Any = ab.solve_pose.__kwdefaults__ | {"solver": solver}
-    del settings["distortion"]
+    settings = world.protocol.solver.model_copy(update={"name": solver})
     answers = []
     for scale in (1, 3):
         camera = world.truth.cameras.take(0)
         camera = replace(camera, width=scale * camera.width, height=scale * camera.height)
         random = np.random.default_rng(2)
         pixels = world.query_xy[0] + random.normal(0, 2, world.query_xy[0].shape)
-        answers.append(solving.solve_pose(camera, pixels, world.points[0], **settings))
+        answers.append(solving.solve_pose(camera, pixels, world.points[0], settings))
     assert answers[0].centre.tolist() == answers[1].centre.tolist()
     assert answers[0].inliers.sum() > 10
 

@@ -63,10 +63,11 @@ _NEVER_STOPS = """
 _SOLVED = """
 import signal, sys
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-from airzoo_bench.matching.solving import solve_poses
-from tests.matching.pose_support import SETTINGS, make_scene
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.matching.solving import solve_queries
+from tests.matching.pose_support import SOLVER, joined, make_scene
 assert "pycolmap" not in sys.modules
-solve_poses([make_scene(0).problem], jobs=2, **SETTINGS)
+solve_queries(joined([make_scene(0).problem]), SOLVER, Run(jobs=2))
 signal.raise_signal(signal.SIGTERM)
 """
 

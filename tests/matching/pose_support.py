@@ -2,32 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg, world_to_camera
-from airzoo_bench.matching.solving import PoseEstimate, PoseProblem, PoseSettings
+from airzoo_bench.matching.settings import Solver
+from airzoo_bench.matching.solving import PoseEstimate, PoseQueries
 from tests.geometry.support import looking_down
 
-SETTINGS: PoseSettings = {
-    "solver": "colmap",
-    "max_error_px": 5.0,
-    "min_inlier_ratio": 0.01,
-    "min_trials": 1000,
-    "max_trials": 100_000,
-    "confidence": 0.9999,
-    "seed": 0,
-    "max_matches": 20_000,
-    "max_trials_times_matches": 500_000_000,
-}
+SOLVER = Solver(
+    name="colmap",
+    max_error_px=5.0,
+    min_inlier_ratio=0.01,
+    min_trials=1000,
+    max_trials=100_000,
+    confidence=0.9999,
+    seed=0,
+    least_matches=4,
+    max_matches=20_000,
+    max_trials_times_matches=500_000_000,
+)
 PINHOLE = (0.0, 0.0, 0.0, 0.0, 0.0)
 PROJECTED = (400_000.0, 3_130_000.0, 60.0)
 
 
+class Problem(NamedTuple):
+    """One query: its camera (Cameras of one), query_xy (M, 2) and points (M, 3)."""
+
+    camera: Cameras
+    query_xy: np.ndarray
+    points: np.ndarray
+
+
 class Scene(NamedTuple):
-    problem: PoseProblem
+    problem: Problem
     rotation: np.ndarray
     centre: np.ndarray
     wrong: np.ndarray
@@ -53,7 +64,7 @@ def make_scene(
     query_xy += rng.normal(0.0, noise_px, query_xy.shape)
     wrong = rng.permutation(count) < round(outliers * count)
     query_xy[wrong] = rng.random((wrong.sum(), 2)) * (4000.0, 3000.0)
-    problem = PoseProblem(camera, query_xy, points + origin)
+    problem = Problem(camera, query_xy, points + origin)
     return Scene(problem, rotation[0], poses.centres[0] + origin, wrong)
 
 
@@ -74,3 +85,16 @@ def fingerprint(estimate: PoseEstimate) -> tuple[bytes, bytes, bytes, str]:
     """All of an estimate, to the last bit."""
     arrays = (estimate.rotation, estimate.centre, estimate.inliers)
     return (*(np.ascontiguousarray(array).tobytes() for array in arrays), estimate.status)
+
+
+def joined(problems: Sequence[Problem]) -> PoseQueries:
+    """Put queries one after the other."""
+    fields = ("width", "height", "focal", "principal_point", "distortion")
+    cameras = [np.concatenate([getattr(p.camera, name) for p in problems]) for name in fields]
+    return PoseQueries(
+        "the made scene",
+        Cameras(*cameras),
+        np.cumsum([0, *(len(problem.points) for problem in problems)]),
+        np.concatenate([problem.query_xy for problem in problems]),
+        np.concatenate([problem.points for problem in problems]),
+    )

@@ -1,3 +1,5 @@
+"""The matching baseline on pictures with known places, on made photos and on the real scene."""
+
 from __future__ import annotations
 
 import json
@@ -8,26 +10,56 @@ import numpy as np
 import pytest
 from PIL import Image
 from rasterio import Affine
+from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.photo_metadata import priors_to_poses, read_prior
-from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
-from airzoo_bench.matching import sift
-from airzoo_bench.matching.baseline import plan
-from airzoo_bench.matching.sift import Task, match, match_photos
+from airzoo_bench.matching import baseline
+from airzoo_bench.matching.baseline import Task, _match_task, lie_on_map, match, resample
+from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
-from tests.matching.baseline_support import (
-    SETTINGS,
-    camera,
-    moved,
-    seen_through,
-    similarity,
-    texture,
+
+SETTINGS = SiftSettings(
+    doubled=True,
+    max_features=4096,
+    max_map_features=8192,
+    peak_threshold=0.0067,
+    ratio=0.8,
+    max_side_px=2000,
 )
+
+
+def texture(width: int, height: int, seed: int = 0) -> np.ndarray:
+    """Grey of many sizes of structure, never 0."""
+    random = np.random.default_rng(seed)
+    layers = [gaussian_filter(random.normal(size=(height, width)), s) * s for s in (1.5, 3, 6)]
+    grey = sum(layers)
+    return np.clip(128 + 60 * (grey - grey.mean()) / grey.std(), 1, 255).astype(np.uint8)
+
+
+def seen_through(image: np.ndarray, H: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Image whose pixel p shows `image` at H p; corners are (0, 0)."""
+    at = moved(H, np.stack(np.indices((height, width))[::-1], axis=-1).reshape(-1, 2) + 0.5)
+    grey = map_coordinates(image.astype(float), at.T[::-1] - 0.5, order=3, mode="nearest")
+    return np.clip(np.round(grey), 0, 255).astype(np.uint8).reshape(height, width)
+
+
+def moved(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    ends = np.column_stack((xy, np.ones(len(xy)))) @ H.T
+    return ends[:, :2] / ends[:, 2:]
+
+
+def camera(width: int, height: int) -> Cameras:
+    return Cameras.from_matrices([np.diag((width, width, 1.0))], width, height)
+
+
+def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
+    cos, sin = scale * np.cos(np.radians(turn_deg)), scale * np.sin(np.radians(turn_deg))
+    return np.array(((cos, -sin, x), (sin, cos, y), (0.0, 0.0, 1.0)))
 
 
 @pytest.mark.parametrize("wrong_deg", [0.0, 180.0, 67.0])
@@ -109,7 +141,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
 
 def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
     corners = ((110.0, 60.0), (200.0, 150.0))
-    for corner, (query_xy, map_xy) in zip(corners, match_photos(made, SETTINGS), strict=True):
+    for corner, task in zip(corners, made, strict=True):
+        query_xy, map_xy = _match_task(SETTINGS, task)
         off = query_xy - 3.1 * (map_xy - corner)
         assert len(off) > 100
         assert np.abs(np.median(off, axis=0)).max() < 0.3
@@ -118,17 +151,9 @@ def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
         assert np.abs(np.median(off[far], axis=0)).max() < 0.4
 
 
-def test_neither_workers_nor_order_matter(made: list[Task]) -> None:
-    alone = list(match_photos(made, SETTINGS))
-    shared = list(match_photos(made[::-1], SETTINGS, engine=Processes(2)))[::-1]
-    for one, other in zip(alone, shared, strict=True):
-        assert np.array_equal(one[0], other[0])
-        assert np.array_equal(one[1], other[1])
-
-
 def test_a_limit_of_size_keeps_the_two_scales_alike(made: list[Task]) -> None:
     small = replace(SETTINGS, max_side_px=160)
-    query_xy, map_xy = next(match_photos(made[:1], small))
+    query_xy, map_xy = _match_task(small, made[0])
     off = query_xy - 3.1 * (map_xy - (110.0, 60.0))
     assert len(off) > 20
     assert np.abs(np.median(off, axis=0)).max() < 0.5
@@ -157,33 +182,19 @@ def test_sizes_that_features_are_sought_at(
         shapes.append(image.shape[::-1])
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
 
-    monkeypatch.setattr(sift, "extract", spy)
+    monkeypatch.setattr(baseline, "extract", spy)
     task, chosen = replace(made[0], gsd_ratio=ratio), replace(SETTINGS, max_side_px=max_side)
-    list(match_photos([task], chosen))
+    _match_task(chosen, task)
     assert shapes == [photo, crop]
 
 
-def test_nearly_black_is_data(
-    made: list[Task], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    colours = np.zeros((3, 8, 9), np.uint8)
-    colours[2, 3, 4] = 1  # a grey of 0.114
-    dom = write_tif(tmp_path / "dark.tif", colours)
-    monkeypatch.setattr(sift, "match", lambda _, __, crop, **___: (crop, crop[:1, :2]))
-    task = replace(made[0], dom=dom, window=(0, 0, 9, 8))
-    crop, _ = next(match_photos([task], SETTINGS))
-    assert np.argwhere(crop).tolist() == [[3, 4]]
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path, jobs: int) -> None:
+def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path) -> None:
     other = replace(made[0], camera=camera(800, 650))
     with pytest.raises(BenchmarkError, match=r"803 x 651 px(.|\n)*800 x 650 px") as caught:
-        list(match_photos([made[1], other], SETTINGS, engine=Processes(jobs)))
+        _match_task(SETTINGS, other)
     assert caught.value.where == str(made[0].photo)
-    missing = replace(made[0], photo=tmp_path / "c.jpg")
     with pytest.raises(BenchmarkError, match="not a readable photo"):
-        list(match_photos([missing], SETTINGS, engine=Processes(jobs)))
+        _match_task(SETTINGS, replace(made[0], photo=tmp_path / "c.jpg"))
 
 
 @pytest.fixture
@@ -209,9 +220,9 @@ def test_plans_worked_by_hand(
     prior = Poses(rotation=rotation, centres=np.array(((576010.0, 5187990.0, height),)))
     one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
     dom = open_info(north_up)
-    task = plan(Path("a.jpg"), one, prior, "EPSG:32615", dom, (0, 0, 40, 40), ground_height_m=50.0)
-    assert task.turn_deg == pytest.approx(turn, abs=1e-6)
-    assert task.gsd_ratio == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
+    found = lie_on_map(one, prior, "EPSG:32615", dom, 50.0)
+    assert found[0] == pytest.approx(turn, abs=1e-6)
+    assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
 
 
 def test_a_map_turned_on_its_grid_turns_the_plan(tmp_path: Path) -> None:
@@ -223,8 +234,7 @@ def test_a_map_turned_on_its_grid_turns_the_plan(tmp_path: Path) -> None:
     down = angles_to_rotations(0.0, -90.0, 0.0, convergence_deg=0.0)[None]
     prior = Poses(rotation=down, centres=np.array(((576010.0, 5187990.0, 150.0),)))
     one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
-    task = plan(Path("a.jpg"), one, prior, 32615, dom, (0, 0, 40, 40), ground_height_m=50.0)
-    assert task.turn_deg == pytest.approx(-90.0, abs=1e-6)
+    assert lie_on_map(one, prior, 32615, dom, 50.0)[0] == pytest.approx(-90.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -244,11 +254,12 @@ def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> N
     high = np.minimum(low + 900, (dom.width, dom.height))
     window = (*low.tolist(), *(high - low).tolist())
     ground = float(np.nanmedian(dsm.heights))
-    task = plan(photo, one, prior, scene["crs"], dom, window, ground_height_m=ground)
+    lie = lie_on_map(one, prior, scene["crs"], dom, ground)
+    task = Task(photo, one, dom.path, window, *lie)
     # The photo's right is 45 degrees from east, or (0026) the metadata have it the other way.
     assert task.turn_deg == pytest.approx(-133 if name == "DJI_0026.JPG" else 44, abs=2)
     other = replace(task, turn_deg=task.turn_deg + 180)
-    for query_xy, map_xy in match_photos([task, other], SETTINGS):
+    for query_xy, map_xy in (_match_task(SETTINGS, each) for each in (task, other)):
         ground_xy = pixel_to_world(dom.transform, map_xy)
         points = np.column_stack((ground_xy, dsm.sample(ground_xy)))
         seen = project(one, world_to_camera(pose, points[None]))[0]
@@ -256,3 +267,24 @@ def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> N
         right = np.linalg.norm(seen - query_xy, axis=1) < 40
         assert right.sum() > (350 if name == "DJI_0026.JPG" else 40)
         assert right.mean() > 0.5
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 89.0, 180.0, -91.0, 270.0, 725.0])
+@pytest.mark.parametrize("scale", [1.0, 0.5, 0.37])
+def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float) -> None:
+    grey = np.zeros((120, 171), np.uint8)
+    grey[70, 30] = 255
+    grey = (gaussian_filter(grey.astype(float), 6) * 200).astype(np.uint8)
+    small, back = resample(grey, scale, turn_deg)
+    sides = {round(171 * scale), round(120 * scale)}
+    assert set(small.shape) == sides
+    at = np.array(center_of_mass(small.astype(float))[::-1]) + 0.5
+    np.testing.assert_allclose(back[:, :2] @ at + back[:, 2], (30.5, 70.5), rtol=0, atol=0.05)
+
+
+def test_the_turn_brings_its_direction_to_the_right() -> None:
+    grey = np.array(((1, 2, 3), (4, 5, 6)), np.uint8)
+    # Clockwise a quarter from the right is down; 1 over 4 becomes 1 left of 4.
+    assert resample(grey, 1.0, 90.0)[0].tolist() == [[3, 6], [2, 5], [1, 4]]
+    assert resample(grey, 1.0, -90.0)[0].tolist() == [[4, 1], [5, 2], [6, 3]]
+    assert resample(grey, 1.0, 44.0)[0].tolist() == grey.tolist()

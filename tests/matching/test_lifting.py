@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rasterio
 from hypothesis import given
 from pyproj import CRS, Transformer
 from rasterio import Affine
@@ -125,22 +124,6 @@ def test_pixel_centres_sit_at_one_half(tmp_path: Path) -> None:
     assert lifted.points[0].tolist() == [576000.25, 5187999.75, 0.0]
 
 
-def test_dsm_of_another_grid(tmp_path: Path) -> None:
-    # 2 m pixels from 3 m west and 1 m north of the map's corner; heights are a plane.
-    grid = Affine(2.0, 0.0, ORIGIN[0] - 3.0, 0.0, -2.0, ORIGIN[1] + 1.0)
-    column, row = np.meshgrid(np.arange(12) + 0.5, np.arange(9) + 0.5)
-    x, y = 2.0 * column - 3.0, 1.0 - 2.0 * row
-    path = write_tif(tmp_path / "dsm.tif", (x * 0.5 - y - 40).astype(np.float32), transform=grid)
-    lifted = lift([(10.0, 20.0), (0.0, 0.0), (39.9, 3.0)], map_of(80, 40), path, jobs=1)
-    # (10, 20) lies 5 m east and 10 m south of the corner: 2.5 + 10 - 40.
-    east, north = lifted.points[0, :2] - ORIGIN
-    assert (east, north) == (5.0, -10.0)
-    np.testing.assert_allclose(lifted.points[:, 2], (-27.5, -40.0, -28.525), atol=1e-5)
-    assert lift([(60.0, 5.0)], map_of(80, 40), path, jobs=1).status.tolist() == [
-        LiftStatus.OUTSIDE_DSM
-    ]
-
-
 def test_map_in_degrees(tmp_path: Path) -> None:
     column, row = np.meshgrid(np.arange(90) + 0.5, np.arange(80) + 0.5)
     plane = (0.25 * column - 0.125 * row).astype(np.float32)
@@ -201,13 +184,6 @@ def test_only_the_windows_needed_are_read(tmp_path: Path, monkeypatch: pytest.Mo
     assert sum(read) <= 4 * 3 + 2 * 2
 
 
-def test_all_nodata_is_dropped_and_counted(tmp_path: Path) -> None:
-    path = write_tif(tmp_path / "dsm.tif", np.full((4, 4), -9999, np.float32), nodata=-9999)
-    lifted = lift([(1.0, 1.0), (2.5, 3.5)], map_of(4, 4), path, jobs=1)
-    assert lifted.status.tolist() == [LiftStatus.NO_HEIGHT] * 2
-    assert np.isnan(lifted.points).all()
-
-
 def test_no_matches_and_no_matches_at_all(tmp_path: Path) -> None:
     path = write_tif(tmp_path / "dsm.tif", np.zeros((4, 4), np.float32))
     assert lift(np.empty((0, 2)), map_of(4, 4), path, jobs=2).points.shape == (0, 3)
@@ -224,27 +200,3 @@ def test_a_truncated_file_is_named(tmp_path: Path) -> None:
     xy = np.random.default_rng(0).uniform(0, 300, (3000, 2))
     with pytest.raises(RasterError, match=r"d\.tif: cannot be read"):
         lift(xy, map_of(300, 300), path, jobs=2)
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_nodata_is_what_gdal_takes_for_it(tmp_path: Path, dtype: str) -> None:
-    # Numbers next to the nodata value: GDAL has a tolerance of its own.
-    nodata = np.array(-9999, dtype)
-    row = [nodata, np.nextafter(nodata, 0), nodata + 0.0005, nodata + 0.003, nodata + 0.06, -9998]
-    path = write_tif(tmp_path / "d.tif", np.array([row, [1] * 6], dtype), nodata=-9999)
-    with rasterio.open(path) as dataset:
-        band = dataset.read(1, masked=True)
-    xy = [(column + 0.5, 0.5) for column in range(6)]
-    lifted = lift(xy, map_of(6, 2), path, jobs=1)
-    assert np.array_equal(lifted.valid, ~band.mask[0])
-    assert np.array_equal(lifted.points[lifted.valid, 2], band[0].compressed())
-
-
-def test_masks_and_scaled_integers(tmp_path: Path) -> None:
-    heights = np.array([[-50, 120], [7, 9]], np.int16)
-    path = write_tif(tmp_path / "d.tif", heights)
-    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "r+") as dataset:
-        dataset.scales, dataset.offsets = (0.1,), (100.0,)
-        dataset.write_mask(np.array([[255, 0], [255, 255]], np.uint8))
-    lifted = lift([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)], map_of(2, 2), path, jobs=1)
-    np.testing.assert_allclose(lifted.points[:, 2], (95.0, NAN, 100.7), atol=1e-9)

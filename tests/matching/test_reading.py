@@ -9,165 +9,183 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.geometry.precision import was_rounded_to
-from airzoo_bench.matching.predictions import Correspondences, GivenPoses, validation_errors
-from airzoo_bench.matching.reading import read_matching
-from tests.matching.world import without
-from tests.matching.written import (
-    CENTRES,
-    FAULTY,
-    IDS,
-    LIMIT,
-    MATCHES,
-    PAIRS,
-    POINTS,
-    POSES,
-    RT,
-    TRUE,
-    UNREADABLE,
-    written,
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.matching.checks import check_file
+from airzoo_bench.matching.predictions import (
+    Correspondences,
+    GivenPoses,
+    MatchingPredictions,
+    read_matching,
 )
-from tests.support import run_main
+from tests.geometry.support import looking_down
+from tests.matching.world import without
+
+IDS = ["hills/a", "hills/b"]
+MATCHES: dict[str, Any] = {
+    "protocol": "photos-matching",
+    "query_ids": IDS,
+    "offsets": np.array([0, 2, 5]),
+    "query_xy": np.arange(10.0).reshape(5, 2),
+    "map_xy": np.arange(10.0, 20.0).reshape(5, 2),
+}
+POINTS = np.arange(15.0).reshape(5, 3) + np.array((500_000, 5_200_000, 100))
+PAIRS = without(MATCHES, "map_xy") | {"points3d": POINTS}
+CENTRES = np.array([[500_000.0, 5_200_000.0, 200.0], [500_010.0, 5_200_020.0, 210.0]])
+TRUE = Poses.from_centres(np.concatenate([looking_down(10, 30), looking_down(20, 80)]), CENTRES)
+RT = np.concatenate([TRUE.rotation, TRUE.translation[:, :, None]], axis=2)
+POSES = {"protocol": "photos-matching", "query_ids": IDS, "poses": RT}
+CENTRED = without(POSES, "poses") | {"rotations": TRUE.rotation, "centres": CENTRES}
+NAN_ROW = np.where(np.arange(5)[:, None] == 3, np.nan, MATCHES["query_xy"])
+PARTLY = np.where(np.arange(12).reshape(3, 4) == 11, np.nan, RT)
 
 
-def test_matches_are_read_as_they_are(tmp_path: Path) -> None:
+def read(folder: Path, fields: dict[str, Any]) -> MatchingPredictions:
+    np.savez(folder / "p.npz", **{key: np.asarray(value) for key, value in fields.items()})
+    return read_matching(folder / "p.npz", 1 << 20)
+
+
+def test_matches_and_pairs_are_read_as_they_are(tmp_path: Path) -> None:
     size = np.array([[64, 48], [32, 24]])
-    read = read_matching(written(tmp_path / "m.npz", MATCHES | {"image_size": size}), LIMIT)
-    content = read.content
-    assert isinstance(content, Correspondences)
-    assert (read.content.kind, read.protocol, read.query_ids.tolist()) == (
-        "matches",
-        "photos-matching",
-        IDS,
-    )
-    assert content.map_frame is None
-    assert content.points3d is None
-    np.testing.assert_array_equal(content.offsets, MATCHES["offsets"])
-    np.testing.assert_array_equal(content.query_xy, MATCHES["query_xy"])
-    np.testing.assert_array_equal(content.map_xy, MATCHES["map_xy"])
-    np.testing.assert_array_equal(content.image_size, size)
-    assert list(validation_errors(read)) == []
+    found = read(tmp_path, MATCHES | {"image_size": size, "map_frame": "crop"})
+    assert (found.protocol, found.query_ids.tolist()) == ("photos-matching", IDS)
+    assert isinstance(found.content, Correspondences)
+    for name in ("offsets", "query_xy", "map_xy"):
+        np.testing.assert_array_equal(getattr(found.content, name), MATCHES[name])
+    np.testing.assert_array_equal(found.content.image_size, size)
+    assert (found.content.kind, found.content.map_frame) == ("matches", "crop")
+    assert list(check_file(found, None)) == []
+    pairs = read(tmp_path, PAIRS).content
+    assert isinstance(pairs, Correspondences)
+    assert (pairs.kind, pairs.map_xy) == ("pairs", None)
+    np.testing.assert_array_equal(pairs.points3d, POINTS)
+    none = {"offsets": [0, 0, 0], "query_xy": np.zeros((0, 2)), "map_xy": np.zeros((0, 2))}
+    assert list(check_file(read(tmp_path, MATCHES | none), None)) == []
 
 
-@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
-def test_pixels_of_any_precision_become_float64(tmp_path: Path, kind: Any) -> None:
-    fields = MATCHES | {"query_xy": MATCHES["query_xy"].astype(kind), "map_frame": "crop"}
-    content = read_matching(written(tmp_path / "m.npz", fields), LIMIT).content
+@pytest.mark.parametrize("kind", ["i1", "u2", "u4", "i8", "f2", "f4", "f8"])
+def test_pixels_of_any_width(tmp_path: Path, kind: str) -> None:
+    fields = MATCHES | {"query_xy": np.full((5, 2), 7, kind), "map_xy": np.full((5, 2), 9, kind)}
+    content = read(tmp_path, fields).content
     assert isinstance(content, Correspondences)
     assert content.query_xy.dtype == np.float64
-    assert content.map_frame == "crop"
-
-
-@pytest.mark.parametrize("kind", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
-def test_whole_pixels_of_any_width(tmp_path: Path, kind: str) -> None:
-    fields = MATCHES | {"query_xy": np.full((5, 2), 7, kind), "map_xy": np.full((5, 2), 9, kind)}
-    content = read_matching(written(tmp_path / "m.npz", fields), LIMIT).content
-    assert isinstance(content, Correspondences)
     assert content.query_xy.tolist() == [[7.0, 7.0]] * 5
-
-
-def test_pairs_are_read_to_the_last_bit(tmp_path: Path) -> None:
-    read = read_matching(written(tmp_path / "p.npz", PAIRS), LIMIT)
-    assert isinstance(read.content, Correspondences)
-    assert read.content.kind == "pairs"
-    assert read.content.map_xy is None
-    np.testing.assert_array_equal(read.content.points3d, POINTS)
 
 
 def test_poses_are_world_to_camera_and_nan_is_none(tmp_path: Path) -> None:
     values = RT.copy()
     values[1] = np.nan
-    read = read_matching(written(tmp_path / "o.npz", POSES | {"poses": values}), LIMIT)
-    assert isinstance(read.content, GivenPoses)
-    assert read.content.kind == "poses"
-    assert read.content.found.tolist() == [True, False]
-    np.testing.assert_allclose(read.content.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
+    for fields in (POSES | {"poses": values}, CENTRED):
+        content = read(tmp_path, fields).content
+        assert isinstance(content, GivenPoses)
+        assert content.kind == "poses"
+        assert content.found.tolist() == [True, "centres" in fields]
+        np.testing.assert_allclose(content.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
 
 
-def test_queries_without_any_match_are_predictions_too(tmp_path: Path) -> None:
-    fields = MATCHES | {
-        "offsets": np.zeros(3, np.int64),
-        "query_xy": np.zeros((0, 2)),
-        "map_xy": np.zeros((0, 2)),
-    }
-    assert list(validation_errors(read_matching(written(tmp_path / "m.npz", fields), LIMIT))) == []
+def test_rows_find_their_queries() -> None:
+    matches = Correspondences(
+        *(MATCHES[name] for name in ("offsets", "query_xy", "map_xy")), None, None, None
+    )
+    taken = matches.take(np.array([1, -1, 0]))
+    assert taken.offsets.tolist() == [0, 3, 3, 5]
+    assert taken.query.tolist() == [0, 0, 0, 2, 2]
+    assert taken.query_xy.tolist() == MATCHES["query_xy"][[2, 3, 4, 0, 1]].tolist()
+    poses = GivenPoses(np.array([True, False]), TRUE, np.ones(2)).take(np.array([1, -1, 0]))
+    assert poses.found.tolist() == [False, False, True]
+    assert np.isnan(poses.poses.centres[:2]).all()
+    assert poses.poses.centres[2].tolist() == CENTRES[0].tolist()
 
 
-@pytest.mark.parametrize("case", [name for name in UNREADABLE if name != "infinite"])
+# Fields, and what the message names.
+UNREADABLE: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "no matches": (without(MATCHES, "map_xy"), ["map_xy", "template"]),
+    "nothing": ({}, ["query_ids"]),
+    "two kinds": (MATCHES | {"points3d": POINTS}, ["map_xy", "points3d"]),
+    "misspelt": (MATCHES | {"image_sizes": [[1, 1]] * 2}, ["'image_sizes'"]),
+    "frame of pairs": (PAIRS | {"map_frame": "crop"}, ["map_frame"]),
+    "other frame": (MATCHES | {"map_frame": "dom"}, ["'map_frame'", "'dom'", "'crop'"]),
+    "frames": (MATCHES | {"map_frame": ["crop", "map"]}, ["'map_frame'"]),
+    "x y 1": (MATCHES | {"query_xy": np.ones((5, 3))}, ["'query_xy'", "(any, 2)"]),
+    "flat points": (PAIRS | {"points3d": np.ones((5, 2))}, ["'points3d'", "(any, 3)"]),
+    "coarse points": (PAIRS | {"points3d": POINTS.astype("f4")}, ["'points3d'", "float64"]),
+    "points through float32": (
+        PAIRS | {"points3d": (POINTS + np.pi * np.arange(5)[:, None]).astype("f4").astype("f8")},
+        ["'points3d'", "float32", "0.5 m", "float64"],
+    ),
+    "coarse centres": (CENTRED | {"centres": CENTRES.astype("f4")}, ["'centres'", "0.5 m"]),
+    "rows differ": (MATCHES | {"map_xy": np.ones((4, 2))}, ["'map_xy'", "'query_xy'", "4", "5"]),
+    "counts": (MATCHES | {"offsets": [2, 3]}, ["'offsets'", "np.cumsum"]),
+    "float offsets": (MATCHES | {"offsets": [0.0, 2.0, 5.0]}, ["'offsets'", "integers"]),
+    "few sizes": (MATCHES | {"image_size": [[64, 48]]}, ["'image_size'"]),
+    "ids are numbers": (MATCHES | {"query_ids": [1, 2]}, ["'query_ids'"]),
+    "4x4": (POSES | {"poses": np.tile(np.eye(4), (2, 1, 1))}, ["'poses'", "(any, 3, 4)"]),
+    "few poses": (POSES | {"poses": RT[:1]}, ["'poses'"]),
+    "nan in part": (POSES | {"poses": PARTLY}, ["'poses'", "hills/a"]),
+    "beyond measure": (
+        POSES | {"poses": np.where(np.arange(4) == 3, 1e300, RT)},
+        ["'poses'", "hills/a", "1e+12"],
+    ),
+    "scaled": (POSES | {"poses": RT * (2.0, 2.0, 2.0, 1.0)}, ["'poses'", "hills/a"]),
+    "mirrored": (POSES | {"poses": RT * (-1.0, 1.0, 1.0, 1.0)}, ["'poses'", "hills/a"]),
+    "centre without rotation": (
+        CENTRED | {"rotations": np.full((2, 3, 3), np.nan)},
+        ["'rotations'", "hills/a"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNREADABLE)
 def test_unreadable(tmp_path: Path, case: str) -> None:
-    fields, fragments = UNREADABLE[case]
-    path = written(tmp_path / "bad.npz", fields)
+    fields, names = UNREADABLE[case]
     with pytest.raises(PredictionError) as caught:
-        read_matching(path, LIMIT)
-    assert str(path) in str(caught.value)
+        read(tmp_path, fields)
     assert caught.value.expected
-    for fragment in fragments:
-        assert fragment in str(caught.value)
+    for name in ("p.npz", *names):
+        assert name in str(caught.value)
 
 
-def test_a_pose_all_infinite_is_none(tmp_path: Path) -> None:
-    content = read_matching(written(tmp_path / "o.npz", UNREADABLE["infinite"][0]), LIMIT).content
-    assert isinstance(content, GivenPoses)
-    assert not content.found.any()
+# What `check` lists and `eval` stops at.
+FAULTY: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "offsets short": (MATCHES | {"offsets": [0, 2, 4]}, ["field 'offsets'", "from 0 to 4", "5"]),
+    "offsets from 1": (MATCHES | {"offsets": [1, 2, 5]}, ["field 'offsets'"]),
+    "offsets fall": (MATCHES | {"offsets": [0, 7, 5]}, ["field 'offsets'", "hills/b"]),
+    "offsets wrap": (
+        {
+            **MATCHES,
+            "query_ids": ["hills/a", "hills/b", "hills/c", "hills/d"],
+            "offsets": [0, 2**63 - 1, -(2**63), -1, 5],
+        },
+        ["field 'offsets'", "hills/b"],
+    ),
+    "nan": (MATCHES | {"query_xy": NAN_ROW}, ["field 'query_xy'", "1 row", "hills/b"]),
+    "infinite points": (
+        PAIRS | {"points3d": np.where(POINTS[0, 0] == POINTS, np.inf, POINTS)},
+        ["field 'points3d'", "hills/a"],
+    ),
+    "twice": (MATCHES | {"query_ids": ["hills/a"] * 2}, ["field 'query_ids'", "hills/a"]),
+    "no scene": (MATCHES | {"query_ids": ["a", "b"]}, ["field 'query_ids'", "scene/name"]),
+}
 
 
 @pytest.mark.parametrize("case", FAULTY)
 def test_faulty(tmp_path: Path, case: str) -> None:
-    fields, fragments = FAULTY[case]
-    found = list(validation_errors(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
-    assert len(found) == 1
-    assert found[0].where is not None
-    assert "bad.npz, field" in found[0].where
-    assert found[0].expected
-    for fragment in fragments:
-        assert fragment in str(found[0])
+    fields, names = FAULTY[case]
+    (fault,) = check_file(read(tmp_path, fields), None)
+    assert fault.expected
+    for name in ("p.npz", *names):
+        assert name in str(fault)
 
 
 def test_all_faults_are_found_at_once(tmp_path: Path) -> None:
-    fields = MATCHES | {
-        "query_ids": np.zeros(0, "U8"),
-        "offsets": np.zeros(1, np.int64),
-        "query_xy": np.full((5, 2), np.nan),
-    }
-    found = list(validation_errors(read_matching(written(tmp_path / "bad.npz", fields), LIMIT)))
-    assert ["holds no id" in f.what for f in found] == [True, False, False]
-    assert "do not add up" in found[1].what
-    assert "5 rows are NaN" in found[2].what
+    nothing = {"query_ids": np.zeros(0, "U8"), "offsets": np.zeros(1, int)}
+    found = list(
+        check_file(read(tmp_path, MATCHES | nothing | {"query_xy": NAN_ROW * np.nan}), None)
+    )
+    places = [str(fault.where).split("field ")[1] for fault in found]
+    assert places == ["'query_ids'", "'offsets'", "'query_xy'"]
 
 
-@pytest.mark.parametrize("field", ["points3d", "centres"])
-def test_heights_of_a_float32_model_over_pixels_of_a_map_have_lost_nothing(
-    tmp_path: Path, field: str
-) -> None:
-    count = 200
-    row, column = np.divmod(np.arange(count), 20)
-    heights = np.random.default_rng(0).uniform(20, 300, count).astype(np.float32)
-    # The centres of a map's pixels of half a metre: float32 holds them.
-    places = np.column_stack([500_000.25 + column / 2, 1_200_000 - 0.25 - row / 2, heights])
-    assert was_rounded_to(places, np.float32)
-    ids = np.array([f"hills/q{n}" for n in range(count)])
-    fields: dict[str, Any] = {"query_ids": ids, field: places}
-    if field == "points3d":
-        fields |= {"offsets": np.arange(count + 1), "query_xy": np.ones((count, 2))}
-    else:
-        fields["rotations"] = np.tile(TRUE.rotation[:1], (count, 1, 1))
-    read = read_matching(written(tmp_path / "m.npz", fields), LIMIT)
-    assert len(read.query_ids) == count
-
-
-def test_objects_are_never_unpickled(tmp_path: Path) -> None:
-    class Bomb:
-        def __reduce__(self) -> Any:
-            return (tmp_path.joinpath("exploded").mkdir, ())
-
-    path = tmp_path / "bad.npz"
-    np.savez(path, allow_pickle=True, **MATCHES | {"map_xy": np.array([Bomb()], object)})
-    with pytest.raises(PredictionError):
-        read_matching(path, LIMIT)
-    assert not (tmp_path / "exploded").exists()
-
-
-@pytest.mark.parametrize("name", ["empty.npz", "empty.txt", "folder.npz", "m.mat", "absent.npz"])
+@pytest.mark.parametrize("name", ["empty.npz", "empty.txt", "folder.npz", "m.mat", "absent.txt"])
 def test_no_prediction_file(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     if name.startswith("folder"):
@@ -175,37 +193,56 @@ def test_no_prediction_file(tmp_path: Path, name: str) -> None:
     elif not name.startswith("absent"):
         path.touch()
     with pytest.raises(PredictionError, match=name):
-        read_matching(path, LIMIT)
+        read_matching(path, 1 << 20)
 
 
-def test_too_large_for_the_memory(tmp_path: Path) -> None:
-    with pytest.raises(PredictionError, match="query_xy"):
-        read_matching(written(tmp_path / "m.npz", MATCHES), 350)
+# --- poses, a line each -------------------------------------------------------------------------
+
+# A quarter turn about x: y becomes z. With t = (1, 2, 3) the centre is -R^T t = (-1, -3, 2).
+TURN = f"{0.5**0.5!r} {0.5**0.5!r} 0 0 1 2 3"
 
 
-@pytest.mark.parametrize(
-    ("fields", "code", "message"),
-    [
-        (UNREADABLE["two kinds"][0], 1, "holds map_xy and points3d"),
-        (UNREADABLE["nan in part"][0], 1, "NaN or infinite in part"),
-        (UNREADABLE["scaled"][0], 1, "not orthonormal"),
-        (UNREADABLE["coarse points"][0], 1, "float32"),
-        (without(MATCHES, "protocol"), 2, "--protocol"),
-        (FAULTY["nan"][0], 1, "1 row is NaN or infinite, in 1 of 2 queries (hills/b)"),
-        (FAULTY["offsets short"][0], 1, "do not add up"),
-    ],
-)
-def test_the_command_says_so(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    fields: dict[str, Any],
-    code: int,
-    message: str,
-) -> None:
-    path = written(tmp_path / "bad.npz", fields)
-    ask = ("--data", tmp_path)
-    assert run_main("eval", "matching", path, *ask) == 2
-    assert message in capsys.readouterr().err
-    if "protocol" in fields:  # without it the track is not known
-        assert run_main("check", path, *ask) == code
-        assert message in capsys.readouterr().err
+def listed(folder: Path, text: str) -> MatchingPredictions:
+    (folder / "poses.txt").write_text(text, encoding="utf-8")
+    return read_matching(folder / "poses.txt", 1 << 20)
+
+
+def test_lines_become_poses(tmp_path: Path) -> None:
+    found = listed(
+        tmp_path,
+        f"# name q t\n\n  # more\nhills/a.b.jpg {TURN}\n hills/DJI  (1).PNG 1 0 0 0 4 5 6\n"
+        f"hills/2024.10.02 1 0 0 0 0 0 0\nhills/c {'nan ' * 7}\n",
+    )
+    assert isinstance(found.content, GivenPoses)
+    assert found.query_ids.tolist() == [
+        "hills/a.b",
+        "hills/DJI  (1)",
+        "hills/2024.10.02",
+        "hills/c",
+    ]
+    assert found.content.found.tolist() == [True, True, False, False]
+    centres, rotation = found.content.poses.centres, found.content.poses.rotation[0]
+    np.testing.assert_allclose(centres[:2], [[-1, -3, 2], [-4, -5, -6]], atol=1e-12)
+    np.testing.assert_allclose(rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
+
+
+BAD_LINES = {
+    "": "name qw qx qy qz tx ty tz",
+    "hills/a 1 0 0 0 1 2\n": "row 1",
+    f"hills/a {TURN}\nhills/b 1 0 0 0 1 2 3 4\n": "row 2",
+    f"hills/DJI 0001 {TURN}\n": "row 1",
+    "hills/a one 0 0 0 1 2 3\n": "hills/a",
+    "hills/a 2 0 0 0 1 2 3\n": "hills/a (norm = 2)",
+    "hills/a 1 0 0 0 nan 2 3\n": "hills/a",
+    "hills/a 1 0 0 inf 1 2 3\n": "hills/a",
+    "hills/\x1b[31ma 1 0 0 0 1 2 3\n": "row",
+    f"hills/a {TURN.rsplit(' ', 1)[0]} 1e200\n": "hills/a",
+}
+
+
+@pytest.mark.parametrize("text", BAD_LINES)
+def test_bad_lines(tmp_path: Path, text: str) -> None:
+    with pytest.raises(PredictionError) as caught:
+        listed(tmp_path, text)
+    assert "poses.txt" in str(caught.value)
+    assert BAD_LINES[text] in str(caught.value)

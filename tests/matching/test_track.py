@@ -11,22 +11,26 @@ import numpy as np
 import pandas as pd
 import pytest
 from rasterio import Affine
+from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.track import Run
-from airzoo_bench.matching.reading import read_matching
-from airzoo_bench.matching.scene_predictions import match_scene
-from airzoo_bench.matching.scoring import ScoredScene, score_scene
+from airzoo_bench.evaluation.track import Run, Scored
+from airzoo_bench.geometry.cameras import project
+from airzoo_bench.geometry.poses import Poses, camera_to_world
+from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.tables.layouts import scenes_table
-from tests.matching.evaluated import evaluated, noisy, records
 from tests.matching.world import (
     EAST,
     N_MATCHES,
     N_QUERIES,
     NORTH,
     World,
+    evaluated,
     made_matching_protocol,
     make_world,
+    matched,
+    noisy,
+    records,
 )
 from tests.support import run_main, write_raster
 
@@ -38,6 +42,7 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
     run = evaluated(world, tmp_path, getattr(world, form)())
     rows, result = run.records, run.result
     assert rows["query"].tolist() == world.ids
+    assert rows["pitch_deg"].tolist() == world.truth.queries["pitch_deg"].tolist()
     for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
         assert rows[column].max() < 1e-6
     assert not rows["failed"].any()
@@ -79,14 +84,9 @@ def test_failures_stay_in_median_and_denominator(
         assert np.isposinf(rows[column][:3]).all()
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
     assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
-    assert np.isnan(run.scored["hills"].details[1].centres[:3]).all()
-    assert [int(inliers.sum()) for inliers in run.scored["hills"].details[1].inliers] == [
-        0,
-        0,
-        0,
-        60,
-        60,
-    ]
+    estimates = run.scored["hills"].details[1]
+    assert np.isnan([one.centre for one in estimates[:3]]).all()
+    assert [int(one.inliers.sum()) for one in estimates] == [0, 0, 0, 60, 60]
     for values in (result.scenes["hills"], result.overall, result.pooled):
         assert values["error_m"] == np.inf
         assert values["within_20m"] == values["within_1m_1deg"] == 0.4
@@ -108,33 +108,22 @@ def test_poses_that_were_not_found_are_failures(world: World, tmp_path: Path) ->
     assert np.isposinf(rows["error_m"][:3]).all()
 
 
-def test_no_matches_at_all(world: World, tmp_path: Path) -> None:
-    none = [np.zeros((0, 2))] * N_QUERIES
-    run = evaluated(world, tmp_path, world.correspondences(none, map_xy=none))
-    assert run.records["failed"].all()
-    assert run.result.overall["error_m"] == np.inf
-
-
 def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
     map_xy = [xy.copy() for xy in world.map_xy]
     for xy in map_xy:
         xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
     run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
-    found = run.scored["hills"].details[1]
     assert run.records["error_m"].max() < 1e-6
-    for inliers in found.inliers:
-        assert inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
+    for one in run.scored["hills"].details[1]:
+        assert one.inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
 
 
-def on_surface(
-    world: World, folder: Path, heights: np.ndarray[Any, Any], **grid: Any
-) -> ScoredScene:
+def on_surface(world: World, folder: Path, heights: np.ndarray[Any, Any], **grid: Any) -> Scored:
     """Score exact matches on another surface model, a pixel 100 m unless `grid` says."""
     transform = Affine(100.0, 0, EAST, 0, -100.0, NORTH)
     dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
     truth = replace(world.truth, maps=(replace(world.truth.maps[0], dsm=dsm),))
-    read = read_matching(world.write(folder / "m.npz", world.matches()), 1 << 30)
-    predicted = match_scene(read, truth, np.arange(N_QUERIES), world.protocol.scores)
+    predicted = matched(world, folder, world.matches())
     return score_scene(truth, predicted, world.protocol, Run())
 
 
@@ -181,29 +170,13 @@ def test_ids_of_another_benchmark(world: World, tmp_path: Path) -> None:
     assert (result.extra_queries, result.counts["hills"]["missing"]) == (1, 1)
 
 
-def test_conditions_are_carried_along(world: World, tmp_path: Path) -> None:
-    rows = records(world, tmp_path, world.matches())
-    for name in ("altitude_m", "pitch_deg"):
-        assert rows[name].tolist() == world.truth.queries[name].tolist()
-
-
-def test_without_trusted_orientation_there_is_no_pose_recall(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_trusted_orientation_there_is_no_pose_recall(tmp_path: Path) -> None:
     world = make_world(tmp_path, made_matching_protocol("airzoo-real-matching"))
     run = evaluated(world, tmp_path, world.matches())
     titles = [column.title for column in scenes_table(run.result).columns]
     assert titles == ["Scene", "Queries", "Median", "@5m", "@10m", "@20m"]
     assert not any("deg" in column for column in run.records.columns[:-1])
     assert not any("deg" in score for score in run.result.overall)
-    path = tmp_path / "method.npz"
-    assert run_main("eval", "matching", path, "--data", world.root, "--all") == 0
-    printed = capsys.readouterr().out
-    header = next(line for line in printed.splitlines() if "Median" in line)
-    places = [header.index(title) for title in ("Median", "@5m", "@10m", "@20m")]
-    assert places == sorted(places)
-    assert "°" not in printed
-    assert "Rotation" not in printed
 
 
 def test_infinity_survives_json(world: World, tmp_path: Path, failing: dict[str, Any]) -> None:
@@ -239,3 +212,63 @@ def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> 
     assert (rows["no_height"] >= low).all()
     assert (rows["no_height"] + rows["lifted"] == N_MATCHES).all()
     assert 0 < rows["lifted"].sum() < N_QUERIES * N_MATCHES
+
+
+def test_half_pixels_are_seen(tmp_path: Path, world: World) -> None:
+    on_map = world.correspondences(world.query_xy, map_xy=[xy + 0.5 for xy in world.map_xy])
+    # A pixel is 2 m: the estimate moves by 1 m to the east and 1 m to the south.
+    assert (abs(records(world, tmp_path, on_map)["horizontal_m"] - 2**0.5) < 0.5).all()
+    on_photo = world.correspondences([xy + 0.5 for xy in world.query_xy], map_xy=world.map_xy)
+    # Half a pixel of f = 520 px is 0.055 degrees; 0.078 along the diagonal.
+    assert records(world, tmp_path, on_photo)["rotation_deg"].between(0.03, 0.15).all()
+    protocol = made_matching_protocol(lift={"map_pixel_centres": "integer"})
+    other = make_world(tmp_path / "integer", protocol)
+    shifted = other.correspondences(other.query_xy, map_xy=[xy - 0.5 for xy in other.map_xy])
+    assert records(other, tmp_path, shifted)["error_m"].max() < 1e-6
+
+
+# --- the prior itself ---------------------------------------------------------------------------
+
+
+def test_the_prior_itself_is_a_reference(world: World, tmp_path: Path) -> None:
+    run = evaluated(world, tmp_path, world.matches()).result
+    priors = world.truth.priors
+    copied = world.named(rotations=priors.rotation, centres=priors.centres)
+    copy = evaluated(world, tmp_path, copied).result
+    floor = run.references["Prior itself"]
+    assert floor == copy.references["Prior itself"]
+    # A copy is made orthonormal once more, which moves its last bit.
+    for part, own in ((floor.overall, copy.overall), (floor.pooled, copy.pooled)):
+        assert part == pytest.approx(own, rel=1e-9)
+    off = np.linalg.norm(priors.centres - world.truth.poses.centres, axis=1)
+    assert floor.overall["error_m"] == pytest.approx(np.median(off))
+    for result, count in ((run, 0), (copy, N_QUERIES)):
+        counts = result.counts["hills"]
+        assert (counts["equal_to_prior"], counts["near_prior"]) == (count, count)
+        assert any("5 of 5 answers equal" in note for note in result.notes) == bool(count)
+
+
+@pytest.mark.parametrize(
+    ("away", "degrees", "near"), [(0.04, 0.09, 5), (0.06, 0.0, 0), (0.0, 0.11, 0)]
+)
+@pytest.mark.parametrize("solved", [False, True])
+def test_answers_about_the_prior_are_counted_however_they_are_given(
+    world: World, tmp_path: Path, *, away: float, degrees: float, near: int, solved: bool
+) -> None:
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    priors = world.truth.priors
+    poses = Poses(
+        rotation=turn @ priors.rotation, centres=priors.centres + np.array((away, 0.0, 0.0))
+    )
+    fields = world.named(rotations=poses.rotation, centres=poses.centres)
+    if solved:  # rays of the pose itself, as pairs
+        points = np.random.default_rng(0).uniform((-9, -9, 30), (9, 9, 50), (N_QUERIES, 40, 3))
+        pixels = project(world.truth.cameras, points)
+        fields = world.correspondences(list(pixels), points3d=list(camera_to_world(poses, points)))
+    counts = evaluated(world, tmp_path, fields).result.counts["hills"]
+    assert (counts["equal_to_prior"], counts["near_prior"]) == (0, near)
+
+
+def test_priors_that_are_the_truth_are_no_reference(tmp_path: Path) -> None:
+    world = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
+    assert evaluated(world, tmp_path, world.matches()).result.references == {}

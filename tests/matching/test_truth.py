@@ -41,12 +41,6 @@ def test_truth_is_read_as_it_was_written(world: World) -> None:
     assert read.conditions.columns.tolist() == ["altitude_m", "pitch_deg"]
 
 
-def test_crops_hold_the_matches(world: World) -> None:
-    for crop, map_xy in zip(world.truth.crops, world.map_xy, strict=True):
-        assert (map_xy >= crop[:2]).all()
-        assert (map_xy <= crop[:2] + crop[2:]).all()
-
-
 @pytest.mark.parametrize("column", ["fx", "cy", "k1", "p2", "width", *POSE_COLUMNS[1:], "id"])
 def test_fingerprint_sees_the_queries(world: World, column: str) -> None:
     queries = world.truth.queries.copy()
@@ -107,24 +101,10 @@ def test_crops_of_other_queries_are_refused(copied: Path) -> None:
     crops = copied / "scenes" / SCENE / "matching" / "crops.csv"
     lines = crops.read_text().splitlines(keepends=True)
     crops.write_text("".join([lines[0], *lines[:0:-1]]))
-    with pytest.raises(BenchmarkError, match="not those of queries"):
+    with pytest.raises(BenchmarkError, match=r"not those of queries\.csv"):
         read_truth(benchmark, SCENE)
     with pytest.raises(BenchmarkError, match="changed since it was prepared"):
         Benchmark.open(copied)
-
-
-@pytest.mark.parametrize("column", ["fx", "k1", "x", "prior_qw"])
-def test_a_query_without_numbers(world: World, column: str) -> None:
-    queries = world.truth.queries.copy()
-    queries.loc[3, column] = np.nan
-    truth = replace(world.truth, queries=queries)
-    with pytest.raises(BenchmarkError, match=r"hills/q3") as caught:
-        _ = truth.cameras, truth.poses, truth.priors
-    what = {"f": "camera parameters", "k": "camera parameters", "x": "a pose", "p": "a prior pose"}
-    assert f"queries without {what[column[0]]}" in str(caught.value)
-    queries = world.truth.queries.drop(columns=column)
-    with pytest.raises(BenchmarkError, match=f"lack the columns {column}"):
-        _ = (t := replace(world.truth, queries=queries)).cameras, t.poses, t.priors
 
 
 def test_truth_as_prior_is_read_so(tmp_path: Path) -> None:
@@ -146,28 +126,14 @@ def rewritten(folder: Path, name: str, old: str, new: str) -> Benchmark:
     return Benchmark.open(folder)
 
 
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        ("wide", "'wide'"),
-        ("", "a whole number"),
-        ("12.5", "'12.5'"),
-        ("nan", "a whole number"),
-        ("0", "'0' is not inside the map"),
-        ("-3", "'-3' is not inside the map"),
-        ("1000000", "'1000000' is not inside the map"),
-        ("9999999999999999999999", "at most"),
-        ("299", "beyond the map's edge"),
-    ],
-)
-def test_a_bad_crop_is_named_by_its_cell(world: World, copied: Path, value: str, said: str) -> None:
+@pytest.mark.parametrize("value", ["wide", "12.5", "0", "-3", "299", "9999999999999999999999"])
+def test_a_bad_crop_is_named_by_its_cell(world: World, copied: Path, value: str) -> None:
     x, y, width, _ = world.truth.crops[1].tolist()
     row = f"{world.ids[1]},{x},{y},"
     benchmark = rewritten(copied, "crops.csv", f"{row}{width},", f"{row}{value},")
-    with pytest.raises(BenchmarkError, match="column 'crop_width', row 2") as caught:
+    with pytest.raises(BenchmarkError, match=r"crops\.csv: column 'crop_width', row 2") as caught:
         read_truth(benchmark, SCENE)
-    assert said in str(caught.value)
-    assert "crops.csv" in str(caught.value)
+    assert value in str(caught.value)
 
 
 def test_a_map_of_another_grid_is_refused(world: World, copied: Path) -> None:
@@ -182,11 +148,3 @@ def test_a_map_of_another_crs_is_refused(copied: Path) -> None:
     moved = rewritten(copied, "map.json", PLACE_CRS, "EPSG:32632")
     with pytest.raises(RasterError, match="the map that was prepared differ in CRS"):
         read_truth(moved, SCENE)
-
-
-@pytest.mark.parametrize("content", ["[]", "3", "{}", "{", '"text"'])
-def test_a_damaged_grid_is_refused(copied: Path, content: str) -> None:
-    path = copied / "scenes" / SCENE / "matching" / "map.json"
-    benchmark = rewritten(copied, "map.json", path.read_text(), content)
-    with pytest.raises(BenchmarkError, match="prepare the benchmark again"):
-        read_truth(benchmark, SCENE)

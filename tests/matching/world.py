@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import pytest
 import tomli_w
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
@@ -14,10 +16,15 @@ from scipy.ndimage import map_coordinates
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queries
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.matching.checks import open_scene
+from airzoo_bench.matching.predictions import ScenePredictions, read_matching
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
@@ -36,6 +43,7 @@ DSM_PX, DSM_GSD = 140, 5.0
 # The surface model begins outside the map, by a distance that is no multiple of its pixels.
 DSM_OFFSET = -33.0
 N_MATCHES = 60
+EVERY = np.arange(N_QUERIES)
 
 
 @dataclass(frozen=True)
@@ -206,6 +214,43 @@ def read_heights(dsm: Path) -> np.ndarray[Any, Any]:
 
 def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
     return {key: value for key, value in fields.items() if key not in names}
+
+
+def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
+    path = world.write(folder / "method.npz", fields)
+    return evaluate(path, track="matching", data=world.root, run=Run(keep=True))
+
+
+def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
+    return evaluated(world, folder, fields).records
+
+
+def matched(
+    world: World, folder: Path, fields: dict[str, Any] | Path, rows: np.ndarray[Any, Any] = EVERY
+) -> ScenePredictions:
+    """Return predictions matched to the world's queries and checked; fields, or a file."""
+    path = fields if isinstance(fields, Path) else world.write(folder / "preds.npz", fields)
+    return open_scene(read_matching(path, 1 << 30), world.truth, rows, world.protocol.scores)
+
+
+def refused(world: World, folder: Path, fields: dict[str, Any] | Path) -> str:
+    with pytest.raises(PredictionError) as caught:
+        matched(world, folder, fields)
+    return str(caught.value)
+
+
+def noisy(world: World, order: list[int]) -> dict[str, Any]:
+    """Return matches with noise and outliers, the queries in some order."""
+    query_xy = []
+    for query, xy in enumerate(world.query_xy):
+        random = np.random.default_rng(query)
+        moved = xy + random.normal(0, 1.0, xy.shape)
+        moved[:20] = random.random((20, 2)) * (640, 480)
+        query_xy.append(np.clip(moved, 0, (640, 480)))
+    fields = world.correspondences(
+        [query_xy[q] for q in order], map_xy=[world.map_xy[q] for q in order]
+    )
+    return fields | {"query_ids": np.array([world.ids[q] for q in order])}
 
 
 def _exact_matches(truth: MatchingTruth, row: int, heights: np.ndarray[Any, Any]) -> Any:

@@ -26,9 +26,9 @@ from airzoo_bench.geometry.poses import (
     quaternion_to_matrix,
     rotation_angle_deg,
 )
-from airzoo_bench.matching.solving import PoseProblem, Status, solve_pose
+from airzoo_bench.matching.solving import Status, solve_pose
 from tests.geometry.support import LENSES
-from tests.matching.pose_support import PROJECTED, SETTINGS, errors, make_scene
+from tests.matching.pose_support import PROJECTED, SOLVER, errors, make_scene
 
 SOLVERS = ("colmap", "colmap+refine", "poselib")
 SEEDS = range(6)
@@ -37,7 +37,7 @@ SEEDS = range(6)
 def solve(scene, solver="colmap"):
     if solver == "poselib":
         pytest.importorskip("poselib", reason="the optional PoseLib is not installed")
-    return solve_pose(*scene.problem, **SETTINGS | {"solver": solver})
+    return solve_pose(*scene.problem, SOLVER.model_copy(update={"name": solver}))
 
 
 def noisy(seed, lens=LENSES[1]):
@@ -97,15 +97,15 @@ def test_agrees_with_poselib(seed, solver, limit_m, limit_deg):
 def test_half_a_pixel_shows():
     scene = make_scene(11, lens=LENSES[1])
     camera, xy, points = scene.problem
-    estimate = solve_pose(camera, xy - 0.5, points, **SETTINGS)
+    estimate = solve_pose(camera, xy - 0.5, points, SOLVER)
     assert min(errors(estimate, scene)) > 1e-3
 
 
 def test_swapped_axes_show():
     scene = make_scene(11)
     camera, xy, points = scene.problem
-    swapped = PoseProblem(camera, xy[:, ::-1].copy(), points)
-    estimate = solve_pose(*swapped, **SETTINGS | {"max_trials": 5000})
+    few = SOLVER.model_copy(update={"max_trials": 5000})
+    estimate = solve_pose(camera, xy[:, ::-1].copy(), points, few)
     assert estimate.status is Status.NO_POSE or estimate.inliers.mean() < 0.1
 
 
@@ -123,5 +123,5 @@ def test_camera_to_world_and_quaternion_order_show():
 def test_ignored_distortion_shows():
     scene = make_scene(11, lens=LENSES[0])
     pinhole = make_scene(11).problem.camera
-    estimate = solve_pose(pinhole, *scene.problem[1:], **SETTINGS)
+    estimate = solve_pose(pinhole, *scene.problem[1:], SOLVER)
     assert errors(estimate, scene)[0] > 0.1

@@ -34,7 +34,7 @@ from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.matching.maps import check_dsm
+from airzoo_bench.matching.truth import check_dsm
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth

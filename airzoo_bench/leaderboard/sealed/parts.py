@@ -19,8 +19,7 @@ from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, IDENTITY_COLUMNS, PRI
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.raster_files import raster_files
-from airzoo_bench.matching.maps import own_map
-from airzoo_bench.matching.truth import CROP_COLUMNS
+from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
 
 __all__ = ["QUERIES", "Kind", "Part", "public_entry", "public_parts", "public_table"]

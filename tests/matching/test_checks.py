@@ -1,0 +1,329 @@
+"""What users do wrong and cannot see is refused, or asked about; poor answers are not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
+from airzoo_bench.matching import checks
+from tests.geometry.support import looking_down
+from tests.matching.world import N_QUERIES, SIZE, World, evaluated, matched, refused
+from tests.support import run_main
+
+OPENGL = np.diag((1.0, -1.0, -1.0))
+
+
+def notes(world: World, folder: Path, fields: dict[str, Any]) -> str:
+    return " | ".join(matched(world, folder, fields).notes)
+
+
+def matrices(rotation: Any, translation: Any) -> Any:
+    return np.concatenate([rotation, translation[:, :, None]], axis=2)
+
+
+def oblique(world: World) -> tuple[World, Any]:
+    """The world with priors 55 degrees off nadir, and their rotations."""
+    rotation = np.concatenate([looking_down(55, 63 * q) for q in range(N_QUERIES)])
+    turned = dict(zip(PRIOR_COLUMNS[:4], matrix_to_quaternion(rotation).T, strict=True))
+    truth = replace(world.truth, queries=world.truth.queries.assign(**turned))
+    return replace(world, truth=truth), rotation
+
+
+# --- matches ------------------------------------------------------------------------------------
+
+
+def in_crops_as_map(world: World) -> dict[str, Any]:
+    return {k: v for k, v in world.in_crops().items() if k != "map_frame"}
+
+
+def exchanged_in_crops(world: World) -> dict[str, Any]:
+    """Return matches in pixels of the crops, rows before columns, as far as they lie inside."""
+    pairs = []
+    for xy, seen, crop in zip(world.map_xy, world.query_xy, world.truth.crops, strict=True):
+        local = (xy - crop[:2])[:, ::-1]
+        inside = (local <= crop[2:]).all(axis=1)
+        pairs.append((seen[inside], local[inside]))
+    query_xy, map_xy = map(list, zip(*pairs, strict=True))
+    return world.correspondences(query_xy, map_xy=map_xy) | {"map_frame": np.array("crop")}
+
+
+def one_outside(world: World) -> dict[str, Any]:
+    query_xy = [xy.copy() for xy in world.query_xy]
+    query_xy[2][7] = (641.5, 3.0)
+    return world.correspondences(query_xy, map_xy=world.map_xy)
+
+
+def with_size(world: World, *size: int) -> dict[str, Any]:
+    return world.matches(image_size=np.tile(size, (N_QUERIES, 1)))
+
+
+def points(world: World, change: Callable[[Any], Any]) -> dict[str, Any]:
+    return world.correspondences(world.query_xy, points3d=[change(xyz) for xyz in world.points])
+
+
+def exchanged(world: World, field: str) -> dict[str, Any]:
+    fields = world.matches()
+    return fields | {field: fields[field][:, ::-1]}
+
+
+WRONG_MATCHES: dict[str, tuple[Callable[[World], dict[str, Any]], list[str]]] = {
+    "other size": (lambda w: with_size(w, 320, 240), ["'image_size'", "640x480", "320x240"]),
+    "sides": (lambda w: with_size(w, 480, 640), ["'image_size'", "width before height"]),
+    "outside": (one_outside, ["'query_xy'", "hills/q2", "(641.5, 3.0)", "640x480"]),
+    "photo x y": (lambda w: exchanged(w, "query_xy"), ["'query_xy'", "x, the column, before y"]),
+    "map x y": (lambda w: exchanged(w, "map_xy"), ["'map_xy'", "x, the column, before y"]),
+    "map as crop": (
+        lambda w: w.matches(map_frame=np.array("crop")),
+        ["'map_xy'", "hills/q", "map_frame='map'"],
+    ),
+    "crop as map": (in_crops_as_map, ["'map_xy'", "map_frame='crop'"]),
+    "x y in crops": (exchanged_in_crops, ["'map_xy'", "x and y exchanged"]),
+    "feet": (lambda w: points(w, lambda p: p / (1.0, 1.0, 0.3048)), ["'points3d'", "feet"]),
+    "degrees": (lambda w: points(w, lambda p: p / (1e4, 1e6, 1.0)), ["'points3d'", "degrees"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_MATCHES)
+def test_matches_that_cannot_be_meant(world: World, tmp_path: Path, case: str) -> None:
+    make, names = WRONG_MATCHES[case]
+    message = refused(world, tmp_path, make(world))
+    for name in names:
+        assert name in message
+
+
+def test_borders_belong_to_the_picture(world: World, tmp_path: Path) -> None:
+    corner = np.array([[-1.0, -1.0], np.add(SIZE, 1.0)])
+    sides = [np.stack([corner[0], side + 1.0]) for side in world.truth.crops[:, 2:]]
+    fields = world.correspondences([corner] * N_QUERIES, map_xy=sides)
+    matched(world, tmp_path, fields | {"map_frame": np.array("crop")})
+
+
+def test_who_says_that_pixels_are_the_maps_is_believed(world: World, tmp_path: Path) -> None:
+    fields = in_crops_as_map(world) | {"map_frame": np.array("map")}
+    assert "pixels of the crop" in notes(world, tmp_path, fields)
+    assert (evaluated(world, tmp_path, fields).records["error_m"] > 50).all()
+
+
+def test_pixels_of_a_smaller_image_are_suspected(world: World, tmp_path: Path) -> None:
+    for factor, repeats, asked in ((1.0, 10, False), (0.8, 10, True), (0.8, 1, False), (0.5, 1, 1)):
+        query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
+        map_xy = [np.tile(xy, (repeats, 1)) for xy in world.map_xy]
+        said = notes(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+        assert ("scene hills: no match lies beyond" in said) == bool(asked), factor
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_poor_answers_are_scored_without_a_word(world: World, tmp_path: Path, seed: int) -> None:
+    rng, true = np.random.default_rng(seed), world.truth.poses
+    crops = [crop[:2] + rng.random((60, 2)) * crop[2:] for crop in world.truth.crops]
+    centres = true.centres + rng.normal(0, 100, true.centres.shape)
+    for fields in (
+        world.correspondences(world.query_xy, map_xy=crops),
+        points(world, lambda xyz: xyz + rng.normal(0, 40, xyz.shape)),
+        world.named(rotations=true.rotation, centres=centres),
+        world.named(poses=np.full((N_QUERIES, 3, 4), np.nan)),
+    ):
+        assert not notes(world, tmp_path, fields)
+
+
+# --- poses --------------------------------------------------------------------------------------
+
+
+def test_camera_to_world(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    inverted = np.swapaxes(true.rotation, 1, 2)
+    message = refused(world, tmp_path, world.named(poses=matrices(inverted, true.centres)))
+    for part in ("camera-to-world", "5.4 m", "R.T and -R.T @ t"):
+        assert part in message
+    message = refused(world, tmp_path, world.named(poses=matrices(true.rotation, true.centres)))
+    assert "t = -R @ centre" in message
+
+
+def test_inverted_rotations_beside_right_centres(world: World, tmp_path: Path) -> None:
+    # Cameras that look down: a rotation and its inverse are apart by little more than their tilt.
+    true = world.truth.poses
+    fields = world.named(rotations=np.swapaxes(true.rotation, 1, 2), centres=true.centres)
+    message = refused(world, tmp_path, fields)
+    for part in ("camera-to-world", "by 35 degrees", "read so by 4"):
+        assert part in message
+    # Rough rotations that no other reading brings nearer are a method's own.
+    for turn in (5.0, 25.0, 90.0, 180.0):
+        rough = true.rotation @ Rotation.from_euler("z", turn, degrees=True).as_matrix()
+        matched(world, tmp_path, world.named(rotations=rough, centres=true.centres))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 2.0, 5.0, 9.0])
+def test_inverted_rotations_of_photos_that_look_down_are_asked_about(tilt: float) -> None:
+    asked = 0
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        tilts, yaws = rng.normal(0, tilt + 0.01, 20), rng.uniform(0, 360, 20)
+        true = np.concatenate([looking_down(*pair) for pair in zip(tilts, yaws, strict=True)])
+        # A gimbal off by a degree all the time, by half of one each time, and by five in yaw.
+        off = tilts + rng.normal(0, 1) + rng.normal(0, 0.5, 20), yaws + rng.normal(0, 5, 20)
+        gimbal = np.concatenate([looking_down(*pair) for pair in zip(*off, strict=True)])
+        priors = Poses(rotation=gimbal, centres=np.zeros((20, 3)))
+        assert checks._suspect_inverted(replace(priors, rotation=true), priors) is None
+        inverted = replace(priors, rotation=np.swapaxes(true, 1, 2))
+        checks._check_axes(inverted.rotation, gimbal, quaternions=False)
+        asked += checks._suspect_inverted(inverted, priors) is not None
+    assert asked == 0 if tilt == 0 else asked >= (45 if tilt > 4 else 30)
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_opengl_axes(world: World, tmp_path: Path, *, back: bool) -> None:
+    turned, rotation = oblique(world)
+    rotations = OPENGL @ rotation
+    rotations = np.swapaxes(rotations, 1, 2) if back else rotations
+    fields = world.named(rotations=rotations, centres=world.truth.poses.centres)
+    message = refused(turned, tmp_path, fields)
+    for part in ("camera-to-world" if back else "those of", "OpenGL", "diag(1, -1, -1) @ R"):
+        assert part in message
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 5.0, 90.0])
+@pytest.mark.parametrize("quaternions", [False, True])
+def test_opengl_axes_of_photos_that_look_down(yaw_deg: float, *, quaternions: bool) -> None:
+    rng = np.random.default_rng(1)
+    pairs = zip(rng.normal(0, 1, 20), rng.normal(0, yaw_deg, 20), strict=True)
+    message = opengl_of(np.concatenate([looking_down(*pair) for pair in pairs]), quaternions)
+    if yaw_deg >= 5 or not quaternions:
+        assert "OpenGL's camera axes" in message
+
+
+def test_opengl_axes_of_real_photos(brighton: Path) -> None:
+    images = json.loads((brighton / "poses.json").read_text())["images"].values()
+    message = opengl_of(np.array([image["R_w2c"] for image in images]), False)
+    assert "those of OpenGL's camera axes" in message
+
+
+def opengl_of(rotation: np.ndarray[Any, Any], quaternions: bool) -> str:
+    """Return what is said of rotations beside IMUs that are one to three degrees off."""
+    rng = np.random.default_rng(0)
+    off = Rotation.from_rotvec(rng.normal(0, 0.02, (len(rotation), 3))).as_matrix()
+    checks._check_axes(rotation, off @ rotation, quaternions=quaternions)
+    with pytest.raises(PredictionError) as caught:
+        checks._check_axes(OPENGL @ rotation, off @ rotation, quaternions=quaternions)
+    return str(caught.value)
+
+
+def pose_list(world: World, folder: Path, quaternions: Any, translation: Any) -> Path:
+    rows = zip(world.ids, np.hstack([quaternions, translation]), strict=True)
+    lines = [f"{name} {' '.join(map(repr, values.tolist()))}" for name, values in rows]
+    (folder / "poses.txt").write_text("\n".join(lines))
+    return folder / "poses.txt"
+
+
+def test_quaternions_in_another_order(world: World, tmp_path: Path) -> None:
+    true = world.truth.poses
+    quaternions = matrix_to_quaternion(true.rotation)
+    matched(world, tmp_path, pose_list(world, tmp_path, quaternions, true.translation))
+    path = pose_list(world, tmp_path, quaternions[:, [1, 2, 3, 0]], true.translation)
+    assert "quaternions in the order x y z w" in refused(world, tmp_path, path)
+    turned, rotation = oblique(world)
+    mistaken = quaternion_to_matrix(np.roll(matrix_to_quaternion(rotation), -1, axis=1))
+    fields = world.named(rotations=mistaken, centres=true.centres)
+    assert "matrices made of quaternions" in refused(turned, tmp_path, fields)
+
+
+@pytest.mark.parametrize("quaternions", [False, True])
+def test_north_up_tiles_under_a_flight_to_the_south(*, quaternions: bool) -> None:
+    # A method that answers with a tile's pose; read as x y z w it would point south.
+    rng = np.random.default_rng(0)
+    gimbal = np.concatenate([looking_down(rng.normal(0, 2), 160 + 4 * n) for n in range(10)])
+    checks._check_axes(np.tile(OPENGL, (10, 1, 1)), gimbal, quaternions=quaternions)
+
+
+def centres(world: World, change: Callable[[Any], Any]) -> dict[str, Any]:
+    true = world.truth.poses
+    return world.named(rotations=true.rotation, centres=change(true.centres))
+
+
+def test_heights_in_feet_of_another_datum_and_degrees(world: World, tmp_path: Path) -> None:
+    def feet(xyz: Any) -> Any:
+        return xyz / (1.0, 1.0, 0.3048) + 0.123456789
+
+    assert "feet" in refused(world, tmp_path, centres(world, feet))
+    rough = np.random.default_rng(0).normal(0, 80, (N_QUERIES, 3))
+    assert "heights in feet?" in notes(world, tmp_path, centres(world, lambda c: feet(c) + rough))
+    moved = notes(world, tmp_path, centres(world, lambda c: np.add(c, (0.1, 0.2, 31.0))))
+    assert "vertical datum? They lie +31.0 m" in moved
+    assert "degrees" in refused(world, tmp_path, centres(world, lambda c: c / (1e4, 1e6, 1.0)))
+    far = notes(world, tmp_path, centres(world, lambda c: np.add(c, (5e4, 0, 0))))
+    assert "5 of 5 poses lie more than 1,000 m" in far
+
+
+def test_a_centre_beyond_measure_is_said_without_a_warning(world: World, tmp_path: Path) -> None:
+    first = np.arange(N_QUERIES)[:, None] == 0
+    fields = centres(world, lambda c: np.where(first, 1e300, c))
+    assert "1 of 5 poses lies more than 1,000 m" in notes(world, tmp_path, fields)
+
+
+@pytest.mark.parametrize(
+    ("decimals", "error"), [(-1, "m on average"), (0, "0.5 m"), (1, "0.05 m"), (2, "")]
+)
+def test_centres_on_a_lattice_are_refused_where_it_matters_and_noted_else(
+    world: World, tmp_path: Path, decimals: int, error: str
+) -> None:
+    true = world.truth.poses
+    places = true.centres + np.random.default_rng(0).random((N_QUERIES, 3))
+    moved = dict(zip(("x", "y", "z"), places.T, strict=True))
+    real = replace(world, truth=replace(world.truth, queries=world.truth.queries.assign(**moved)))
+    fields = world.named(rotations=true.rotation, centres=np.round(places, decimals))
+    if decimals < 0:  # beside 1 m, the finest threshold
+        message = refused(real, tmp_path, fields)
+        assert "field 'centres'" in message
+        assert error in message
+        return
+    assert (f"{error} off on average" in notes(real, tmp_path, fields)) == bool(error)
+    # Cameras of a made-up scene may be at whole metres, as they are here.
+    assert "lattice" not in notes(world, tmp_path, centres(world, np.asarray))
+
+
+@pytest.mark.parametrize("form", ["matrices", "quaternions", "normalised again"])
+def test_poses_of_too_few_digits(world: World, tmp_path: Path, form: str) -> None:
+    rotation = world.truth.poses.rotation
+    exact = Poses(rotation=rotation, centres=world.truth.poses.centres + 0.123456789)
+    if form == "matrices":
+        fields: Any = world.named(poses=matrices(np.round(rotation, 6), exact.translation))
+        kept = Poses.from_translations(np.round(rotation, 6), exact.translation)
+    else:
+        rounded = np.round(matrix_to_quaternion(rotation), 6)
+        if form == "normalised again":
+            rounded /= np.linalg.norm(rounded, axis=1, keepdims=True)
+        fields = pose_list(world, tmp_path, rounded, exact.translation)
+        kept = Poses.from_quaternions(rounded, exact.translation)
+    error = np.sqrt(((kept.centres - exact.centres) ** 2).sum(axis=1).mean())
+    message = refused(world, tmp_path, fields)
+    said = float(message.split("moves a camera by ")[1].split(" m")[0])
+    assert said == pytest.approx(error, rel=0.6)
+    assert error > 0.3
+    assert "too few digits" in message
+
+
+def test_check_and_eval_say_the_same(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = world.truth.poses
+    wrong = matrices(np.round(true.rotation, 6), true.translation + np.pi)
+    path = world.write(tmp_path / "p.npz", world.named(poses=wrong))
+    named = ("--protocol", world.folder / "protocols" / "hills-matching.toml")
+    for data in (world.root, tmp_path):  # without the benchmark too
+        assert run_main("check", path, "--data", data, *named) == 1
+        assert "too few digits" in capsys.readouterr().err
+    assert run_main("eval", "matching", path, "--data", world.root) == 2
+    assert f"{path}, field 'poses'" in capsys.readouterr().err.replace("\n", "")
+    path = world.write(tmp_path / "n.npz", centres(world, lambda c: np.add(c, (5e4, 0, 0))))
+    for command in (("eval", "matching"), ("check",)):
+        assert run_main(*command, path, "--data", world.root) == 0
+        assert "5 of 5 poses" in "".join(capsys.readouterr())

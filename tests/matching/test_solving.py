@@ -1,0 +1,277 @@
+"""Poses of matches: conventions, what may change an answer, and failures as results."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.matching import solving
+from airzoo_bench.matching.settings import Solver
+from airzoo_bench.matching.solving import PoseEstimate, Status, solve_pose, solve_queries
+from airzoo_bench.results.records_csv import csv_blocks
+from tests.engines.scattered import Scattered
+from tests.geometry.support import LENSES
+from tests.matching.pose_support import (
+    PROJECTED,
+    SOLVER,
+    Problem,
+    errors,
+    fingerprint,
+    joined,
+    make_scene,
+)
+from tests.matching.world import World, noisy
+from tests.support import run_main
+
+SOLVERS = ("colmap", "colmap+refine", "poselib")
+Solve = Callable[..., PoseEstimate]
+
+
+def solve(problem: Problem, **changes: Any) -> PoseEstimate:
+    return solve_pose(*problem, SOLVER.model_copy(update=changes))
+
+
+@pytest.fixture(params=SOLVERS)
+def name(request: pytest.FixtureRequest) -> str:
+    if request.param == "poselib":
+        pytest.importorskip("poselib", reason="the optional PoseLib is not installed")
+    return str(request.param)
+
+
+# A camera 50 m above (100, 200, 0), looking down with north up, f = 1000, 1000 x 800 pixels: a
+# metre on the ground is 20 pixels, and 25 at a height of 10 m.
+NADIR = Cameras.from_matrices([[[1000.0, 0, 500], [0, 1000, 400], [0, 0, 1]]], 1000, 800)
+BY_HAND = [
+    ((500, 400), (100, 200, 0)),
+    ((700, 400), (110, 200, 0)),  # east is right
+    ((500, 200), (100, 210, 0)),  # north is up
+    ((500, 650), (100, 190, 10)),  # south is down
+    ((250, 400), (90, 200, 10)),
+    ((0, 0), (75, 220, 0)),  # the image's corner
+    ((1000, 800), (125, 180, 0)),
+]
+
+
+def test_pose_by_hand(name: str) -> None:
+    xy, points = (np.array(column, dtype=np.float64) for column in zip(*BY_HAND, strict=True))
+    estimate = solve(Problem(NADIR, xy, points), name=name)
+    assert estimate.status is Status.SOLVED
+    assert estimate.inliers.all()
+    np.testing.assert_allclose(estimate.centre, (100, 200, 50), atol=1e-6)
+    np.testing.assert_allclose(estimate.rotation, np.diag((1, -1, -1)), atol=1e-8)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_camera_is_the_solvers_own(lens: Any) -> None:
+    """COLMAP projects as the package does, all five coefficients and the pixel's corner too."""
+    scene = make_scene(1, lens=lens)
+    theirs = pycolmap.Camera(**solving._camera_fields(scene.problem.camera))
+    points = (scene.problem.points - scene.centre) @ scene.rotation.T
+    np.testing.assert_allclose(theirs.img_from_cam(points), scene.problem.query_xy, atol=1e-9)
+
+
+def test_inliers_are_those_within_the_limit(name: str) -> None:
+    scene = make_scene(3)
+    scene.problem.query_xy[10] += (3.0, 0.0)
+    scene.problem.query_xy[20] += (0.0, 11.0)
+    assert np.flatnonzero(~solve(scene.problem, name=name).inliers).tolist() == [20]
+    strict = solve(scene.problem, name=name, max_error_px=1.0)
+    assert np.flatnonzero(~strict.inliers).tolist() == [10, 20]
+
+
+def test_place_on_earth_does_not_matter(name: str) -> None:
+    here = make_scene(4, noise_px=1.0, outliers=0.5)
+    there = make_scene(4, noise_px=1.0, outliers=0.5, origin=PROJECTED)
+    found, moved = (solve(scene.problem, name=name) for scene in (here, there))
+    assert np.abs(moved.centre - PROJECTED - found.centre).max() < 1e-6
+    assert np.abs(moved.rotation - found.rotation).max() < 1e-8
+    assert (moved.inliers == found.inliers).all()
+
+
+def test_seed_and_trials_count(name: str) -> None:
+    problem = make_scene(5, noise_px=2.0, outliers=0.6).problem
+    assert len({fingerprint(solve(problem, seed=seed)) for seed in range(5)}) > 1
+    problem = make_scene(6, noise_px=1.0, outliers=0.9, count=1000).problem
+    few = solve(problem, name=name, min_trials=1, max_trials=3)
+    assert few.inliers.sum() < solve(problem, name=name).inliers.sum()
+
+
+def test_global_random_numbers_and_threads_have_no_part(name: str) -> None:
+    problem = make_scene(7, noise_px=1.0, outliers=0.5).problem
+    before = fingerprint(solve(problem, name=name))
+    pycolmap.set_random_seed(99)
+    answers = [fingerprint(solve(problem, name=name))]
+    thread = threading.Thread(target=lambda: answers.append(fingerprint(solve(problem, name=name))))
+    thread.start()
+    thread.join()
+    assert answers == [before, before]
+
+
+def test_poselib_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "poselib", None)
+    with pytest.raises(UsageError, match="pip install poselib"):
+        solve(make_scene(8).problem, name="poselib")
+
+
+# --- order, doubles, bounds ---------------------------------------------------------------------
+
+
+def test_neither_order_nor_doubles_change_a_bit() -> None:
+    camera, xy, points = make_scene(31, count=300, noise_px=3.0, outliers=0.8).problem
+    first = solve(Problem(camera, xy, points))
+    random = np.random.default_rng(0)
+    copies = np.concatenate([random.permutation(300), np.full(500, 7), np.arange(50)])
+    for order in (random.permutation(300), copies):
+        again = solve(Problem(camera, xy[order], points[order]))
+        np.testing.assert_array_equal(again.centre, first.centre)
+        np.testing.assert_array_equal(again.rotation, first.rotation)
+        np.testing.assert_array_equal(again.inliers, first.inliers[order])
+
+
+def test_beyond_the_limit_a_choice_is_solved() -> None:
+    scene = make_scene(33, count=3000, noise_px=1.0, outliers=0.3)
+    camera, xy, points = scene.problem
+    first = solve(scene.problem, max_matches=1000)
+    assert first.left_out == 2000
+    assert first.inliers.sum() <= 1000
+    assert errors(first, scene)[0] < 1.0
+    order = np.random.default_rng(0).permutation(3000)
+    again = solve(Problem(camera, xy[order], points[order]), max_matches=1000)
+    np.testing.assert_array_equal(again.inliers, first.inliers[order])
+    assert (solve(scene.problem, max_matches=1000, seed=1).inliers != first.inliers).any()
+    assert solve(scene.problem).left_out == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "trials"), [(4_000, 100_000), (5_000, 100_000), (10_000, 50_000), (20_000, 25_000)]
+)
+def test_trials_are_bounded_by_the_matches(
+    count: int, trials: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def find(camera: Any, xy: Any, points: Any, solver: Solver, trials: Any) -> None:
+        asked.append((len(xy), *trials))
+
+    monkeypatch.setattr(solving, "_find_by_colmap", find)
+    scene = make_scene(34, count=count, outliers=1.0)
+    assert solve(scene.problem).status is Status.NO_POSE
+    solve(scene.problem, max_trials_times_matches=500 * count)
+    assert asked == [(count, 1000, trials), (count, 500, 500)]
+
+
+# --- failures are results -----------------------------------------------------------------------
+
+
+def line_problem(origin: Any = (0.0, 0.0, 0.0), noise_px: float = 0.0) -> Problem:
+    scene = make_scene(7)
+    share = np.linspace(-1.0, 1.0, 200)[:, None]
+    points = share * (30.0, 5.3, 1.7) + (3.0, 30.0, 10.0)
+    in_camera = (points - scene.centre) @ scene.rotation.T
+    xy = in_camera[:, :2] / in_camera[:, 2:] * (2900.0, 2930.0) + (2010.0, 1480.0)
+    xy += np.random.default_rng(0).normal(0.0, noise_px, xy.shape)
+    return Problem(scene.problem.camera, xy, points + origin)
+
+
+def taken(rows: list[int]) -> Problem:
+    camera, xy, points = make_scene(8).problem
+    return Problem(camera, xy[rows], points[rows])
+
+
+def scaled(xy: float = 1.0, points: float = 1.0) -> Problem:
+    problem = make_scene(8, count=40).problem
+    return Problem(problem.camera, problem.query_xy * xy, problem.points * points)
+
+
+FAILURES = {
+    "none": (taken([]), Status.TOO_FEW_MATCHES),
+    "three often": (taken([0, 1, 2] * 10), Status.TOO_FEW_MATCHES),
+    "one pixel": (scaled(xy=0.0), Status.NO_POSE),
+    "one point": (scaled(points=0.0), Status.NO_POSE),
+    "line": (line_problem(), Status.NO_POSE),
+    "noisy line far away": (line_problem(PROJECTED, 0.5), Status.NO_POSE),
+    "points overflow": (scaled(points=1e305), Status.NO_POSE),
+    "pixels too far": (scaled(xy=1e300), Status.NO_POSE),
+}
+
+
+@pytest.mark.parametrize("case", FAILURES)
+def test_failures(case: str, name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    problem, status = FAILURES[case]
+    estimate = solve(problem, name=name, max_trials=5000)
+    assert estimate.status is status
+    assert np.isnan(estimate.rotation).all()
+    assert np.isnan(estimate.centre).all()
+    assert estimate.inliers.tolist() == [False] * len(problem.points)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_four_matches_will_do(name: str) -> None:
+    scene = make_scene(8)
+    camera, xy, points = scene.problem
+    estimate = solve(Problem(camera, xy[:4], points[:4]), name=name)
+    assert estimate.status is Status.SOLVED
+    assert errors(estimate, scene)[0] < 1e-5
+
+
+# --- many queries -------------------------------------------------------------------------------
+
+
+@pytest.fixture(autouse=True)
+def _still_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tasks are done twice to compare what they give, and seconds would differ."""
+    monkeypatch.setattr(solving, "perf_counter", lambda: 0.0)
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+@pytest.mark.parametrize("size", [1, 2, 4, None])
+def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> None:
+    problems = [
+        make_scene(seed, count=200, noise_px=1.0, outliers=0.4).problem for seed in range(5)
+    ]
+    alone = [fingerprint(solve(problem)) for problem in problems]
+    run = Run(jobs=jobs, engine=Scattered(size))
+    found = solve_queries(joined(problems), SOLVER, run)
+    assert [fingerprint(estimate) for estimate in found] == alone
+
+
+def test_a_fault_of_one_query_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> None:
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(solving, "_find_by_colmap", fail)
+    queries = joined([make_scene(seed).problem for seed in range(3)])
+    with pytest.raises(RuntimeError, match="broken"):
+        solve_queries(queries, SOLVER, Run(jobs=2))
+
+
+@pytest.mark.parametrize("size", [1, 2, None])
+def test_records_do_not_depend_on_the_cut(world: World, tmp_path: Path, size: int | None) -> None:
+    path = world.write(tmp_path / "m.npz", noisy(world, [*range(5)]))
+    runs = [
+        evaluate(path, data=world.root, run=run)
+        for run in (Run(jobs=2, keep=True), Run(engine=Scattered(size), keep=True))
+    ]
+    assert len({b"".join(csv_blocks(run.records)) for run in runs}) == 1
+    for here, there in zip(*(run.scored["hills"].details[1] for run in runs), strict=True):
+        assert fingerprint(here) == fingerprint(there)
+
+
+def test_workers_of_dask_give_the_same_files(world: World, tmp_path: Path) -> None:
+    path = world.write(tmp_path / "m.npz", noisy(world, [*range(5)]))
+    command = ("eval", "matching", path, "--data", world.root, "--format", "json")
+    for name, options in (("a", ()), ("b", ("--engine", "dask", "--jobs", 2))):
+        assert run_main(*command, "--out", tmp_path / name, "--method", "m", *options) == 0
+    for file in ("records.csv", "result.json"):
+        assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes()
