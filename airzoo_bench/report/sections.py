@@ -15,7 +15,7 @@ from airzoo_bench.results.comparable import apart_in, check_same_queries, choose
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, column_names, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
-from airzoo_bench.retrieval.scores import RANKED_TILE
+from airzoo_bench.retrieval.scoring import RANKED_TILE
 from airzoo_bench.tables.breakdown import condition_names, is_condition
 
 if TYPE_CHECKING:
