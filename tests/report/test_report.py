@@ -13,14 +13,14 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.matching.scoring import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.report.hardest import hardest_rows, order_said
 from airzoo_bench.report.labels import meaning
 from airzoo_bench.report.packing import json_value
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import score_columns
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from tests.report.made import (
     made_page,
@@ -132,7 +132,7 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
         elif isinstance(protocol, MatchingProtocol):
             scores = matching_scores(protocol.scores)
         else:
-            scores = reconstruction_scores(protocol.scores, with_poses=True)
+            scores = reconstruction_scores(protocol.scores)
         for score in score_columns(scores):
             assert meaning(protocol.track, score), (protocol.name, score.key)
     assert meaning("retrieval", ERROR) == meaning("", HIT) == ""

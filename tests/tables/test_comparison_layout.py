@@ -10,11 +10,11 @@ import pytest
 from airzoo_bench.matching.scoring import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.sampling import is_hit
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.tables.comparison_layout import comparison_table
@@ -31,7 +31,7 @@ def scores_of(name: str) -> tuple[str, tuple[ScoreColumn, ...]]:
     if isinstance(protocol, MatchingProtocol):
         return "matching", score_columns(matching_scores(protocol.scores))
     assert isinstance(protocol, ReconstructionProtocol)
-    return "reconstruction", score_columns(reconstruction_scores(protocol.scores, with_poses=True))
+    return "reconstruction", score_columns(reconstruction_scores(protocol.scores))
 
 
 class TestHits:
