@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
-from uuid import uuid4
 
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.storage.mirror import Mirror, fetched
+from airzoo_bench.storage.mirror import Mirror, fetched, versions_of
 from airzoo_bench.storage.remote import find, matching
 from airzoo_bench.storage.urls import Url, url_of
 
@@ -63,8 +62,8 @@ def _mirror_result(url: Url) -> Path:
             expected=f"a {_FILE}, or the folder that holds it",
             fix="check bucket and folder; a run that was not uploaded to its end has none",
         )
-    mirror = Mirror.of(file.parent, f"{file.name} {entry.version or uuid4()}")
-    return mirror.fetch(file.name, entry)
+    mirror = Mirror.of(file.parent, versions_of({file.name: entry}))
+    return mirror.fetch(file.name)
 
 
 def records_path(path: Path) -> Path:
