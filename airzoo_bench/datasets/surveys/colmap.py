@@ -170,16 +170,7 @@ def _fitted(
             where=where,
             expected=f"at least {_LEAST_POSITIONS}, so that one can be held against the others",
         )
-    ransac = RansacSettings(
-        min_trials=1000,
-        max_trials=100_000,
-        confidence=0.9999,
-        sample_share=None,
-        inlier_limit=limit_m,
-        inlier_limit_deg=10.0,
-        line_ratio=0.1,
-        seed=0,
-    )
+    ransac = RansacSettings(inlier_limit=limit_m)
     model = PosedCameras(photos.names, photos.poses.centres, photos.poses.rotation)
     truth = PosedCameras(tuple(places), np.array(list(places.values())))
     try:
