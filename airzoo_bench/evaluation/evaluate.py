@@ -22,8 +22,13 @@ from airzoo_bench.evaluation.untrusted import open_as_trusted
 from airzoo_bench.protocol.lookup import load_protocol, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result, score_columns
+from airzoo_bench.results.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    TruthUsed,
+    score_columns,
+)
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
 __all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "truth_fingerprint"]
@@ -31,17 +36,7 @@ __all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "truth_fi
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A result, the records it was made from, and what figures need besides.
-
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query or cloud.
-    truths : list
-        Of each scene.
-    scored : dict
-        `Scored` scenes by id.
-    """
+    """A result, the records it was made from, and the scenes that figures need besides."""
 
     result: Result
     records: pd.DataFrame

@@ -28,7 +28,7 @@ from airzoo_bench.protocol.lookup import (
     refuse_other_track,
 )
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.provenance import ReaderUsed
+from airzoo_bench.results.result import ReaderUsed
 
 __all__ = ["Given", "ReadBy", "open_predictions", "read_truths", "track_of"]
 

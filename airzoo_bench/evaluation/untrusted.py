@@ -21,7 +21,7 @@ from airzoo_bench.evaluation.given import Given, ReadBy, open_predictions
 from airzoo_bench.evaluation.near_places import refuse_special
 from airzoo_bench.evaluation.track import Run, ScenePredictions
 from airzoo_bench.protocol.lookup import choose_protocol
-from airzoo_bench.results.provenance import ReaderUsed
+from airzoo_bench.results.result import ReaderUsed
 
 __all__ = ["Request", "open_as_trusted"]
 
