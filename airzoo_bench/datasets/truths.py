@@ -136,10 +136,10 @@ def build_truths(
 
 
 def _retrieval_truth(inputs: SceneInputs, protocol: RetrievalProtocol) -> PreparedScene | None:
-    rules = protocol.ground_truth
+    gallery, rules = protocol.map_rules()
     if rules.rule in _BY_POSITION and inputs.dom is None and inputs.gallery is None:
         return None
-    return build_retrieval_truth(inputs, protocol.gallery, rules)
+    return build_retrieval_truth(inputs, gallery, rules)
 
 
 def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
