@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.reconstruction.distances import block_distances
-from airzoo_bench.reconstruction.neighbours import (
+from airzoo_bench.reconstruction.distances import (
     NeighbourSearch,
+    block_distances,
     gather,
     morton_order,
     mutual_distances,

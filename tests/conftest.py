@@ -30,7 +30,7 @@ LONGEST = (
     "engines/test_tracks.py",
     "datasets/mini/test_world.py",
     "hostile/test_fuzz.py",
-    "reconstruction/test_runs.py",
+    "reconstruction/test_track.py",
     "leaderboard/ci/test_walk_through.py",
     "matching/test_baseline.py",
     "cli/all_tracks/test_tables.py",

@@ -29,8 +29,7 @@ from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.reconstruction.prepared import grid_origin
-from airzoo_bench.reconstruction.voxels import VoxelGrid
+from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 
 NAME = "airzoo-demo"
 SEED = 0

@@ -15,20 +15,15 @@ from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import FARTHEST
-from airzoo_bench.reconstruction.alignment.camera_sets import (
+from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
     PosedCameras,
     RansacSettings,
-    distances,
+    fit_cameras,
 )
-from airzoo_bench.reconstruction.alignment.consensus import fit_cameras
-from airzoo_bench.reconstruction.alignment.similarity import Similarity, umeyama
+from airzoo_bench.reconstruction.similarity import Similarity, umeyama
 
 __all__ = ["CameraAlignment", "align_cameras"]
-
-# As all shipped protocols have them.
-_TRIALS = (1_000, 100_000)
-_CONFIDENCE, _LINE_RATIO = 0.9999, 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,9 +171,10 @@ def align_cameras(
             expected=f"at least {LEAST_CAMERAS}, which a similarity needs",
         )
     source, target = given.take(rows), known.take(rows)
-    limits = positive("inlier_m", inlier_m), positive("inlier_deg", inlier_deg)
     settings = RansacSettings(
-        *_TRIALS, _CONFIDENCE, None, *limits, _LINE_RATIO, whole("seed", seed, 0)
+        inlier_limit=positive("inlier_m", inlier_m),
+        inlier_limit_deg=positive("inlier_deg", inlier_deg),
+        seed=whole("seed", seed, 0),
     )
     inliers = np.zeros(len(known.names), np.bool_)
     with refused("predicted, true"):
@@ -189,7 +185,8 @@ def align_cameras(
             transform = umeyama(source.centres, target.centres, with_scale=with_scale)
             inliers[rows], turned = True, False
     residuals = np.full(len(inliers), np.inf)
-    residuals[rows] = distances(transform.apply(source.centres), target.centres)
+    offsets = transform.apply(source.centres) - target.centres
+    residuals[rows] = np.sqrt((offsets * offsets).sum(axis=1))
     return CameraAlignment(transform, inliers, residuals, turned)
 
 

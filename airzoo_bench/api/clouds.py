@@ -14,11 +14,10 @@ from airzoo_bench.api.labels import same_columns
 from airzoo_bench.core.errors import ArgumentError, counted
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.cloud_sources import InMemoryCloud, finite_rows
+from airzoo_bench.reconstruction.clouds import InMemoryCloud, finite_rows
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.prepared import cropped_region, prepared
-from airzoo_bench.reconstruction.regions import box_of
+from airzoo_bench.reconstruction.preparation import box_of, cropped_region, prepared
 from airzoo_bench.reconstruction.settings import Preparation
 
 __all__ = ["CloudComparison", "cloud_scores"]

@@ -23,7 +23,7 @@ from airzoo_bench.evaluation.evaluate import evaluate as score
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.records import checked_records
-from airzoo_bench.storage.rasters import here
+from airzoo_bench.storage.mirror import here
 from airzoo_bench.storage.urls import is_url
 
 __all__ = ["Check", "check", "evaluate"]

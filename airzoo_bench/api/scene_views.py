@@ -15,7 +15,7 @@ from airzoo_bench.api.photos import Photo
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.view_plausibility import refuse_other_resolution
+from airzoo_bench.reconstruction.checks import check_resolution
 
 __all__ = ["RowFile", "SceneViews", "cloud_and_depth"]
 
@@ -162,7 +162,7 @@ def _intrinsics(name: str, matrix: ArrayLike, shape: tuple[int, ...]) -> NDArray
     given = coordinates("intrinsics", matrix, (3, 3), any_history=True)
     height, width = shape
     cameras = Cameras.from_matrices(given[None], width, height, names=[name])
-    refuse_other_resolution(cameras, [name], "intrinsics")
+    check_resolution(cameras, [name], "intrinsics")
     return given
 
 

@@ -25,7 +25,7 @@ from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
 from airzoo_bench.geometry.heightfield import blocked_heights
 from airzoo_bench.geometry.poses import world_to_camera
 from airzoo_bench.geometry.vertical import vertical_m
-from airzoo_bench.reconstruction.regions import Box, box_of
+from airzoo_bench.reconstruction.preparation import Box, box_of
 
 __all__ = ["check_cloud"]
 

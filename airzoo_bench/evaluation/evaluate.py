@@ -38,8 +38,13 @@ from airzoo_bench.protocol.lookup import (
 )
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result, score_columns
+from airzoo_bench.results.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    TruthUsed,
+    score_columns,
+)
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
 __all__ = [

@@ -28,7 +28,7 @@ from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Tr
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.provenance import ReaderUsed
+from airzoo_bench.results.result import ReaderUsed
 
 __all__ = ["Given", "ReadBy", "open_predictions", "read_truth", "read_truths"]
 

@@ -12,11 +12,10 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import atomic_entries, check_output_folder, fingerprint, only_run
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.results.records_csv import write_csv
+from airzoo_bench.results.records import write_csv
 from airzoo_bench.results.result import read_result, write_result
-from airzoo_bench.storage.mirror import cache_folder
-from airzoo_bench.storage.remote import find
-from airzoo_bench.storage.uploads import check_writable, uploaded
+from airzoo_bench.storage.mirror import check_writable, uploaded
+from airzoo_bench.storage.remote import cache_folder, find
 from airzoo_bench.storage.urls import url_of
 
 __all__ = [

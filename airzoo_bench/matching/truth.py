@@ -32,7 +32,7 @@ from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.storage.rasters import pointed
+from airzoo_bench.storage.mirror import pointed
 
 __all__ = [
     "CROP_COLUMNS",

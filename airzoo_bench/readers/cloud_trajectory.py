@@ -11,7 +11,7 @@ from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import Trajectory, refuse_other_names
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["CLOUD_TRAJECTORY", "CloudTrajectory"]
 
@@ -46,7 +46,7 @@ class CloudTrajectory(SceneReader):
     def read_scene(self, scenes: ScenePlaces, place: Path, memory: int) -> ScenePrediction:
         """See `SceneReader.read_scene`."""
         from airzoo_bench.formats.clouds.formats import open_cloud
-        from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+        from airzoo_bench.reconstruction.predictions import ScenePrediction
 
         found = _files(place)
         if found is None:

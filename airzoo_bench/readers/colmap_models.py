@@ -20,7 +20,7 @@ from airzoo_bench.readers.scene_folders import ScenePlaces
 
 if TYPE_CHECKING:
     from airzoo_bench.formats.clouds.cloud import Cloud
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["ModelCamera", "first_cameras", "is_model", "model_scene"]
 
@@ -90,8 +90,8 @@ def model_scene(scenes: ScenePlaces, place: Path, folder: Path, memory: int) -> 
     from airzoo_bench.formats.clouds.cloud import FileCloud
     from airzoo_bench.geometry.poses import quaternion_to_matrix
     from airzoo_bench.readers.view_files import GivenArrays
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
-    from airzoo_bench.reconstruction.image_poses import image_poses
+    from airzoo_bench.reconstruction.cameras import image_poses
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
     path, budget = folder / _FILES[1], Budget(memory)
     refuse_option("--names", scenes.reading.names, "a COLMAP model", path)

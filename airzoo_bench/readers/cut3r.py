@@ -26,7 +26,7 @@ from airzoo_bench.readers.view_files import (
 )
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["CUT3R", "Cut3r"]
 
@@ -133,7 +133,7 @@ def _read_demo(place: Path, memory: int, names: ViewNames | None) -> ScenePredic
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget
-    from airzoo_bench.reconstruction.depth_map_files import maps_of
+    from airzoo_bench.reconstruction.predictions import maps_of
 
     depth, cameras = numbered(place / "depth", ".npy"), numbered(place / "camera", ".npz")
     check_same_number(depth, cameras)

@@ -18,7 +18,7 @@ from airzoo_bench.readers.view_files import (
 )
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["DEPTH_ANYTHING_3", "DepthAnything3"]
 
@@ -103,7 +103,7 @@ class DepthAnything3(SceneReader):
             )
         raise PredictionError(
             "scene.glb is turned, moved to its middle point, thinned to a million points, and has "
-            "the cameras drawn into it",
+            "the cameras draw_points into it",
             where=place,
             expected="exports/mini_npz/results.npz",
             fix=_FIX_GLB,

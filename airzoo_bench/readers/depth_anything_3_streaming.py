@@ -15,7 +15,7 @@ from airzoo_bench.readers.view_files import GivenArrays, ViewNames, check_count,
 
 if TYPE_CHECKING:
     from airzoo_bench.formats.budget import Budget
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["is_streaming", "streaming_scene"]
 
@@ -43,7 +43,7 @@ def streaming_scene(place: Path, memory: int, names: ViewNames | None) -> SceneP
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget
-    from airzoo_bench.reconstruction.depth_map_files import maps_of
+    from airzoo_bench.reconstruction.predictions import maps_of
 
     budget = Budget(memory)
     for name in (_POSES, _INTRINSICS):
@@ -99,7 +99,7 @@ class _Frames:
         """Return the maps of a field, all of the first frame's size."""
         import numpy as np
 
-        from airzoo_bench.reconstruction.maps import LazyMaps
+        from airzoo_bench.reconstruction.fusion import LazyMaps
 
         first = self._read(name, 0)
         if first.ndim != 2:

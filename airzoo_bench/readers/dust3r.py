@@ -21,7 +21,7 @@ from airzoo_bench.readers.view_files import (
 
 if TYPE_CHECKING:
     from airzoo_bench.formats.npz import NpzFile
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["DUST3R", "Dust3r"]
 
@@ -69,7 +69,7 @@ class Dust3r(SceneReader):
 
         from airzoo_bench.formats.arrays import check_fields, numbers
         from airzoo_bench.formats.npz import NpzFile
-        from airzoo_bench.reconstruction.depth_map_files import maps_of
+        from airzoo_bench.reconstruction.predictions import maps_of
 
         path = _file(place)
         if _is_shown(path):

@@ -11,7 +11,7 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from airzoo_bench.reconstruction.maps import LazyMaps
+    from airzoo_bench.reconstruction.fusion import LazyMaps
 
 __all__ = ["check_same_number", "maps_of_files", "npy_size", "numbered", "read_npy"]
 
@@ -87,7 +87,7 @@ def maps_of_files(
     """Return the maps of files, each read when it is asked for."""
     import numpy as np
 
-    from airzoo_bench.reconstruction.maps import LazyMaps
+    from airzoo_bench.reconstruction.fusion import LazyMaps
 
     shape, dtype = size_of(files[0])
     for one in files[1:]:

@@ -16,7 +16,7 @@ from airzoo_bench.readers.view_files import (
 )
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["MAPANYTHING", "MapAnything", "is_processed_model"]
 

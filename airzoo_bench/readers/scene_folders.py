@@ -20,7 +20,7 @@ from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 __all__ = ["ScenePlaces", "SceneReader", "find_scenes"]
@@ -161,7 +161,7 @@ class SceneReader(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """List the scenes; each is read when it is scored."""
-        from airzoo_bench.reconstruction.reading import NativeScenes
+        from airzoo_bench.reconstruction.predictions import NativeScenes
 
         scenes = find_scenes(path, reading, self.is_scene)
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from airzoo_bench.core.errors import PredictionError, counted
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
-    from airzoo_bench.reconstruction.image_poses import ImagePoses
+    from airzoo_bench.reconstruction.cameras import ImagePoses
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = [
     "Trajectory",
@@ -49,7 +49,7 @@ class Trajectory:
 
         from airzoo_bench.formats.budget import Budget
         from airzoo_bench.readers.view_files import GivenArrays, inverted
-        from airzoo_bench.reconstruction.image_poses import image_poses
+        from airzoo_bench.reconstruction.cameras import image_poses
 
         fields = {"extrinsics": lambda: inverted(self.camera_to_world)}
         if names is not None:
@@ -130,7 +130,7 @@ def cameras_only(trajectory: Trajectory, names: list[str] | None, what: str) -> 
     import numpy as np
 
     from airzoo_bench.formats.clouds.cloud import FileCloud
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
     refuse_other_names(trajectory, names)
     note = f"cameras alone, without a surface, which scores 0: {what}"

@@ -10,7 +10,7 @@ from airzoo_bench.readers.mapanything import is_processed_model
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["VGGT_COLMAP", "VggtColmap"]
 

@@ -24,7 +24,7 @@ from airzoo_bench.readers.view_files import GivenArrays, inverted, npz_fields
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = ["VGGT_SLAM", "VggtSlam"]
 
@@ -194,7 +194,7 @@ def _read(
     import numpy as np
 
     from airzoo_bench.formats.budget import Budget
-    from airzoo_bench.reconstruction.depth_map_files import maps_of
+    from airzoo_bench.reconstruction.predictions import maps_of
 
     def size_of(path: Path) -> tuple[tuple[int, ...], Any]:
         from airzoo_bench.formats.npz import NpzFile

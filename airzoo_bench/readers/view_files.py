@@ -15,7 +15,7 @@ from airzoo_bench.readers.scene_folders import ScenePlaces
 if TYPE_CHECKING:
     from airzoo_bench.formats.budget import Budget
     from airzoo_bench.formats.npz import NpzFile
-    from airzoo_bench.reconstruction.depth_map_files import ScenePrediction
+    from airzoo_bench.reconstruction.predictions import ScenePrediction
 
 __all__ = [
     "GivenArrays",
@@ -143,7 +143,7 @@ def read_views(
     """Read depth maps, or point maps where there are none; pixel centres are integers."""
     import numpy as np
 
-    from airzoo_bench.reconstruction.depth_map_files import maps_of
+    from airzoo_bench.reconstruction.predictions import maps_of
 
     there = file.names()
     chosen = next((name for name in fields.maps if name in there), None)
@@ -203,7 +203,7 @@ def _masked(file: NpzFile, name: str, mask_name: str | None) -> Any:
     """Return maps that have no surface where the mask is False."""
     import numpy as np
 
-    from airzoo_bench.reconstruction.maps import LazyMaps
+    from airzoo_bench.reconstruction.fusion import LazyMaps
 
     points = name != "depth"
     values = as_maps(file, name, 3 + points)

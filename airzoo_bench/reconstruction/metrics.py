@@ -1,7 +1,10 @@
-"""Scores of a predicted cloud against the true one, from the distances between them.
+"""Scores of a predicted cloud against the true one, and of predicted camera poses.
 
-All are the same, to the last bit, for any order of the points: counts are integers, sums are
-exact before they are rounded once, and order statistics are distances that occur.
+Scores of clouds are the same, to the last bit, for any order of the points: counts are integers,
+sums are exact before they are rounded once, and order statistics are distances that occur.
+
+Errors of poses are relative, over all pairs, or absolute and between neighbours, once aligned. A
+camera that the prediction lacks has no pose (NaN), and each of its errors is infinite.
 
 References
 ----------
@@ -11,6 +14,11 @@ ACM Transactions on Graphics 36(4), 2017, for precision, recall and F1, and curv
 Seitz, Curless, Diebel, Scharstein, Szeliski, A comparison and evaluation of multi-view stereo
 reconstruction algorithms, CVPR 2006, for accuracy and completeness. The Chamfer distance is the
 mean of their two means, not the sum, and not of squares.
+
+Wang, Karaev, Rupprecht, Novotny, PoseDiffusion, ICCV 2023, section 4, for the area under the curve.
+
+Sturm, Engelhard, Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM systems,
+IROS 2012, section IV, for absolute (ATE) and relative (RPE) errors.
 """
 
 from __future__ import annotations
@@ -22,33 +30,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.geometry.arrays import Floats, Ints
-
-__all__ = [
-    "CloudScores",
-    "Curve",
-    "counts_below",
-    "curve",
-    "even_thresholds",
-    "exact_mean",
-    "f1_score",
-    "score_distances",
-]
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 _CHUNK = 1 << 18
+_BLOCK_PAIRS = 1 << 17
+# A predicted baseline below this share of the largest coordinate is rounding, and has no direction.
+_NO_BASELINE = 1e-12
+
+
+# --- clouds ---
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Shares of points nearer than each of K thresholds.
-
-    Attributes
-    ----------
-    thresholds : (K,) float64
-        Increasing.
-    precision, recall, f1 : (K,) float64
-        0 to 1.
-    """
+    """Shares of points, 0 to 1, nearer than each of K increasing thresholds; all (K,) float64."""
 
     thresholds: Floats
     precision: Floats
@@ -60,15 +56,8 @@ class Curve:
 class CloudScores:
     """All scores of one predicted cloud; distances are infinite where nothing is predicted.
 
-    Attributes
-    ----------
-    accuracy, completeness, chamfer : float
-        Mean distance of predicted points to the truth, of true points to the prediction, and the
-        mean of the two.
-    accuracy_median, completeness_median : float
-        For an even count the mean of the two middle distances.
-    curve : Curve
-        Precision, recall and F1.
+    Accuracy is the mean distance of predicted points to the truth, completeness that of true points
+    to the prediction, and the Chamfer distance the mean of the two.
     """
 
     accuracy: float
@@ -82,31 +71,10 @@ class CloudScores:
 def score_distances(
     to_truth: Floats, to_prediction: Floats, *, thresholds: Floats, max_distance: float | None
 ) -> CloudScores:
-    """Score a prediction from the distances both ways.
+    """Score a prediction from the distances of its P points to the truth, and of T true ones to it.
 
-    Parameters
-    ----------
-    to_truth : (P,) array
-        Distance of each predicted point to the nearest true one; none where nothing is predicted.
-    to_prediction : (T,) array
-        Distance of each true point to the nearest predicted one, infinite where there is none.
-    thresholds : (K,) array
-        Of the curve: finite, increasing.
-    max_distance : float or None
-        Where given, a larger distance counts as this in accuracy, completeness and Chamfer
-        distance, and in nothing else; an empty prediction stays infinitely far.
-
-    Returns
-    -------
-    CloudScores
-        In the units of the distances.
-
-    Raises
-    ------
-    BenchmarkError
-        No true point.
-    ValueError
-        See `counts_below`.
+    A distance above `max_distance` counts as this in accuracy, completeness and Chamfer distance,
+    and in nothing else; an empty prediction stays infinitely far.
     """
     if len(to_prediction) == 0:
         raise BenchmarkError(
@@ -127,52 +95,14 @@ def score_distances(
 
 
 def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
-    """Precision, recall and F1 at each threshold.
-
-    Parameters
-    ----------
-    to_truth : (P,) array
-        Distance of each predicted point to the truth; none where nothing is predicted.
-    to_prediction : (T,) array
-        Distance of each true point to the prediction, at least one.
-    thresholds : (K,) array
-        Finite, increasing; in the units of the distances.
-
-    Returns
-    -------
-    Curve
-        Of K values each; precision and F1 are 0 where nothing is predicted.
-
-    Raises
-    ------
-    ValueError
-        See `counts_below`.
-    """
+    """Return precision, recall and F1 at each threshold; 0 where nothing is predicted."""
     precision = counts_below(to_truth, thresholds) / max(len(to_truth), 1)
     recall = counts_below(to_prediction, thresholds) / len(to_prediction)
     return Curve(thresholds, precision, recall, f1_score(precision, recall))
 
 
 def counts_below(distances: Floats, thresholds: Floats) -> Ints:
-    """How many distances are strictly below each threshold.
-
-    Parameters
-    ----------
-    distances : (N,) array
-        Infinite ones are below none.
-    thresholds : (K,) array
-        Finite, increasing; in the units of the distances.
-
-    Returns
-    -------
-    (K,) int64
-        A count for each threshold.
-
-    Raises
-    ------
-    ValueError
-        Thresholds that do not increase or are not finite; distances that are negative or NaN.
-    """
+    """Count the distances (N,) strictly below each of finite, increasing thresholds (K,)."""
     if not (np.isfinite(thresholds).all() and (np.diff(thresholds) > 0.0).all()):
         raise ValueError("thresholds must be finite and increase")
     histogram = np.zeros(len(thresholds) + 1, dtype=np.int64)
@@ -188,55 +118,19 @@ def counts_below(distances: Floats, thresholds: Floats) -> Ints:
 
 
 def f1_score(precision: Floats, recall: Floats) -> Floats:
-    """Harmonic mean of precision and recall, ``2PR / (P + R)``.
-
-    Parameters
-    ----------
-    precision, recall : (...) array
-        0 to 1.
-
-    Returns
-    -------
-    (...) array
-        0 to 1; 0 where both are 0.
-    """
+    """Return the harmonic mean of precision and recall, ``2PR / (P + R)``; 0 where both are 0."""
     total = precision + recall
     score: Floats = 2.0 * precision * recall / np.where(total > 0.0, total, 1.0)
     return score
 
 
 def even_thresholds(up_to: float, steps: int) -> Floats:
-    """Return evenly spaced thresholds.
-
-    Parameters
-    ----------
-    up_to : float
-        The last one.
-    steps : int
-        How many.
-
-    Returns
-    -------
-    (steps,) float64
-        ``up_to / steps``, ..., `up_to`.
-    """
+    """Return the thresholds ``up_to / steps``, ..., `up_to`."""
     return up_to * np.arange(1, steps + 1) / steps
 
 
 def exact_mean(distances: Floats, limit: float = math.inf) -> float:
-    """Mean of distances: their exact sum, rounded once, over their number.
-
-    Parameters
-    ----------
-    distances : (N,) array
-        Not negative; may be infinite.
-    limit : float
-        A larger distance counts as this.
-
-    Returns
-    -------
-    float
-        Infinite where there are none.
+    """Return the exact sum of distances, each at most `limit`, rounded once, over their number.
 
     References
     ----------
@@ -244,9 +138,196 @@ def exact_mean(distances: Floats, limit: float = math.inf) -> float:
     """
     if len(distances) == 0:
         return math.inf
-    return math.fsum(_one_by_one(distances, limit)) / len(distances)
+    return math.fsum(_clipped(distances, limit)) / len(distances)
 
 
-def _one_by_one(distances: Floats, limit: float) -> Iterator[float]:
+def _clipped(distances: Floats, limit: float) -> Iterator[float]:
     for start in range(0, len(distances), _CHUNK):
         yield from np.minimum(distances[start : start + _CHUNK], limit).tolist()
+
+
+# --- camera poses ---
+
+
+@dataclass(frozen=True, eq=False)
+class PairErrors:
+    """Errors of the relative poses of P ordered pairs of cameras, infinite for failures.
+
+    Angles between the relative rotations, and between the directions of the relative translations,
+    0 to 180; 0 where the true cameras share a place, which has no direction.
+    """
+
+    rotation_deg: Floats
+    direction_deg: Floats
+
+    @property
+    def worse_deg(self) -> Floats:
+        """The larger of the two, pair by pair."""
+        return np.maximum(self.rotation_deg, self.direction_deg)
+
+
+def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> PairErrors:
+    """Compare the relative poses of all pairs of N cameras, by first camera, then second.
+
+    Pairs are ordered, (i, j) and (j, i): the direction of j as seen by i and that of i as seen by
+    j err differently once rotations do, and with one of the two the score would depend on the
+    order of the images. No camera is a reference, and a similarity of either world changes
+    nothing. A direction opposite to the true one is 180 degrees off; it is not folded to 0.
+
+    Pairs whose true centres are at most `least_baseline` apart count by their rotation only. A
+    prediction without a baseline where the truth has one has failed.
+    """
+    count = len(truth)
+    _check(predicted, truth)
+    pairs = count * (count - 1)
+    errors = PairErrors(np.empty(pairs), np.empty(pairs))
+    rows = max(1, _BLOCK_PAIRS // count)
+    for start in range(0, count, rows):
+        block = slice(start, min(start + rows, count))
+        rotation, direction = _pair_block(predicted, truth, block, least_baseline)
+        other = np.arange(count) != np.arange(block.start, block.stop)[:, None]
+        place = slice(block.start * (count - 1), block.stop * (count - 1))
+        errors.rotation_deg[place] = rotation[other]
+        errors.direction_deg[place] = direction[other]
+    return errors
+
+
+def _pair_block(
+    predicted: Poses, truth: Poses, block: slice, least_baseline: float
+) -> tuple[Floats, Floats]:
+    first, second = np.arange(len(truth))[block, None], np.arange(len(truth))[None]
+    turn, move = relative_poses(predicted, first, second)
+    true_turn, true_move = relative_poses(truth, first, second)
+    failed = _failed(predicted)
+    lost = failed[block, None] | failed[None, :]
+    length, true_length = _lengths(move), _lengths(true_move)
+    direction = angle_deg(move, true_move)
+    rounding = _NO_BASELINE * np.abs(predicted.centres[~failed]).max(initial=0.0)
+    direction = np.where(length <= rounding, np.inf, direction)
+    direction = np.where(true_length <= least_baseline, 0.0, direction)
+    rotation = rotation_angle_deg(turn, true_turn)
+    return np.where(lost, np.inf, rotation), np.where(lost, np.inf, direction)
+
+
+def pose_auc(errors: PairErrors, limit_deg: float) -> float:
+    r"""Return the area under the curve of pairs that are right, up to a limit, 0 to 1.
+
+    A pair is right below an angle where both its rotation and its direction are:
+    :math:`\frac{1}{P} \sum_p \max(0, 1 - e_p / L)` with e the larger of both. Exact for the
+    curve, which is a step function; evaluations that fill a histogram by whole degrees differ by
+    up to half a degree over L.
+    """
+    if not 0.0 < limit_deg < np.inf:
+        raise ValueError(f"limit is {limit_deg}, expected above 0 and finite")
+    shares = 1.0 - np.minimum(errors.worse_deg, limit_deg) / limit_deg
+    return float(shares.mean())
+
+
+def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int]) -> list[float]:
+    """Return the areas up to each limit in whole degrees as Depth Anything 3's benchmark has them.
+
+    Unlike `pose_auc` it takes a pair once, not both ways; compares the motions of the world that
+    take one camera to another, in the frame of the first camera that has a pose, so that the order
+    of the images matters; folds opposite directions to 0 degrees, gives 90 to those of cameras that
+    share a place; and counts by whole degrees.
+
+    References
+    ----------
+    Lin et al., Depth Anything 3, 2025; ``compute_pose`` of its ``bench/utils.py``.
+    """
+    count = len(truth)
+    _check(predicted, truth)
+    there = np.flatnonzero(~_failed(predicted))
+    right = np.zeros(max(limits_deg) + 1)
+    last = dict.fromkeys(limits_deg, 0)
+    for row in range(len(there) - 1):
+        pairs = there[row], there[row + 1 :]
+        turn, move = _world_motions(predicted, there[0], *pairs)
+        true_turn, true_move = _world_motions(truth, there[0], *pairs)
+        direction = angle_deg(move, true_move)
+        direction = np.minimum(direction, 180.0 - direction)
+        direction[(_lengths(move) == 0.0) | (_lengths(true_move) == 0.0)] = 90.0
+        worse = np.maximum(rotation_angle_deg(turn, true_turn), direction)
+        right += (worse[:, None] < np.arange(len(right))).sum(axis=0)
+        # The last degree of a histogram has both its borders.
+        last = {limit: last[limit] + int((worse == limit).sum()) for limit in limits_deg}
+    pairs_of_all = count * (count - 1) / 2
+    return [
+        float((right[1 : limit + 1].sum() + last[limit]) / limit / pairs_of_all)
+        for limit in limits_deg
+    ]
+
+
+def centre_errors(aligned: Poses, truth: Poses) -> Floats:
+    """Return distances (N,) of aligned camera centres from the true ones, infinite for failures."""
+    return np.where(_failed(aligned), np.inf, _lengths(aligned.centres - truth.centres))
+
+
+def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
+    """Compare the motions from each camera to the next: lengths and degrees (N - 1,).
+
+    The relative pose error (RPE) over steps of one: of the motion that is left once the true
+    motion is undone. The predicted poses have the scale of the truth.
+    """
+    # E = (true motion)^-1 (motion), each from camera i to camera i + 1, camera-to-world.
+    turn, move = _motions_to_next(aligned)
+    true_turn, true_move = _motions_to_next(truth)
+    failed = _failed(aligned)
+    lost = failed[:-1] | failed[1:]
+    angles = rotation_angle_deg(turn, true_turn)
+    return np.where(lost, np.inf, _lengths(move - true_move)), np.where(lost, np.inf, angles)
+
+
+def rms_of_placed(errors: Floats) -> float:
+    """Return the root mean square of the finite errors, infinite where there are none."""
+    placed = errors[np.isfinite(errors)]
+    return float(np.sqrt((placed * placed).mean())) if len(placed) else np.inf
+
+
+def _failed(poses: Poses) -> Bools:
+    entries = np.concatenate((poses.rotation.reshape(-1, 9), poses.centres), axis=1)
+    return np.logical_not(np.isfinite(entries).all(axis=1))
+
+
+def _check(predicted: Poses, truth: Poses) -> None:
+    if len(predicted) != len(truth) or len(truth) < 2:
+        raise ValueError(f"{len(predicted)} predicted cameras, {len(truth)} true ones")
+    if _failed(truth).any():
+        raise ValueError("the true poses hold NaN or infinity")
+
+
+def relative_poses(poses: Poses, first: Ints, second: Ints) -> tuple[Floats, Floats]:
+    """Return rotations R_j R_i^T (..., 3, 3) and centres (..., 3) of cameras j as seen by i.
+
+    `first` (i) and `second` (j) are rows, which broadcast.
+    """
+    rotation = poses.rotation[first]
+    turn: Floats = poses.rotation[second] @ np.swapaxes(rotation, -1, -2)
+    return turn, apply_matrix(rotation, poses.centres[second] - poses.centres[first])
+
+
+def _motions_to_next(poses: Poses) -> tuple[Floats, Floats]:
+    """Return motions to the next camera, in the frame of the earlier one, camera-to-world."""
+    rotation = poses.rotation
+    turn = rotation[:-1] @ np.swapaxes(rotation[1:], -1, -2)
+    return turn, apply_matrix(rotation[:-1], np.diff(poses.centres, axis=0))
+
+
+def _world_motions(poses: Poses, first: int, row: int, others: Ints) -> tuple[Floats, Floats]:
+    """Return E_i^-1 E_j for a row i and others j, cameras E being from the frame of the first."""
+    rotation = poses.rotation @ poses.rotation[first].T
+    centres = apply_matrix(poses.rotation[first], poses.centres - poses.centres[first])
+    moved = -apply_matrix(rotation, centres)
+    back = rotation[row].T
+    return back @ rotation[others], apply_matrix(back, moved[others] - moved[row])
+
+
+def angle_deg(a: Floats, b: Floats) -> Floats:
+    """Return degrees between vectors; atan2 keeps all digits near 0 and 180 degrees."""
+    sine = _lengths(np.cross(a, b))
+    return np.asarray(np.degrees(np.arctan2(sine, (a * b).sum(axis=-1))))
+
+
+def _lengths(vectors: Floats) -> Floats:
+    squared: Floats = (vectors * vectors).sum(axis=-1)
+    return np.sqrt(squared)

@@ -1,102 +1,268 @@
-"""The record of a scene: scores of the cloud by distances, and of the camera poses."""
+"""From the prediction of a scene to its scores: open, align, prepare, measure distances, score.
+
+`score_scene` is the whole way, and `compare` most of it: its lines stand in the order of the steps.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import PART
+from airzoo_bench.core.progress import Headed, shown
+from airzoo_bench.evaluation.track import Run, ScenePredictions, Scored
+from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
+from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.camera_sets import LEAST_CAMERAS, PosedCameras
-from airzoo_bench.reconstruction.alignment.cameras import Alignment
-from airzoo_bench.reconstruction.alignment.similarity import Similarity, fit_many
-from airzoo_bench.reconstruction.distances import CloudDistances
-from airzoo_bench.reconstruction.metrics import (
-    CloudScores,
-    Curve,
-    curve,
-    even_thresholds,
-    score_distances,
+from airzoo_bench.reconstruction import metrics, preparation
+from airzoo_bench.reconstruction.alignment import (
+    LEAST_CAMERAS,
+    Alignment,
+    PosedCameras,
+    RansacSettings,
+    align,
+    alignment_values,
+    with_residuals,
 )
-from airzoo_bench.reconstruction.pose_metrics import (
-    auc_of_depth_anything_3,
-    centre_errors,
-    pair_errors,
-    pose_auc,
-    rms_of_placed,
-    step_errors,
+from airzoo_bench.reconstruction.cameras import match_cameras
+from airzoo_bench.reconstruction.checks import scene_notes
+from airzoo_bench.reconstruction.clouds import InMemoryCloud, TransformedCloud, finite_pieces
+from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
+from airzoo_bench.reconstruction.fusion import (
+    DepthCloud,
+    DepthMaps,
+    PointMapCloud,
+    PointMaps,
+    fuse,
 )
-from airzoo_bench.reconstruction.prepared import PreparedCloud
-from airzoo_bench.reconstruction.scores import f1_column, pose_auc_column, share_column
-from airzoo_bench.reconstruction.settings import ReconstructionScores
+from airzoo_bench.reconstruction.icp import refine
+from airzoo_bench.reconstruction.predictions import ScenePrediction
+from airzoo_bench.reconstruction.settings import (
+    Fusion,
+    ReconstructionProtocol,
+    ReconstructionScores,
+)
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.truth import ReconstructionTruth, open_true_cloud
+from airzoo_bench.results.scores import Score
 
-if TYPE_CHECKING:
-    import pandas as pd
+Geometry = CloudSource | DepthMaps | PointMaps
 
-__all__ = [
-    "ScoredScene",
-    "pose_scores",
-    "record_scene",
-    "score_failed",
-    "score_missing",
-    "worst_poses",
-]
+# What a point takes in memory while distances are computed: both clouds, their order, the tree.
+_BYTES_A_POINT = 128
+_LEAST_BLOCK = 100_000
+
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "points", "distrusted", "not_finite", "outside", "thinned"),
+        *("truth_points", "truth_unseen", "truth_outside", "truth_thinned"),
+        *("cameras", "cameras_missing", "inlier_cameras", "alignment", "scale"),
+        *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the scenes."""
 
 
 @dataclass(frozen=True, eq=False)
-class ScoredScene:
-    """What came of a scene; all but `record` and `counts` is None where no clouds are compared.
+class Comparison:
+    """A prediction compared with the truth of its scene, both clouds as they were compared.
 
-    Attributes
-    ----------
-    record : dict
-        One row of the records.
-    counts : dict of str to int
-        What a result states of the scene.
-    clouds : (PreparedCloud, PreparedCloud) or None
-        Prediction and truth as they were compared.
-    kind : str or None
-        See `ScenePrediction.kind`.
-    notes : tuple of str
-        What there is to say about the scene.
+    `recalled` are the distances of the true points that recall is over, `distrusted` counts the
+    predicted points of too little confidence.
     """
 
-    record: dict[str, Any]
-    counts: dict[str, int]
-    curve: Curve | None = None
-    alignment: Alignment | None = None
-    clouds: tuple[PreparedCloud, PreparedCloud] | None = None
-    distances: CloudDistances | None = field(default=None, repr=False)
-    kind: str | None = None
-    notes: tuple[str, ...] = ()
-
-    @property
-    def records(self) -> pd.DataFrame:
-        """The record, as a table of one row."""
-        import pandas as pd
-
-        return pd.DataFrame([self.record])
+    alignment: Alignment
+    clouds: tuple[preparation.PreparedCloud, preparation.PreparedCloud]
+    distances: CloudDistances
+    recalled: Floats
+    distrusted: int
+    curve: metrics.Curve
 
 
-def record_scene(
-    scene: str,
-    alignment: Alignment,
-    clouds: tuple[PreparedCloud, PreparedCloud],
-    distances: CloudDistances,
-    recalled: Floats,
-    distrusted: int,
-    poses: dict[str, float],
-    settings: ReconstructionScores,
-) -> ScoredScene:
-    """Score what was measured between the prepared clouds of a scene, prediction and truth."""
-    predicted, true = clouds
+def score_scene(
+    predictions: ScenePredictions,
+    truth: ReconstructionTruth,
+    protocol: ReconstructionProtocol,
+    run: Run,
+) -> Scored:
+    """Read a scene's prediction and score it; an error names the scene."""
+    place, scores = f"{predictions.path}, scene {truth.scene}", protocol.scores
+    with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
+        true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, _sampling(protocol))
+        details = None
+        try:
+            cameras = match_cameras(prediction.images, truth, place)
+            geometry = prediction.posed_geometry
+            found = compare(geometry, cameras, truth, true_cloud, protocol, run)
+        except AlignmentError as error:
+            # The method failed here; its file is not to blame.
+            scored = _score_failed(truth.scene, scores)
+            notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
+        else:
+            poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
+            scored = score_comparison(truth.scene, found, poses, scores)
+            notes = scene_notes(prediction, cameras, truth, found, protocol)
+            details = found
+            if run.keep and (run.limits is not None or not predictions.path.is_dir()):
+                # Once the predictions are closed, their files are gone.
+                details = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
+        named = tuple(f"scene {truth.scene}: {note}" for note in notes)
+        kept = details if run.keep else None
+        return replace(scored, kind=prediction.kind, notes=named, details=kept)
+
+
+@contextmanager
+def open_scene(
+    predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
+) -> Iterator[ScenePrediction]:
+    """Open a scene's entry; whatever is raised meanwhile says where it is."""
+    place, sampling = f"{predictions.path}, scene {scene}", _sampling(protocol)
+    try:
+        with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
+            yield found
+    except PredictionError as error:
+        if error.where is None:
+            raise error.inside(place) from error
+        unpacked = error.where.partition(f"{PART}/")[2]
+        if not unpacked or predictions.path.is_dir():
+            raise
+        # A file of an archive lies somewhere else while it is read.
+        raise PredictionError(
+            error.what, where=f"{place}, {unpacked}", expected=error.expected, fix=error.fix
+        ) from error
+
+
+def _sampling(protocol: ReconstructionProtocol) -> MeshSampling:
+    points = protocol.meshes.points
+    return MeshSampling(
+        seed=protocol.meshes.seed, count=points, per_square_unit=None, max_points=points
+    )
+
+
+def read_through(
+    predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
+) -> tuple[str, ...]:
+    """Read a scene's prediction without a truth, and return what there is to say about it."""
+    with open_scene(predictions, scene, protocol, memory_bytes) as prediction:
+        if isinstance(prediction.geometry, FileCloud):
+            # A file that is cut off is found out where it is read.
+            for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
+                pass
+        return tuple(f"scene {scene}: {note}" for note in prediction.notes)
+
+
+def compare(
+    geometry: Geometry,
+    cameras: PosedCameras | None,
+    truth: ReconstructionTruth,
+    true_cloud: CloudSource,
+    protocol: ReconstructionProtocol,
+    run: Run,
+) -> Comparison:
+    """Do with a cloud or maps all that the protocol says, and compare them with the true cloud."""
+    if protocol.alignment.cameras == "required" and cameras is None:
+        raise PredictionError(
+            "holds no cameras, and the protocol requires them",
+            expected="cameras, by which all methods are aligned alike",
+            fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
+        )
+    settings, scores = protocol.preparation, protocol.scores
+    block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
+    progress = Headed(truth.scene, run.progress)
+    box = preparation.box_of(true_cloud)
+    cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
+    region = preparation.cropped_region(true_cloud, box, settings, block)
+    prepare = partial(preparation.prepared, settings=settings, region=region, block_points=block)
+    predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
+    true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
+    distances = cloud_distances(
+        predicted.source, true.source, block_points=block, jobs=run.jobs, progress=progress
+    )
+    recalled = distances.to_prediction
+    if settings.region == "observed":
+        seen = preparation.observed_cells(
+            true.source, box, truth.cameras, truth.poses, settings, block
+        )
+        rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
+        recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
+    distrusted = _count_distrusted(geometry, alignment.transform, protocol.fusion, block)
+    steps = metrics.even_thresholds(scores.curve_up_to_m, scores.curve_steps)
+    found = metrics.curve(distances.to_truth, recalled, steps)
+    return Comparison(alignment, (predicted, true), distances, recalled, distrusted, found)
+
+
+def _aligned(
+    geometry: Geometry,
+    cameras: PosedCameras | None,
+    truth: ReconstructionTruth,
+    true_cloud: CloudSource,
+    protocol: ReconstructionProtocol,
+    block: int,
+) -> tuple[CloudSource, Alignment]:
+    """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
+    stated = protocol.alignment
+    found = align(stated.method, cameras, truth.posed, RansacSettings.from_protocol(stated))
+    cloud = _as_cloud(geometry, found.transform, protocol.fusion)
+    if found.method != "sim3+icp" or cameras is None:
+        return cloud, found
+    try:
+        step, report = refine(cloud, true_cloud, stated, memory_points=block)
+    except AlignmentError as error:
+        # A cloud that is nowhere near the truth has failed; its file is not to blame.
+        return cloud, replace(found, icp_failure=error.what)
+    moved = replace(found, transform=step.after(found.transform), icp=report)
+    return TransformedCloud(cloud, step, None), with_residuals(moved, cameras, truth.posed)
+
+
+def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> CloudSource:
+    """Bring a cloud into the frame of the truth, or make one of maps there."""
+    least = fusion.least_confidence
+    if isinstance(geometry, PointMaps):
+        return PointMapCloud(geometry, transform, least)
+    if not isinstance(geometry, DepthMaps):
+        return TransformedCloud(geometry, transform, least)
+    if fusion.method == "tsdf":
+        return InMemoryCloud(fuse(geometry, transform, fusion))
+    return DepthCloud(geometry, transform, fusion.max_depth_m, least)
+
+
+def _count_distrusted(
+    geometry: Geometry, transform: Similarity, fusion: Fusion, points: int
+) -> int:
+    """Count the points at or below the protocol's confidence."""
+    least = fusion.least_confidence
+    if least is None:
+        return 0
+    if not isinstance(geometry, DepthMaps | PointMaps):
+        trusted = TransformedCloud(geometry, Similarity.identity(), least).pieces(points)
+        return geometry.count - sum(len(piece) for piece in trusted)
+    points_only = fusion.model_copy(update={"method": "back-projection"})
+    every = points_only.model_copy(update={"confidence_above": "none"})
+    of_all, of_trusted = (_as_cloud(geometry, transform, one) for one in (every, points_only))
+    return of_all.count - of_trusted.count
+
+
+# --- records ---
+
+
+def score_comparison(
+    scene: str, found: Comparison, poses: dict[str, float], settings: ReconstructionScores
+) -> Scored:
+    """Put the scores of a cloud and of its cameras into a scene's record."""
+    (predicted, true), distances, alignment = found.clouds, found.distances, found.alignment
     counts = {
         "points": len(distances.to_truth),
         "truth_points": len(distances.to_prediction),
-        "truth_unseen": len(distances.to_prediction) - len(recalled),
-        "distrusted": distrusted,
+        "truth_unseen": len(distances.to_prediction) - len(found.recalled),
+        "distrusted": found.distrusted,
         "not_finite": predicted.not_finite,
         "outside": predicted.outside,
         "thinned": predicted.thinned,
@@ -106,50 +272,50 @@ def record_scene(
         "cameras_missing": alignment.missing,
         "inlier_cameras": alignment.inliers,
     }
-    scores = _cloud_columns(distances.to_truth, recalled, settings)
-    record = {"scene": scene, "answered": True, **counts, **_alignment_columns(alignment)}
-    steps = even_thresholds(settings.curve_up_to_m, settings.curve_steps)
-    return ScoredScene(
-        record | scores | poses,
-        {"queries": 1, "missing": 0, **counts},
-        curve(distances.to_truth, recalled, steps),
-        alignment,
-        clouds,
-        distances,
+    columns = _alignment_columns(alignment) | _cloud_columns(
+        distances.to_truth, found.recalled, settings
     )
+    record = {"scene": scene, "answered": True, **counts, **columns, **poses}
+    facts = {"alignment": alignment_values(alignment)}
+    return replace(_scored(record, {"queries": 1, "missing": 0, **counts}), facts=facts)
 
 
-def score_missing(scene: str, settings: ReconstructionScores) -> ScoredScene:
+def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene that the prediction lacks: 0, and infinite distances."""
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
     record = {"scene": scene, "answered": False, "points": 0, **worst}
-    return ScoredScene(record, {"queries": 1, "missing": 1, "points": 0})
+    return _scored(record, {"queries": 1, "missing": 1, "points": 0})
 
 
-def score_failed(scene: str, settings: ReconstructionScores) -> ScoredScene:
-    """Score a scene whose prediction cannot be aligned: as a missing one, with failed poses."""
-    record = score_missing(scene, settings).record | {"answered": True} | worst_poses(settings)
-    return ScoredScene(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
+def _score_failed(scene: str, settings: ReconstructionScores) -> Scored:
+    """Score a scene that cannot be aligned as a missing one with failed poses."""
+    worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings) | worst_poses(settings)
+    record = {"scene": scene, "answered": True, "points": 0, **worst}
+    return _scored(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
+
+
+def _scored(record: dict[str, Any], counts: dict[str, int]) -> Scored:
+    whole = dict.fromkeys(sorted({*counts} & {*record}), "Int64")
+    return Scored(pd.DataFrame([record]).astype(whole), counts)
 
 
 def _cloud_columns(
     to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores
 ) -> dict[str, float]:
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
-    scores: CloudScores = score_distances(
+    found = metrics.score_distances(
         to_truth, to_prediction, thresholds=limits, max_distance=settings.clip_m
     )
     columns = {
-        "chamfer_m": scores.chamfer,
-        "accuracy_m": scores.accuracy,
-        "completeness_m": scores.completeness,
-        "accuracy_median_m": scores.accuracy_median,
-        "completeness_median_m": scores.completeness_median,
+        "chamfer_m": found.chamfer,
+        "accuracy_m": found.accuracy,
+        "completeness_m": found.completeness,
+        "accuracy_median_m": found.accuracy_median,
+        "completeness_median_m": found.completeness_median,
     }
-    shares = scores.curve.precision, scores.curve.recall, scores.curve.f1
-    for limit, *at in zip(*(values.tolist() for values in (limits, *shares)), strict=True):
-        names = share_column("precision", limit), share_column("recall", limit), f1_column(limit)
-        columns |= dict(zip(names, at, strict=True))
+    for row, limit in enumerate(limits.tolist()):
+        for share in ("precision", "recall", "f1"):
+            columns[f"{share}_{limit:g}m"] = float(getattr(found.curve, share)[row])
     return columns
 
 
@@ -170,52 +336,46 @@ def pose_scores(
     truth: PosedCameras,
     settings: ReconstructionScores,
 ) -> dict[str, float]:
-    """Score camera poses against those of all true cameras."""
+    """Score predicted camera poses against all true cameras."""
     if predicted is None or predicted.rotation is None or truth.rotation is None:
         return {}
+    scores = worst_poses(settings)
     if len(truth.names) < 2:
-        return worst_poses(settings)
+        return scores
     true = Poses(rotation=truth.rotation, centres=truth.centres)
     given = _by_truth(predicted, predicted.rotation, truth)
     placed = np.isfinite(given.centres).all(axis=1)
-    if settings.trajectory_alignment == "umeyama":
-        transform = _umeyama(given.centres[placed], true.centres[placed])
-    scores = worst_poses(settings) | _aucs(given, true, settings)
+    scores |= _pose_aucs(given, true, settings)
     scores["cameras_placed"] = float(placed.mean())
     if placed.sum() < LEAST_CAMERAS:
         # A similarity brings two cameras to any other two.
         return scores
+    if settings.trajectory_alignment == "umeyama":
+        # All predicted cameras are brought nearest to the true ones, as evo does.
+        centres = given.centres[placed], true.centres[placed]
+        ((transform,), _) = fit_many(centres[0][None], centres[1][None], with_scale=True)
     aligned = transform.apply_poses(given)
-    translation, rotation_deg = step_errors(aligned, true)
-    scores["ate_m"] = rms_of_placed(centre_errors(aligned, true))
-    scores["rpe_m"] = rms_of_placed(translation)
-    scores["rpe_deg"] = rms_of_placed(rotation_deg)
+    translation, rotation_deg = metrics.step_errors(aligned, true)
+    scores["ate_m"] = metrics.rms_of_placed(metrics.centre_errors(aligned, true))
+    scores["rpe_m"] = metrics.rms_of_placed(translation)
+    scores["rpe_deg"] = metrics.rms_of_placed(rotation_deg)
     return scores
 
 
 def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
-    """Return the pose scores of a prediction whose poses have failed."""
-    aucs = {pose_auc_column(a): 0.0 for a in settings.pose_auc_below_deg}
-    failed = {"ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
-    return {**aucs, "cameras_placed": 0.0, **failed}
+    """Return the scores of poses that have all failed."""
+    aucs = {f"pose_auc_{limit:g}deg": 0.0 for limit in settings.pose_auc_below_deg}
+    return {**aucs, "cameras_placed": 0.0, "ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
 
 
-def _aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
+def _pose_aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
     limits = settings.pose_auc_below_deg
     if settings.pose_auc_rule == "depth-anything-3":
-        values = auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
+        values = metrics.auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
     else:
-        errors = pair_errors(given, true, least_baseline=settings.least_baseline_m)
-        values = [pose_auc(errors, limit) for limit in limits]
-    return {pose_auc_column(limit): value for limit, value in zip(limits, values, strict=True)}
-
-
-def _umeyama(centres: Floats, true: Floats) -> Similarity:
-    """Bring all predicted cameras nearest to the true ones, as evo does."""
-    if not len(centres):
-        return Similarity.identity()
-    (fit,), _ = fit_many(centres[None], true[None], with_scale=True)
-    return fit
+        errors = metrics.pair_errors(given, true, least_baseline=settings.least_baseline_m)
+        values = [metrics.pose_auc(errors, limit) for limit in limits]
+    return {f"pose_auc_{limit:g}deg": value for limit, value in zip(limits, values, strict=True)}
 
 
 def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> Poses:
@@ -227,3 +387,29 @@ def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> P
         if name in rows:
             turned[place], centres[place] = rotation[rows[name]], cameras.centres[rows[name]]
     return Poses(rotation=turned, centres=centres)
+
+
+def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:
+    """Return the scores of a protocol; without cameras, records lack the pose scores."""
+    main = settings.headline_below_m
+    scores = [
+        _distance("chamfer_m", "Chamfer", headline=True),
+        _distance("accuracy_m", "Accuracy", headline=True),
+        _distance("completeness_m", "Completeness", headline=True),
+    ]
+    for limit in (main, *(other for other in settings.f1_below_m if other != main)):
+        for share, title in (("precision", "P"), ("recall", "R"), ("f1", "F1")):
+            headline = limit == main or share == "f1"
+            column = f"{share}_{limit:g}m"
+            scores.append(Score.share(column, f"{title}@{limit:g}m", headline=headline))
+    scores.append(_distance("accuracy_median_m", "Accuracy, median"))
+    scores.append(_distance("completeness_median_m", "Completeness, median"))
+    for angle in settings.pose_auc_below_deg:
+        scores.append(Score.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
+    scores.append(Score.share("cameras_placed", "Cameras placed"))
+    scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
+    return [*scores, replace(_distance("rpe_deg", "RPE, rotation"), unit="deg")]
+
+
+def _distance(column: str, title: str, *, headline: bool = False) -> Score:
+    return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)

@@ -1,4 +1,4 @@
-"""What a protocol of the reconstruction track states."""
+"""The settings in a protocol of the reconstruction track."""
 
 from __future__ import annotations
 
@@ -8,29 +8,18 @@ from pydantic import Field, model_validator
 
 from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.alignment.camera_sets import RansacSettings
-from airzoo_bench.reconstruction.alignment.icp import IcpSettings
-from airzoo_bench.reconstruction.tsdf import TsdfSettings
-
-__all__ = [
-    "Alignment",
-    "Fusion",
-    "Meshes",
-    "Preparation",
-    "ReconstructionProtocol",
-    "ReconstructionScores",
-]
 
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
-_LARGEST_ANGLE_DEG = 180.0
 Share = Annotated[float, Field(gt=0, le=1)]
+Distance = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+_LARGEST_ANGLE_DEG = 180.0
 
 
 class Alignment(Strict):
     """How a prediction is brought into the frame of the truth.
 
     ``inlier_below_m = "nearest-camera"`` with half of the cameras in a sample and ten trials is
-    Depth Anything 3's rule; see `consensus`. The values of `icp_*` are used by ``sim3+icp`` only.
+    Depth Anything 3's rule; see `alignment`. The values of `icp_*` are used by ``sim3+icp`` only.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
@@ -55,30 +44,6 @@ class Alignment(Strict):
             raise ValueError("max_trials must be at least min_trials")
         return self
 
-    def ransac(self) -> RansacSettings:
-        """Return what finding inliers among camera centres needs."""
-        return RansacSettings(
-            min_trials=self.min_trials,
-            max_trials=self.max_trials,
-            confidence=self.confidence,
-            sample_share=None if isinstance(self.sample_share, str) else self.sample_share,
-            inlier_limit=None if isinstance(self.inlier_below_m, str) else self.inlier_below_m,
-            inlier_limit_deg=self.inlier_below_deg,
-            line_ratio=self.line_ratio,
-            seed=self.seed,
-        )
-
-    def icp(self) -> IcpSettings:
-        """Return what refining by the clouds needs."""
-        return IcpSettings(
-            max_points=self.icp_points,
-            max_distance=self.icp_below_m,
-            max_iterations=self.icp_iterations,
-            tolerance=self.icp_tolerance,
-            with_scale=self.icp_with_scale,
-            seed=self.seed,
-        )
-
 
 class Fusion(Strict):
     """How depth maps and point maps become a cloud; the values of `tsdf_*` serve ``tsdf`` only."""
@@ -101,12 +66,6 @@ class Fusion(Strict):
         """The confidence that pixels must exceed; None takes all."""
         return None if isinstance(self.confidence_above, str) else self.confidence_above
 
-    def tsdf(self) -> TsdfSettings:
-        """Return what fusing by a signed distance needs."""
-        return TsdfSettings(
-            self.tsdf_voxel_m, self.tsdf_truncation_m, self.max_depth_m, self.tsdf_max_voxels
-        )
-
 
 class Meshes(Strict):
     """How many points are sampled on a mesh, whatever its units."""
@@ -116,10 +75,10 @@ class Meshes(Strict):
 
 
 class Preparation(Strict):
-    """What is done to both clouds before distances are taken."""
+    """How both clouds are prepared before distances are measured."""
 
     crop: Literal["covered", "box", "none"]
-    crop_margin_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+    crop_margin_m: Distance
     crop_cell_m: Positive
     region: Literal["observed", "all"]
     observed_photos: Count
@@ -137,7 +96,7 @@ class ReconstructionScores(Strict):
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
     pose_auc_below_deg: Limits
     pose_auc_rule: Literal["exact", "depth-anything-3"]
-    least_baseline_m: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+    least_baseline_m: Distance
     trajectory_alignment: Literal["umeyama", "cloud"]
     max_distance_m: Positive | Literal["none"]
 
@@ -157,7 +116,7 @@ class ReconstructionScores(Strict):
 
     @property
     def clip_m(self) -> float | None:
-        """What a larger distance counts as in means; None clips nothing."""
+        """The most that a distance counts in means; None clips nothing."""
         return None if isinstance(self.max_distance_m, str) else self.max_distance_m
 
 

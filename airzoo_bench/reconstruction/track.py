@@ -6,11 +6,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import pandas as pd
+import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
@@ -18,25 +20,26 @@ from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, Sco
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.suffixes import KINDS
-from airzoo_bench.reconstruction.alignment.cameras import alignment_values
 from airzoo_bench.reconstruction.info import INFO
-from airzoo_bench.reconstruction.listed import ListedScenes
-from airzoo_bench.reconstruction.reading import open_reconstruction
-from airzoo_bench.reconstruction.scenes import read_through, scored_scene
-from airzoo_bench.reconstruction.scores import RECORDED, reconstruction_scores
-from airzoo_bench.reconstruction.scoring import ScoredScene, score_missing
+from airzoo_bench.reconstruction.predictions import open_reconstruction
+from airzoo_bench.reconstruction.scoring import (
+    RECORDED,
+    read_through,
+    reconstruction_scores,
+    score_missing,
+    score_scene,
+)
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.template import depth_template
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from airzoo_bench.results.scores import Score
 
-__all__ = ["TRACK", "ReconstructionTrack", "write_alignments"]
-
 _UNPACKED_BYTES = 1 << 40
+_TEMPLATE_PX = 32  # the longer side of its maps
+_TEMPLATE_DEPTH_M = (20.0, 120.0)
 
 
 class ReconstructionTrack(Track):
-    """Multi-view reconstruction; see `Track`. All scenes share the listed predictions."""
+    """Multi-view reconstruction; a part is all predictions, listed, and the id of a scene."""
 
     info = INFO
     protocol = ReconstructionProtocol
@@ -67,9 +70,11 @@ class ReconstructionTrack(Track):
         truths: Sequence[ReconstructionTruth],
         protocol: ReconstructionProtocol,
     ) -> Assignment:
-        """See `Track.assign`; a part is all predictions and the id of its scene."""
+        """See `Track.assign`."""
         known = [scene.id for scene in protocol.scenes]
-        if not set(known) & set(predictions.scenes):
+        strange = [name for name in predictions.scenes if name not in known]
+        missing = [name for name in known if name not in predictions.scenes]
+        if len(missing) == len(known):
             raise PredictionError(
                 f"holds none of the scenes of {protocol.name}: {first_of(predictions.scenes)}"
                 + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
@@ -78,9 +83,22 @@ class ReconstructionTrack(Track):
                 fix="name files or folders by their scenes, or name the right protocol with "
                 "--protocol",
             )
-        listed = ListedScenes(predictions, known)
-        parts = [(predictions, scene) for scene in known]
-        return Assignment(parts, listed.covered, listed.notes(), len(listed.strange))
+        files = [name[:80] for name in predictions.unknown_files]
+        left_aside = {
+            "scenes that the predictions lack, scored at their worst": missing,
+            "scenes that the protocol lacks, left aside": [
+                name[:80] + nearest(name[:80], missing, 1) for name in strange
+            ],
+            "called as scenes, without all that one is read from, left aside": [
+                name for name in files if name in missing
+            ],
+            "files that belong to no scene, left aside": [
+                name for name in files if name not in missing
+            ],
+        }
+        notes = [f"{what}: {first_of(names)}" for what, names in left_aside.items() if names]
+        covered = f"{len(known) - len(missing):,} of {counted(len(known), 'scene')}"
+        return Assignment([(predictions, scene) for scene in known], covered, notes, len(strange))
 
     def score(
         self,
@@ -92,12 +110,8 @@ class ReconstructionTrack(Track):
         """See `Track.score`."""
         predictions, scene = part
         if scene not in predictions.scenes:
-            return _scored(score_missing(scene, protocol.scores))
-        with scored_scene(predictions, truth, protocol, run) as found:
-            if not run.keep:
-                return _scored(found)
-            trusted = run.limits is None
-            return _scored(found, _kept(found, predictions.path, trusted))
+            return score_missing(scene, protocol.scores)
+        return score_scene(predictions, truth, protocol, run)
 
     def check(
         self,
@@ -112,11 +126,11 @@ class ReconstructionTrack(Track):
             return self.score(part, truth, protocol, run)
         if scene not in predictions.scenes:
             return Scored()
-        return Scored(notes=tuple(read_through(predictions, scene, protocol, run.memory_bytes)))
+        return Scored(notes=read_through(predictions, scene, protocol, run.memory_bytes))
 
     def scores(self, protocol: ReconstructionProtocol) -> list[Score]:
-        """Return all scores; those of poses are in no record where no scene has cameras."""
-        return reconstruction_scores(protocol.scores, with_poses=True)
+        """Return all scores; without cameras, records lack the pose scores."""
+        return reconstruction_scores(protocol.scores)
 
     def template(
         self,
@@ -129,32 +143,33 @@ class ReconstructionTrack(Track):
         """Write a folder with random depth maps of each scene."""
         for number, truth in enumerate(truths):
             with atomic_write(out / f"{truth.scene}.npz") as stream:
-                write_npz(stream, depth_template(truth, seed + number))
+                write_npz(stream, _random_views(truth, seed + number))
         with atomic_write(out / "protocol.txt", "w") as text:
             text.write(protocol.name + "\n")
         return None
 
 
-def _scored(scene: ScoredScene, kept: ScoredScene | None = None) -> Scored:
-    records = pd.DataFrame([scene.record])
-    counted = sorted({*scene.counts} & {*records})
-    facts = {} if scene.alignment is None else {"alignment": alignment_values(scene.alignment)}
-    return Scored(
-        records.astype(dict.fromkeys(counted, "Int64")),
-        scene.counts,
-        scene.kind,
-        scene.notes,
-        facts,
-        kept,
-    )
-
-
-def _kept(scene: ScoredScene, path: Path, trusted: bool) -> ScoredScene:
-    """Return the scene with clouds that can be read once the predictions are closed."""
-    if (trusted and path.is_dir()) or scene.clouds is None:
-        return scene
-    predicted, true = scene.clouds
-    return replace(scene, clouds=(predicted.in_memory(), true))
+def _random_views(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[Any]]:
+    """Make small random depth maps at random poses, one for each photo of a scene."""
+    random = np.random.default_rng(seed)
+    count = len(truth.photos)
+    size = np.array([truth.cameras.width[0], truth.cameras.height[0]], dtype=np.float64)
+    width, height = np.maximum(np.rint(size * _TEMPLATE_PX / size.max()), 1).astype(int)
+    turned, _ = np.linalg.qr(random.normal(size=(count, 3, 3)))
+    turned *= np.linalg.det(turned)[:, None, None]
+    middle = np.zeros(3) if truth.is_sealed else truth.poses.centres.mean(axis=0)
+    centres = middle + random.normal(0.0, 50.0, (count, 3))
+    moved = -(turned @ centres[..., None])
+    focal = float(max(width, height))
+    matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return {
+        "image_names": truth.photos["image"].to_numpy(str),
+        "pixel_centres": np.array("half"),
+        "depth": random.uniform(*_TEMPLATE_DEPTH_M, (count, height, width)).astype(np.float32),
+        "conf": random.uniform(0.0, 1.0, (count, height, width)).astype(np.float32),
+        "intrinsics": np.tile(matrix, (count, 1, 1)),
+        "extrinsics": np.concatenate([turned, moved], axis=2),
+    }
 
 
 def write_alignments(evaluation: Evaluation, path: Path) -> None:

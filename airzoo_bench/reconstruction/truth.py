@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import (
@@ -19,28 +22,25 @@ from airzoo_bench.benchmark.queries import (
     with_unposed,
 )
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, UsageError
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["ReconstructionTruth", "build_truth", "read_truth", "write_truth"]
+from airzoo_bench.reconstruction.alignment import PosedCameras
 
 _NOT_CHOSEN = "not among the photos of the reconstruction"
 
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionTruth:
-    """What a reconstruction is made from and compared with.
+    """The truth of a scene: its photos, which a reconstruction is made from, and its cloud.
 
     Attributes
     ----------
-    scene : str
-        The scene's id.
     photos : DataFrame
         A row a photo that may be used, sorted by ``id``: camera and, unless sealed, true pose.
     cloud : Path
@@ -96,8 +96,6 @@ def build_truth(
     inputs: SceneInputs, cloud: Path, chosen: pd.Series[bool] | None = None
 ) -> ReconstructionTruth:
     """Put the photos of a scene, all or the chosen rows, and the true cloud together."""
-    import pandas as pd
-
     if not cloud.exists():
         raise UsageError("no such cloud", where=cloud, expected="a .las, .laz, .ply or .pcd file")
     photos = inputs.photos
@@ -122,35 +120,63 @@ def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
-    """Read a scene's truth, as far as it is not sealed, and hold the cloud to its checksum."""
+    """Read a scene's truth, without poses and cloud where sealed, and verify the cloud."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
-    home = folder / "reconstruction"
+    table = folder / "reconstruction" / "photos.csv"
     excluded = read_excluded(benchmark, scene, "reconstruction")
-    listed = read_table(home / "photos.csv", ("id", "image"))
     poses = () if benchmark.is_sealed else POSE_COLUMNS
     photos = read_queries(folder, excluded, (*CAMERA_COLUMNS, *poses))
-    if listed["id"].tolist() != photos["id"].tolist():
+    if read_table(table, ("id", "image"))["id"].tolist() != photos["id"].tolist():
         raise BenchmarkError(
             "the photos are not those of queries.csv",
-            where=home / "photos.csv",
+            where=table,
             fix="prepare the benchmark again",
         )
     if benchmark.is_sealed:
         return ReconstructionTruth(scene, photos, Path(), "", excluded)
     cloud = benchmark.resolve(entry.cloud or "")
-    if not entry.cloud or not cloud.exists():
+    found = sha256_of_tree(cloud) if entry.cloud and cloud.exists() else None
+    if found is None or found != entry.cloud_sha256:
+        changed = "is not the one that the benchmark was prepared with"
         raise BenchmarkError(
-            "the true cloud is not there",
-            where=cloud,
-            expected="the cloud that benchmark.toml names",
-            fix="put it back where benchmark.toml says, or prepare with --copy",
-        )
-    found = sha256_of_tree(cloud)
-    if found != entry.cloud_sha256:
-        raise BenchmarkError(
-            "the cloud is not the one that the benchmark was prepared with",
+            f"the true cloud {changed if found else 'is not there'}",
             where=cloud,
             expected=f"SHA-256 {(entry.cloud_sha256 or 'none')[:12]}…",
-            fix="put it back, or prepare the benchmark again",
+            fix="put it back where benchmark.toml says, or prepare with --copy",
         )
     return ReconstructionTruth(scene, photos, cloud, found, excluded)
+
+
+def open_true_cloud(path: Path, memory_bytes: int, sampling: MeshSampling) -> CloudSource:
+    """Open the true cloud, a file or a folder of shards that are read one after the other."""
+    with _as_benchmark_error(path):
+        if path.is_dir():
+            return _TrueCloud(path, open_shards(path, shards_in(path)))
+        return _TrueCloud(path, open_cloud(path, limit_bytes=memory_bytes, sampling=sampling))
+
+
+@dataclass(frozen=True, eq=False)
+class _TrueCloud:
+    path: Path
+    source: CloudSource
+
+    @property
+    def count(self) -> int:
+        return self.source.count
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        with _as_benchmark_error(self.path):
+            yield from self.source.pieces(points)
+
+
+@contextmanager
+def _as_benchmark_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except PredictionError as error:
+        raise BenchmarkError(
+            f"the true cloud cannot be read: {error.what}",
+            where=error.where or path,
+            expected=error.expected,
+            fix="prepare the benchmark with a cloud that is whole",
+        ) from error

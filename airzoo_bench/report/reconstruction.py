@@ -16,7 +16,7 @@ from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.metrics import Curve
-from airzoo_bench.reconstruction.scoring import ScoredScene
+from airzoo_bench.reconstruction.scoring import Comparison
 from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -118,9 +118,7 @@ def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Ru
     yield f"drew {3 * len(scenes)} pictures into {folder}"
 
 
-def _draw_scene(folder: Path, name: str, scene: ScoredScene, limit: float) -> None:
-    if scene.curve is None or scene.clouds is None or scene.distances is None:
-        return
+def _draw_scene(folder: Path, name: str, scene: Comparison, limit: float) -> None:
     draw_curve(folder / f"{name}_curve.png", scene.curve, limit, name)
     there, back = scene.distances.to_truth, scene.distances.to_prediction
     for which, cloud, distances, what in (
@@ -138,8 +136,6 @@ def write_clouds(evaluation: Evaluation, wanted: bool, out: Path | None, run: Ru
         return
     limit, folder, scenes = _limit(evaluation), out / "clouds", _compared(evaluation)
     for name, scene in run.progress(scenes.items(), "clouds", len(scenes)):
-        if scene.clouds is None or scene.distances is None:
-            continue
         predicted, true = (_cloud(cloud.source).points for cloud in scene.clouds)
         for which, points, distances in (
             ("precision", predicted, scene.distances.to_truth),
@@ -155,11 +151,9 @@ def _limit(evaluation: Evaluation) -> float:
     return limit
 
 
-def _compared(evaluation: Evaluation) -> dict[str, ScoredScene]:
+def _compared(evaluation: Evaluation) -> dict[str, Comparison]:
     found = {name: scene.details for name, scene in evaluation.scored.items()}
-    return {
-        name: one for name, one in found.items() if one is not None and one.distances is not None
-    }
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _cloud(source: CloudSource) -> Cloud:

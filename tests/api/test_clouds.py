@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
-from airzoo_bench.api import alignment
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.reconstruction.alignment import RansacSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from tests.api.support import refused
 from tests.reconstruction.world import (
@@ -98,10 +98,7 @@ def test_the_defaults_are_those_of_all_shipped_protocols() -> None:
                 "inlier_deg": rules.inlier_below_deg,
                 "seed": rules.seed,
             }
-            assert (rules.min_trials, rules.max_trials) == alignment._TRIALS
-            assert rules.confidence == alignment._CONFIDENCE
-            assert rules.line_ratio == alignment._LINE_RATIO
-            assert rules.sample_share == "minimal"
+            assert RansacSettings.from_protocol(rules) == RansacSettings(inlier_limit=5.0)
             found += 1
     assert found == 7
 

@@ -13,8 +13,6 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterator
-from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,10 +22,6 @@ import airzoo_bench as ab
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.evaluation.track import Track
 
-ROOT = Path(ab.__file__).parent
-FORMULAS = [
-    *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
-]
 CONTRACTS = (Track,)
 # No summary; parameters missing, unknown, in another order, without type or description; the same
 # of what is returned or yielded.
@@ -49,9 +43,6 @@ def public() -> dict[str, Any]:
     """Return all that is public, by its full name."""
     things = [getattr(ab, name) for name in ab.__all__ if name != "__version__"]
     things += [Dataset]
-    for name in FORMULAS:
-        module = import_module(f"airzoo_bench.{name}")
-        things += [getattr(module, one) for one in module.__all__]
     own = [thing for thing in things if getattr(thing, "__qualname__", None)]
     found = [member for thing in own for member in members(thing)]
     return {f"{one.__module__}.{one.__qualname__}": one for one in found}

@@ -11,7 +11,7 @@ import pytest
 from airzoo_bench.core.errors import BenchmarkError, PredictionError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.reconstruction.reading import open_reconstruction
+from airzoo_bench.reconstruction.predictions import open_reconstruction
 from tests.support import run_main
 
 

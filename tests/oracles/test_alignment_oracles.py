@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras
-from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity, umeyama
-from airzoo_bench.reconstruction.pose_metrics import (
+from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.icp import refine
+from airzoo_bench.reconstruction.metrics import (
     auc_of_depth_anything_3,
     centre_errors,
     pair_errors,
@@ -21,6 +20,7 @@ from airzoo_bench.reconstruction.pose_metrics import (
     step_errors,
 )
 from airzoo_bench.reconstruction.scoring import pose_scores
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, umeyama
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.world import protocol
 
@@ -184,14 +184,14 @@ def test_icp_of_open3d(with_scale: bool) -> None:
         registration.TransformationEstimationPointToPoint(with_scale),
         registration.ICPConvergenceCriteria(0.0, 0.0, 80),
     )
-    settings = IcpSettings(
-        max_points=10**6,
-        max_distance=1.5,
-        max_iterations=80,
-        tolerance=0.0,
-        with_scale=with_scale,
-        seed=0,
-    )
+    stated = {
+        "icp_points": 10**6,
+        "icp_below_m": 1.5,
+        "icp_iterations": 80,
+        "icp_tolerance": 0.0,
+        "icp_with_scale": with_scale,
+    }
+    settings = protocol().alignment.model_copy(update=stated)
     found, report = refine(Pieces(source), Pieces(truth), settings, memory_points=10**6)
     moved = source @ theirs.transformation[:3, :3].T + theirs.transformation[:3, 3]
     np.testing.assert_allclose(found.apply(source), moved, atol=1e-6)

@@ -19,9 +19,9 @@ from scipy.spatial import cKDTree
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.reconstruction.clouds import VoxelGrid
+from airzoo_bench.reconstruction.distances import mutual_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.neighbours import mutual_distances
-from airzoo_bench.reconstruction.voxels import VoxelGrid
 from tests.reconstruction.cloud_support import surface
 
 FAR = np.array((1_000_000.0, 4_000_000.0, 100.0))

@@ -7,25 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.camera_sets import (
-    PosedCameras,
-    RansacSettings,
-)
-from airzoo_bench.reconstruction.alignment.cameras import Alignment, align
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
-RANSAC = RansacSettings(
-    min_trials=50,
-    max_trials=5000,
-    confidence=0.9999,
-    sample_share=None,
-    inlier_limit=1.0,
-    inlier_limit_deg=10.0,
-    line_ratio=0.02,
-    seed=3,
-)
+RANSAC = RansacSettings(min_trials=50, max_trials=5000, inlier_limit=1.0, line_ratio=0.02, seed=3)
 
 
 def cameras(centres: np.ndarray, rng: np.random.Generator) -> PosedCameras:

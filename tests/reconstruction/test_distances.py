@@ -1,23 +1,196 @@
+"""Distances: the same bits as all pairs, in memory and on disk, and however the clouds lie."""
+
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import BenchmarkError, UserError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction import distances
-from airzoo_bench.reconstruction.distances import block_distances, cloud_distances
-from airzoo_bench.reconstruction.neighbours import NeighbourSearch, mutual_distances
+from airzoo_bench.reconstruction import distances as neighbours
+from airzoo_bench.reconstruction.distances import (
+    NeighbourSearch,
+    block_distances,
+    bound_squared,
+    cloud_distances,
+    mutual_distances,
+)
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.cloud_support import Pieces, clouds, surface
+from tests.reconstruction.cloud_support import Pieces, all_pairs, clouds, surface
+
+
+def nearest_distances(points: Floats, others: Floats, *, jobs: int) -> Floats:
+    return mutual_distances(points, others, jobs=jobs)[0]
+
+
+def test_by_hand() -> None:
+    points = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 2.0, 2.0)])
+    others = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 12.0)])
+    assert nearest_distances(points, others, jobs=1).tolist() == [0.0, 5.0, 3.0]
+    assert nearest_distances(others, points, jobs=1).tolist() == [0.0, np.sqrt(4 + 4 + 100)]
+
+
+@given(clouds(), clouds())
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_same_bits_as_all_pairs(points: Floats, others: Floats) -> None:
+    assert np.array_equal(nearest_distances(points, others, jobs=1), all_pairs(points, others))
+
+
+@given(clouds(), clouds(), st.integers(0, 2**32 - 1))
+@quick
+def test_no_bit_depends_on_order_or_threads(points: Floats, others: Floats, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    order, others_order = random.permutation(len(points)), random.permutation(len(others))
+    found = nearest_distances(points, others, jobs=1)
+    again = nearest_distances(points[order], others[others_order], jobs=3)
+    assert np.array_equal(again, found[order])
+
+
+@given(clouds(), clouds())
+@quick
+def test_mutual_is_both_ways(first: Floats, second: Floats) -> None:
+    one, other = mutual_distances(first, second, jobs=2)
+    assert np.array_equal(one, all_pairs(first, second))
+    assert np.array_equal(other, all_pairs(second, first))
+
+
+def test_a_million_metres_from_the_origin_nothing_is_lost() -> None:
+    origin = np.array((1_000_000.0, 4_000_000.0, 0.0))
+    points, others = np.round(surface(3000, 0), 6), np.round(surface(3000, 1), 6)
+    near = nearest_distances(points, others, jobs=2)
+    far = nearest_distances(points + origin, others + origin, jobs=2)
+    assert np.abs(far - near).max() < 2e-9
+    rounded = ((cloud + origin).astype(np.float32).astype(np.float64) for cloud in (points, others))
+    assert np.abs(nearest_distances(*rounded, jobs=2) - near).max() > 0.1  # float32 does lose
+
+
+def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
+    # The middles of a grid's cells have eight neighbours, equally far but for the roundings.
+    axis = np.arange(15) * 0.1
+    grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    middles = grid + 0.05
+    assert len(np.unique(all_pairs(middles, grid))) > 2
+    found = nearest_distances(middles, grid, jobs=2)
+    assert np.array_equal(found, all_pairs(middles, grid))
+
+
+def test_more_ties_than_neighbours_asked_for_are_decided_exactly() -> None:
+    random = np.random.default_rng(0)
+    sphere = random.normal(size=(5000, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    middle = random.normal(size=(20, 3)) * 1e-17
+    found = nearest_distances(middle, sphere, jobs=2)
+    assert np.array_equal(found, all_pairs(middle, sphere))
+    assert (found < 1.0).all()
+
+
+class _Careless:
+    """A tree as careless as errors of its bounds allow: it misses the nearest where all tie."""
+
+    def __init__(self, tree: Any) -> None:
+        self._tree = tree
+
+    def query(self, points: Floats, *, k: int, sqr_dists: bool) -> tuple[Floats, Any]:
+        near, index = self._tree.query(points, k=k + 1, sqr_dists=sqr_dists)
+        near, index = near.copy(), index.copy()
+        tied = near[:, k] <= near[:, 0] * (1.0 + 1e-13)
+        near[tied, :-1], index[tied, :-1] = near[tied, 1:], index[tied, 1:]
+        return near[:, :-1], index[:, :-1]
+
+
+def careless(points: Floats, leafsize: int, build: Any = neighbours.kdtree.KDTree) -> _Careless:
+    return _Careless(build(points, leafsize=leafsize))
+
+
+@pytest.mark.parametrize("shift", [0.0, 7.3])
+def test_a_neighbour_missed_by_the_tree_is_found_again(
+    monkeypatch: pytest.MonkeyPatch, shift: float
+) -> None:
+    axis = np.arange(13) * 0.1 + shift
+    grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    middles, expected = grid + 0.05, all_pairs(grid + 0.05, grid)
+    monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
+    assert np.array_equal(nearest_distances(middles, grid, jobs=2), expected)
+    monkeypatch.setattr(
+        NeighbourSearch, "_resolve_ties", lambda self, points: self._ask(points, 2)[0]
+    )
+    assert not np.array_equal(nearest_distances(middles, grid, jobs=2), expected)
+
+
+def test_a_neighbour_missed_among_very_many_is_found_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = np.random.default_rng(0)
+    sphere = random.normal(size=(3000, 3))
+    sphere *= 1.2 / np.linalg.norm(sphere, axis=1, keepdims=True)
+    middles = random.normal(size=(50, 3)) * 1e-14
+    expected = all_pairs(middles, sphere)
+    monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
+    assert np.array_equal(nearest_distances(middles, sphere, jobs=2), expected)
+    monkeypatch.setattr(neighbours.KDTree, "query_ball_point", lambda *_: [0])
+    assert not np.array_equal(nearest_distances(middles, sphere, jobs=2), expected)
+
+
+@pytest.mark.parametrize("scale", [1e3, 1e9, 1e14, 1e30, 1e140])
+def test_points_however_far(scale: float) -> None:
+    points, others = surface(400, 0, far=0.05), surface(400, 1, far=0.05)
+    points[:20] *= scale
+    others[:5] *= scale
+    with np.errstate(over="ignore"):
+        expected = all_pairs(points, others)
+    assert np.array_equal(nearest_distances(points, others, jobs=2), expected)
+
+
+def test_distances_too_small_for_relative_bounds() -> None:
+    points, others = surface(300, 0) * 1e-160, surface(300, 1) * 1e-160
+    with np.errstate(under="ignore"):
+        expected = all_pairs(points, others)
+    assert np.array_equal(nearest_distances(points, others, jobs=2), expected)
+
+
+def test_a_hundred_thousand_copies_cost_no_more_than_one() -> None:
+    # All pairs would be 10^10.
+    same = np.zeros((100_000, 3))
+    assert (
+        nearest_distances(same + np.array((3.0, 4.0, 0.0)), same, jobs=2).tolist()
+        == [5.0] * 100_000
+    )
+
+
+def test_nothing_is_infinitely_far_from_everything() -> None:
+    nothing, points = np.zeros((0, 3)), np.zeros((2, 3))
+    assert nearest_distances(points, nothing, jobs=1).tolist() == [np.inf, np.inf]
+    assert nearest_distances(nothing, points, jobs=1).tolist() == []
+    one, other = mutual_distances(points, nothing, jobs=1)
+    assert (one.tolist(), other.tolist()) == ([np.inf, np.inf], [])
+    assert mutual_distances(nothing, points, jobs=1)[1].tolist() == [np.inf, np.inf]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_refused(bad: float) -> None:
+    points = np.zeros((5, 3))
+    points[3, 1] = bad
+    with pytest.raises(ValueError, match="not finite"):
+        nearest_distances(points, np.zeros((1, 3)), jobs=1)
+    with pytest.raises(ValueError, match="not finite"):
+        mutual_distances(np.zeros((1, 3)), points, jobs=1)
+    with pytest.raises(ValueError, match=r"\(N, 3\)"):
+        nearest_distances(np.zeros((5, 2)), points, jobs=1)
+
+
+@given(clouds(), clouds())
+@quick
+def test_bounds_of_boxes_hold_to_the_last_bit(points: Floats, others: Floats) -> None:
+    bounds = bound_squared(points, others.min(axis=0), others.max(axis=0))
+    assert (np.sqrt(bounds) <= all_pairs(points, others)).all()
 
 
 def in_blocks(first: Floats, second: Floats, block_points: int) -> tuple[Floats, Floats]:
@@ -50,38 +223,6 @@ def test_surfaces_with_far_points(seed: int, block_points: int) -> None:
 def test_clouds_that_lie_apart(shift: tuple[float, float, float]) -> None:
     # Here a halo of any fixed width is too small, and most points reach into many blocks.
     assert_same_bits(surface(3000, 0) + np.array(shift), surface(3000, 1), 200)
-
-
-def test_clouds_in_memory_are_measured_in_a_stage_with_a_name() -> None:
-    stages = []
-
-    def progress(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
-        stages.append((label, total))
-        yield from items
-
-    first, second = Pieces(surface(50, 0)), Pieces(surface(50, 1))
-    cloud_distances(first, second, block_points=200, jobs=1, progress=progress)
-    assert stages == [("distances", 1)]
-
-
-def test_copies_fill_a_cell_however_it_is_cut() -> None:
-    same = np.tile((1.0, 2.0, 3.0), (3000, 1))
-    assert_same_bits(same, np.vstack((same, surface(100, 0))), 100)
-
-
-def test_sizes_that_differ_much() -> None:
-    assert_same_bits(surface(5000, 0), surface(3, 1), 300)
-
-
-@pytest.mark.parametrize("shift", [(0, 0, 8), (40, 0, 0), (500, 0, 0), (0.01, 0, 0)])
-def test_runs_and_samples_of_few_points(
-    shift: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second = surface(2000, 0, far=0.1) + np.array(shift), surface(2000, 1)
-    monkeypatch.setattr(distances, "_RUN", 16)
-    monkeypatch.setattr(distances, "_SAMPLE", 30)
-    monkeypatch.setattr(distances, "_PIECE", 70)
-    assert_same_bits(first, second, 100)
 
 
 def test_far_points_reach_few_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,22 +261,6 @@ def test_nothing_is_left_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     with pytest.raises(KeyboardInterrupt):
         block_distances(Pieces(points), Broken(points), block_points=100, jobs=1)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not there"))
-    with pytest.raises(UserError, match="48 bytes"):
-        in_blocks(surface(50, 0), surface(50, 1), 10)
-
-
-def test_faults_of_a_source_are_not_those_of_the_disk() -> None:
-    class Gone(Pieces):
-        def pieces(self, points: int) -> Iterator[Cloud]:
-            yield from super().pieces(points)
-            raise FileNotFoundError("cloud.las")
-
-    with pytest.raises(FileNotFoundError, match=r"cloud\.las"):
-        block_distances(Pieces(surface(9, 0)), Gone(surface(9, 1)), block_points=5, jobs=1)
 
 
 def scored(prediction: Floats, truth: Floats, block_points: int) -> tuple[Floats, Floats]:

@@ -1,8 +1,7 @@
+"""Depth maps and point maps as clouds, pixel by pixel and fused."""
+
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -14,23 +13,37 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
-from airzoo_bench.reconstruction import cloud_sources as sources
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.cloud_sources import (
+from airzoo_bench.reconstruction import fusion
+from airzoo_bench.reconstruction.fusion import (
     DepthCloud,
     DepthMaps,
     PointMapCloud,
     PointMaps,
-    surface_depth,
+    fuse,
 )
-from airzoo_bench.reconstruction.tsdf import TsdfSettings, fuse
+from airzoo_bench.reconstruction.settings import Fusion
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
+
 STILL = Similarity.identity()
-TSDF = TsdfSettings(voxel=0.5, truncation=2.0, max_depth=100.0, max_voxels=10**7)
+
 SLOPE = np.array((0.1, -0.05, 1.0))
+
 ABOVE = 30.0
+TSDF = Fusion(
+    method="tsdf",
+    confidence_above="none",
+    max_depth_m=100.0,
+    tsdf_voxel_m=0.5,
+    tsdf_truncation_m=2.0,
+    tsdf_max_voxels=10**7,
+)
+
+
+def fused(maps: DepthMaps, **changes: Any) -> np.ndarray:
+    return fuse(maps, STILL, TSDF.model_copy(update=changes))
 
 
 def joined(source: CloudSource, points: int = 1000) -> np.ndarray:
@@ -129,7 +142,7 @@ def test_the_plane_comes_back_in_another_frame() -> None:
 def test_pieces_do_not_change_a_bit(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = slope_maps(views=2, width=32, height=24)
     whole = joined(depth_cloud(maps), 10**6)
-    monkeypatch.setattr(sources, "_BLOCK_PIXELS", 500)
+    monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
     assert joined(depth_cloud(maps), points).tobytes() == whole.tobytes()
 
 
@@ -150,14 +163,14 @@ def test_point_maps() -> None:
 
 def test_tsdf_gives_the_plane_back() -> None:
     maps = slope_maps()
-    found = fuse(maps, STILL, TSDF, confidence_above=None)
+    found = fused(maps)
     assert len(found) > 1000
     assert_on_plane(found)
     seen = joined(depth_cloud(maps))
     # Half a pixel off would be 0.25 m at 30 m, seen by the border of the surface.
     lower, upper = seen.min(axis=0), seen.max(axis=0)
-    assert (found > lower - TSDF.truncation).all()
-    assert (found < upper + TSDF.truncation).all()
+    assert (found > lower - TSDF.tsdf_truncation_m).all()
+    assert (found < upper + TSDF.tsdf_truncation_m).all()
 
 
 def test_tsdf_pixel_centres() -> None:
@@ -168,8 +181,7 @@ def test_tsdf_pixel_centres() -> None:
     cameras = Cameras.from_matrices(K, 64, 48)
     poses = Poses(rotation=looking_down(0.0), centres=UTM[None] + (0, 0, ABOVE))
     maps = DepthMaps(depth, cameras, poses)
-    fine = replace(TSDF, voxel=0.1, truncation=0.4)
-    found = fuse(maps, STILL, fine, confidence_above=None) - UTM
+    found = fused(maps, tsdf_voxel_m=0.1, tsdf_truncation_m=0.4) - UTM
     high, low = found[found[:, 2] > -0.2], found[found[:, 2] < -2.8]
     # The pixel right of the step ends at (31.5 + 0.5 - 33) / 60 * 30 = -0.5 m.
     assert high[:, 0].max() == pytest.approx(-0.5, abs=0.11)
@@ -185,73 +197,23 @@ def test_tsdf_finds_a_ground_at_a_round_height() -> None:
     poses = Poses(rotation=looking_down(0.0), centres=np.array(((0.0, 0.0, 30.0),)))
     maps = DepthMaps(depth, Cameras.from_matrices(K, 64, 48), poses)
     # Pixels of 0.5 m, five times the voxels: no holes either.
-    found = fuse(maps, STILL, replace(TSDF, voxel=0.1, truncation=0.4), confidence_above=None)
+    found = fused(maps, tsdf_voxel_m=0.1, tsdf_truncation_m=0.4)
     np.testing.assert_allclose(found[:, 2], 0.0, atol=1e-5)
     cells = np.unique(np.floor(found[:, :2] / 0.5).astype(int), axis=0)
     assert len(cells) >= 60 * 44
-
-
-def test_tsdf_in_another_frame_and_scale() -> None:
-    maps = slope_maps()
-    made = Similarity(0.01, Rotation.random(random_state=2).as_matrix(), np.ones(3), UTM)
-    there = replace(maps, depth=maps.depth * 0.01, poses=made.apply_poses(maps.poses))
-    found = fuse(there, made.inverse(), TSDF, confidence_above=None)
-    expected = fuse(maps, STILL, TSDF, confidence_above=None)
-    assert len(found) == pytest.approx(len(expected), rel=0.01)
-    assert_on_plane(found)
-
-
-def test_tsdf_of_nothing() -> None:
-    maps = slope_maps(1)
-    found = fuse(replace(maps, depth=maps.depth * np.nan), STILL, TSDF, confidence_above=None)
-    assert len(found) == 0
-    distrusted = replace(maps, confidence=np.zeros(maps.depth.shape))
-    assert len(fuse(distrusted, STILL, TSDF, confidence_above=0.5)) == 0
 
 
 def test_tsdf_outliers_do_not_allocate_the_world() -> None:
     maps = slope_maps(2)
     maps.depth[:, ::7, ::7] = 1e9
     maps.depth[:, 1::7, ::7] = 99.0
-    assert len(fuse(maps, STILL, TSDF, confidence_above=None)) > 1000
+    assert len(fused(maps)) > 1000
     with pytest.raises(PredictionError, match="more than 50,000 voxels"):
-        fuse(maps, STILL, replace(TSDF, max_voxels=50_000), confidence_above=None)
+        fused(maps, tsdf_max_voxels=50_000)
 
 
 def test_tsdf_needs_pinholes() -> None:
     maps = slope_maps(1)
     bent = replace(maps.cameras, distortion=np.full((1, 5), 0.01))
     with pytest.raises(PredictionError, match="lens distortion"):
-        fuse(replace(maps, cameras=bent), STILL, TSDF, confidence_above=None)
-
-
-_HASH = """
-import hashlib
-import numpy as np
-from tests.reconstruction.test_fusion import STILL, TSDF, replace, slope_maps
-from airzoo_bench.reconstruction.tsdf import fuse
-maps = slope_maps()
-noise = np.random.default_rng(3).normal(0, 0.2, maps.depth.shape)
-maps = replace(maps, depth=maps.depth + noise)
-found = fuse(maps, STILL, replace(TSDF, voxel=0.2, truncation=0.8), confidence_above=None)
-print(hashlib.sha256(found.tobytes()).hexdigest(), len(found))
-"""
-
-
-def test_tsdf_is_the_same_for_any_number_of_threads() -> None:
-    outputs = set()
-    for threads in ("1", "2"):
-        environment = os.environ | {"OMP_NUM_THREADS": threads}
-        done = subprocess.run(
-            [sys.executable, "-c", _HASH], env=environment, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stderr
-        outputs.add(done.stdout.splitlines()[-1])
-    assert len(outputs) == 1
-    assert int(outputs.pop().split()[1]) > 10_000
-
-
-def test_surface_depth_scales_before_it_cuts() -> None:
-    maps = one_view([[1.0, 2.0]])
-    found = surface_depth(maps, 0, scale=10.0, max_depth=15.0, confidence_above=None)
-    assert found.tolist() == [[10.0, 0.0]]
+        fused(replace(maps, cameras=bent))

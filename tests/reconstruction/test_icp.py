@@ -1,29 +1,18 @@
-"""ICP: what it refines, what it reports, and how much memory it takes."""
+"""ICP: what it refines, and what it reports."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment.icp import IcpReport, IcpSettings, drawn, refine
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.icp import IcpReport, draw_points, refine
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.posed_cameras import UTM, assert_same
-
-ICP = IcpSettings(
-    max_points=2000,
-    max_distance=2.0,
-    max_iterations=60,
-    tolerance=1e-6,
-    with_scale=True,
-    seed=0,
-)
+from tests.reconstruction.world import protocol
 
 
 def terrain(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -32,8 +21,17 @@ def terrain(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def icp(
-    predicted: np.ndarray, truth: np.ndarray, settings: IcpSettings = ICP, held: int = 1 << 20
+    predicted: np.ndarray, truth: np.ndarray, held: int = 1 << 20, **changes: Any
 ) -> tuple[Similarity, IcpReport]:
+    stated = {
+        "icp_points": 2000,
+        "icp_below_m": 2.0,
+        "icp_iterations": 60,
+        "icp_tolerance": 1e-6,
+        "icp_with_scale": True,
+        **changes,
+    }
+    settings = protocol(alignment=stated).alignment
     return refine(Pieces(predicted), Pieces(truth), settings, memory_points=held)
 
 
@@ -59,7 +57,7 @@ def test_icp_refines_far_from_the_origin() -> None:
 
 @pytest.mark.parametrize("held", [1, 1 << 20])
 def test_icp_is_the_same_whatever_is_held(held: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("airzoo_bench.reconstruction.alignment.icp._PART", 3001)
+    monkeypatch.setattr("airzoo_bench.reconstruction.icp._PART", 3001)
     cloud = np.rint(terrain(np.random.default_rng(12), 20000) * 4) / 4 + UTM  # many ties
     found, report = icp(OFF.apply(cloud[:8000]), cloud, held=held)
     whole, _ = icp(OFF.apply(cloud[:8000]), cloud, held=10**6)
@@ -70,7 +68,7 @@ def test_icp_is_the_same_whatever_is_held(held: int, monkeypatch: pytest.MonkeyP
 def test_icp_without_scale_keeps_it() -> None:
     cloud = terrain(np.random.default_rng(13), 5000)
     off = Similarity(1.02, np.eye(3), np.array((0.1, 0.2, 0.3)))
-    found, report = icp(off.apply(cloud[:3000]), cloud, replace(ICP, with_scale=False))
+    found, report = icp(off.apply(cloud[:3000]), cloud, icp_with_scale=False)
     assert found.scale == 1.0
     assert report.after.cost < report.before.cost
 
@@ -86,7 +84,7 @@ def test_icp_leaves_what_it_cannot_fix() -> None:
 def test_icp_figures_by_hand() -> None:
     truth = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0), (10, 10, 0)))
     predicted = truth + np.array(((0.0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 50)))
-    _, report = icp(predicted, truth, replace(ICP, max_iterations=0))
+    _, report = icp(predicted, truth, icp_iterations=1)
     assert (report.before.fitness, report.before.rmse) == (0.75, 1.0)
     assert report.before.cost == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
 
@@ -102,45 +100,10 @@ def test_icp_needs_clouds_that_meet() -> None:
 def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     points = np.arange(3000.0).reshape(1000, 3)
     points[17] = np.nan
-    some = drawn(Pieces(points), 10, seed=1)
+    some = draw_points(Pieces(points), 10, seed=1)
     assert len(some) == 10
     assert (np.diff(some[:, 0]) > 0).all()
-    assert not np.array_equal(some, drawn(Pieces(points), 10, seed=2))
-    assert len(drawn(Pieces(points), 2000, seed=1)) == 999
-    monkeypatch.setattr("airzoo_bench.reconstruction.alignment.icp._PART", 37)
-    np.testing.assert_array_equal(some, drawn(Pieces(points), 10, seed=1))
-
-
-# Memory, measured in a process of its own: a sample of the prediction and parts of the truth.
-
-CHILD = """
-import resource
-import numpy as np
-from airzoo_bench.reconstruction.alignment.icp import IcpSettings, refine
-from airzoo_bench.formats.clouds.cloud import Cloud
-
-class Made:
-    def __init__(self, count, lift):
-        self.count, self.lift = count, lift
-    def pieces(self, points):
-        for start in range(0, self.count, points):
-            n = np.arange(start, min(start + points, self.count), dtype=float)
-            x, y = n % 2003 * 0.1, n // 2003 * 0.1
-            yield Cloud(np.stack((x, y, 3 * np.sin(x / 7) + self.lift), axis=1))
-
-settings = IcpSettings(20_000, 2.0, 2, 1e-9, True, 0)
-def peak(count):
-    refine(Made(count, 0.3), Made(count, 0.0), settings, memory_points=100_000)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-few = peak(300_000)
-print(peak(2_000_000) - few)
-"""
-
-
-def test_icp_of_large_clouds_takes_no_more_than_of_small_ones() -> None:
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD], capture_output=True, text=True, check=True, env=environment
-    )
-    # Both clouds are 92 MB.
-    assert int(done.stdout) < 24 * 1024
+    assert not np.array_equal(some, draw_points(Pieces(points), 10, seed=2))
+    assert len(draw_points(Pieces(points), 2000, seed=1)) == 999
+    monkeypatch.setattr("airzoo_bench.reconstruction.icp._PART", 37)
+    np.testing.assert_array_equal(some, draw_points(Pieces(points), 10, seed=1))

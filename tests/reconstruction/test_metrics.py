@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import metrics as metrics_module
+from airzoo_bench.reconstruction.distances import mutual_distances
 from airzoo_bench.reconstruction.metrics import (
     CloudScores,
     counts_below,
@@ -20,7 +21,6 @@ from airzoo_bench.reconstruction.metrics import (
     f1_score,
     score_distances,
 )
-from airzoo_bench.reconstruction.neighbours import mutual_distances
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import clouds
 

@@ -6,9 +6,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction import pose_metrics
-from airzoo_bench.reconstruction.alignment.similarity import Similarity
-from airzoo_bench.reconstruction.pose_metrics import (
+from airzoo_bench.reconstruction import metrics as pose_metrics
+from airzoo_bench.reconstruction.metrics import (
     PairErrors,
     auc_of_depth_anything_3,
     centre_errors,
@@ -17,6 +16,7 @@ from airzoo_bench.reconstruction.pose_metrics import (
     rms_of_placed,
     step_errors,
 )
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import quick, seeds
 
 

@@ -1,37 +1,45 @@
-"""The whole track on a made world: scores by hand, oracles, and sameness to the last bit."""
+"""The whole track on a made world: scores by hand, views, files of a run, and failures."""
 
 from __future__ import annotations
 
-import zipfile
+import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from tests.reconstruction.both_scenes import notes_of
+from airzoo_bench.reconstruction.cameras import ImagePoses, match_cameras
+from airzoo_bench.reconstruction.truth import read_truth
+from airzoo_bench.results.result import read_result
+from tests.reconstruction.both_scenes import both, notes_of
 from tests.reconstruction.world import (
     ORIGIN,
+    PROTOCOL,
     SIDE,
     STEP,
     Array,
     World,
+    camera_poses,
     predict_clouds,
     save,
     true_points,
 )
-
-NEAR = 1e-8  # of coordinates of millions of metres, after an alignment
+from tests.support import files_below, run_main
 
 
 def lot(world: World, folder: Path, points: Array, **sections: Any) -> dict[str, Any]:
     """Return the record of the lot for predicted points, taken as they stand."""
     path = predict_clouds(world, folder / "p", {"lot": points}, cameras=False)
     chosen = world.protocol(folder / "c.toml", alignment={"method": "none"}, **sections)
-    return world.score(path, protocol=str(chosen)).scored["lot"].records.to_dict("records")[0]
+    return world.record("lot", path, protocol=str(chosen))
 
 
 def test_a_plane_shifted_by_three_metres(world: World, tmp_path: Path) -> None:
@@ -58,18 +66,6 @@ def test_half_of_a_plane(world: World, tmp_path: Path) -> None:
     assert record["chamfer_m"] == pytest.approx(away.sum() / columns / 2, rel=1e-12)
 
 
-def test_duplicates_weigh_unless_they_are_thinned(world: World, tmp_path: Path) -> None:
-    points = true_points("lot")
-    far = points[:1200] + np.array((0, 0, 50.0))
-    twice = np.concatenate([points, far, far])
-    record = lot(world, tmp_path, twice)
-    assert record["precision_10m"] == 14_400 / 16_800
-    assert record["recall_10m"] == 1.0
-    thin = lot(world, tmp_path, twice, preparation={"voxel_m": 0.25}, scores={"f1_below_m": (1.0,)})
-    assert thin["precision_10m"] == 14_400 / 15_600
-    assert (thin["thinned"], thin["points"], thin["truth_thinned"]) == (1200, 15_600, 0)
-
-
 def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
     # Four points of half a metre are one voxel of a metre; the prediction lies a metre above.
     points = true_points("lot") + np.array((0, 0, 1.0))
@@ -78,45 +74,7 @@ def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
     )
     # Voxels begin at 0.38 m: at the borders they hold fewer.
     assert (record["points"], record["truth_points"]) == (61**2, 61**2)
-    assert record["chamfer_m"] == pytest.approx(1.0, abs=NEAR)
-
-
-def test_a_crop_leaves_out_what_lies_beyond_its_margin(world: World, tmp_path: Path) -> None:
-    points = true_points("lot")
-    at = points[:1] * (1, 1, 0) + np.array([[0, 0, 105.0], [0, 0, 105.001], [0, 0, 900.0]])
-    record = lot(
-        world,
-        tmp_path,
-        np.concatenate([points, at]),
-        preparation={"crop": "box", "crop_margin_m": 5.0},
-    )
-    assert (record["points"], record["outside"]) == (14_401, 2)
-    assert record["accuracy_m"] == pytest.approx(5.0 / 14_401, rel=1e-9)
-
-
-@pytest.mark.parametrize(("part", "said"), [(1000, None), (4, "20%"), (0.5, "67%")])
-def test_the_share_outside_the_scored_region_is_printed(
-    part: float, said: str | None, world: World, tmp_path: Path
-) -> None:
-    """Thinned by voxels inside, where four points become one; the share is of points as given."""
-    points = true_points("lot")
-    far = np.tile(points[:1] + np.array((0, 0, 900.0)), (int(len(points) / part), 1))
-    path = predict_clouds(world, tmp_path / "p", {"lot": np.concatenate([points, far])})
-    chosen = world.protocol(
-        tmp_path / "c.toml",
-        preparation={"crop": "covered", "voxel_m": 1.0},
-        scores={"f1_below_m": (2.0,)},
-    )
-    found = [n for n in notes_of(world, path, str(chosen)) if "scored region" in n]
-    assert [n.startswith(f"scene lot: {said} ") for n in found] == [True] * (said is not None)
-    assert ["F1" in n for n in found] == [said == "67%"] * len(found)
-
-
-def test_a_single_point(world: World, tmp_path: Path) -> None:
-    record = lot(world, tmp_path, true_points("lot")[:1] + np.array((0, 0, 2.0)))
-    assert record["accuracy_m"] == 2.0
-    assert record["precision_10m"] == 1.0
-    assert 0 < record["recall_10m"] < 0.2
+    assert record["chamfer_m"] == pytest.approx(1.0, abs=1e-8)
 
 
 def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -> None:
@@ -163,14 +121,6 @@ def test_a_failed_scene_scores_its_worst_and_is_named(
     assert notes_of(world, path) == list(result.notes)
 
 
-def test_the_average_is_unweighted(world: World, tmp_path: Path) -> None:
-    clouds = {"lot": true_points("lot") + np.array((0, 0, 20.0)), "yard": true_points("yard")}
-    path = predict_clouds(world, tmp_path / "p", clouds, cameras=False)
-    result = world.score(path).result
-    assert result.overall["f1_10m"] == 0.5
-    assert result.overall["chamfer_m"] == 10.0
-
-
 def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     corners = np.array([[0, 0], [SIDE, 0], [SIDE, SIDE], [0, SIDE]])
     lines = [f"v {x + ORIGIN[0]} {y + ORIGIN[1]} {ORIGIN[2]}" for x, y in corners]
@@ -178,62 +128,11 @@ def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
     (tmp_path / "p" / "lot.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4\n"]))
     chosen = world.protocol(tmp_path / "c.toml", meshes={"points": 20_000})
     evaluation = world.score(tmp_path / "p", protocol=str(chosen))
-    record = evaluation.scored["lot"].records.to_dict("records")[0]
+    record = evaluation.scored["lot"].records.iloc[0].to_dict()
     assert evaluation.result.predictions.kind == "mesh"
     assert record["points"] == 20_000
     assert record["f1_1m"] > 0.999
     assert any("20,000 points sampled" in note for note in evaluation.result.notes)
-
-
-def test_every_kind_of_file_and_an_archive_score_alike(world: World, tmp_path: Path) -> None:
-    points = true_points("lot")[::7] + np.array((0.0, 0.0, 0.25))
-    folder = predict_clouds(world, tmp_path / "ply", {"lot": points}, cameras=False)
-    save(tmp_path / "npz" / "lot.npz", {"points": points})
-    (tmp_path / "npy" / "lot").mkdir(parents=True)
-    np.save(tmp_path / "npy" / "lot" / "cloud.npy", points)
-    with zipfile.ZipFile(tmp_path / "p.zip", "w") as archive:
-        archive.write(folder / "lot.ply", "preds/lot.ply")
-        archive.write(folder / "protocol.txt", "preds/protocol.txt")
-    paths = [folder, tmp_path / "npz", tmp_path / "npy", tmp_path / "p.zip", folder / "lot.ply"]
-    records = [world.score(path).scored["lot"].records.to_dict("records")[0] for path in paths]
-    assert all(record == records[0] for record in records)
-
-
-def test_points_that_decide_the_mean_are_named(world: World, tmp_path: Path) -> None:
-    far = np.concatenate([true_points("yard"), [[1e9, 1e9, 1e9]]])
-    path = predict_clouds(world, tmp_path / "p", {"yard": far})
-    notes = world.score(path).result.notes
-    assert any(
-        "1 of 15,265 predicted points, up to 1.729e+09 m away, makes 100%" in n for n in notes
-    )
-
-
-# Open3D as an oracle of distances.
-
-
-def test_open3d_finds_the_same_scores(world: World, tmp_path: Path) -> None:
-    random = np.random.default_rng(0)
-    points = true_points("yard") + random.normal(0, 0.6, true_points("yard").shape)
-    points = np.concatenate([points[::2], random.uniform(0, SIDE, (500, 3)) + ORIGIN])
-    path = predict_clouds(world, tmp_path / "p", {"yard": points}, cameras=False)
-    record = world.score(path).scored["yard"].records.to_dict("records")[0]
-    o3d = load_open3d()
-    clouds = []
-    for one in (points, true_points("yard")):
-        cloud = o3d.geometry.PointCloud()
-        cloud.points = o3d.utility.Vector3dVector(one - ORIGIN)
-        clouds.append(cloud)
-    there = np.asarray(clouds[0].compute_point_cloud_distance(clouds[1]))
-    back = np.asarray(clouds[1].compute_point_cloud_distance(clouds[0]))
-    for limit in (0.2, 0.5, 1.0, 10.0):
-        p, r = (there < limit).mean(), (back < limit).mean()
-        assert record[f"precision_{limit:g}m"] == p
-        assert record[f"recall_{limit:g}m"] == r
-        assert record[f"f1_{limit:g}m"] == pytest.approx(2 * p * r / (p + r), rel=1e-14)
-    assert record["accuracy_m"] == pytest.approx(there.mean(), rel=1e-9)
-    assert record["completeness_m"] == pytest.approx(back.mean(), rel=1e-9)
-    assert record["chamfer_m"] == pytest.approx((there.mean() + back.mean()) / 2, rel=1e-9)
-    assert record["accuracy_median_m"] == pytest.approx(np.median(there), rel=1e-7)
 
 
 def test_the_command_scores_in_blocks_as_in_memory(world: World, tmp_path: Path) -> None:
@@ -246,3 +145,276 @@ def test_the_command_scores_in_blocks_as_in_memory(world: World, tmp_path: Path)
     blocks = world.score(path, jobs=2, memory_bytes=4 << 20)
     assert whole.records.to_csv() == blocks.records.to_csv()
     assert whole.result == blocks.result
+
+
+def moved(points: Array, scale: float, seed: int = 5) -> tuple[Array, Array, Array]:
+    """Return points in another frame, its rotation and its origin."""
+    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    return (points - ORIGIN) @ turn.T * scale, turn, ORIGIN
+
+
+def moved_cameras(world: World, scene: str, scale: float, seed: int = 5) -> dict[str, Any]:
+    poses = camera_poses(scene)
+    centres, turn, _ = moved(poses.centres, scale, seed)
+    rotation = poses.rotation @ turn.T
+    extrinsics = np.concatenate([rotation, -(rotation @ centres[..., None])], axis=2)
+    return world.cameras(scene, extrinsics=extrinsics)
+
+
+def test_sim3_brings_back_a_cloud_of_any_frame(world: World, tmp_path: Path) -> None:
+    points, turn, _ = moved(true_points("lot"), 0.02)
+    path = predict_clouds(world, tmp_path / "p", {"lot": points})
+    save(path / "lot.cameras.npz", moved_cameras(world, "lot", 0.02))
+    scored = world.score(path).scored["lot"]
+    assert scored.records.iloc[0]["scale"] == pytest.approx(50.0, rel=1e-9)
+    assert scored.records.iloc[0]["chamfer_m"] < 1e-6
+    assert scored.records.iloc[0]["f1_0.2m"] == 1.0
+    matrix = np.array(scored.facts["alignment"]["matrix"])
+    np.testing.assert_allclose(matrix[:3, :3], 50.0 * turn.T, atol=1e-7)
+    homogeneous = np.append(points[7], 1.0)
+    back = matrix @ homogeneous
+    np.testing.assert_allclose(back[:3], true_points("lot")[7], atol=1e-5)
+
+
+@pytest.mark.parametrize("method", ["back-projection", "tsdf"])
+def test_maps_without_a_pose_are_nowhere(method: str, world: World, tmp_path: Path) -> None:
+    fields = world.views("yard")
+    rows = np.array([0, 2, 3, 5])
+    few = {name: values[rows] if values.ndim else values for name, values in fields.items()}
+    extrinsics = fields["extrinsics"].copy()
+    extrinsics[[1, 4]] = np.nan
+    lost = fields | {"extrinsics": extrinsics}
+    chosen = world.protocol(tmp_path / "c.toml", fusion={"method": method})
+    records = [
+        world.record("yard", save(tmp_path / name / "yard.npz", one).parent, protocol=str(chosen))
+        for name, one in (("few", few), ("lost", lost))
+    ]
+    assert records[0] == records[1]
+    assert records[1]["not_finite"] == 0
+    assert records[1]["cameras_missing"] == 2
+
+
+@pytest.mark.parametrize("dtype", ["float32", "uint8"])
+@pytest.mark.parametrize("kind", ["depth", "points", "cloud"])
+def test_pixels_and_points_must_exceed_the_confidence(
+    kind: str, dtype: str, world: World, tmp_path: Path
+) -> None:
+    fields = world.views("lot")
+    shape = fields["depth"].shape
+    some = (0, 2, 3, 255) if dtype == "uint8" else (0.1, 2.0, 2.00001, 9.0)
+    conf = np.resize(some, shape).astype(dtype)
+    if kind == "depth":
+        save(tmp_path / "p" / "lot.npz", fields | {"conf": conf})
+    elif kind == "points":
+        points = np.resize(true_points("lot"), (*shape, 3))
+        save(tmp_path / "p" / "lot.npz", world.cameras("lot") | {"points": points, "conf": conf})
+    else:
+        points = np.resize(true_points("lot"), (conf.size, 3))
+        save(tmp_path / "p" / "lot.npz", {"points": points, "confidence": conf.ravel()})
+        save(tmp_path / "p" / "lot.cameras.npz", world.cameras("lot"))
+    chosen = world.protocol(tmp_path / "c.toml", fusion={"confidence_above": 2.0})
+    evaluation = world.score(tmp_path / "p", protocol=str(chosen))
+    record = evaluation.scored["lot"].records.iloc[0].to_dict()
+    assert (record["points"], record["distrusted"]) == (conf.size // 2, conf.size // 2)
+    assert any("left out: 3,456 points of too little" in n for n in evaluation.result.notes)
+
+
+def test_icp_mends_poor_cameras(world: World, tmp_path: Path) -> None:
+    cameras = world.cameras("yard")
+    poses = camera_poses("yard")
+    centres = poses.centres - np.array((0.0, 0.0, 0.7))
+    cameras["extrinsics"][..., 3] = -(poses.rotation @ centres[..., None])[..., 0]
+    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
+    save(path / "yard.cameras.npz", cameras)
+    rough = world.record("yard", path)
+    icp = {"method": "sim3+icp", "icp_with_scale": False, "icp_points": 4000, "icp_tolerance": 1e-9}
+    chosen = world.protocol(tmp_path / "c.toml", alignment=icp)
+    scored = world.score(path, protocol=str(chosen)).scored["yard"]
+    assert rough["chamfer_m"] > 0.1
+    assert scored.records.iloc[0]["chamfer_m"] < 0.1 * rough["chamfer_m"]
+    assert scored.facts["alignment"]["icp"] is not None
+
+
+@pytest.mark.parametrize("method", ["sim3", "sim3+icp"])
+@pytest.mark.parametrize("fusion", ["back-projection", "tsdf"])
+def test_scores_do_not_depend_on_the_frame_of_the_prediction(
+    method: str, fusion: str, world: World, tmp_path: Path
+) -> None:
+    fields = world.views("yard")
+    random = np.random.default_rng(3)
+    fields["depth"] = fields["depth"] * (1 + random.normal(0, 0.003, fields["depth"].shape))
+    used = {"method": method, "icp_points": 5000, "icp_iterations": 10}
+    chosen = world.protocol(tmp_path / "c.toml", alignment=used, fusion={"method": fusion})
+    records = []
+    for number, scale in enumerate((1.0, 0.003, 700.0)):
+        other = fields | moved_cameras(world, "yard", scale, seed=number)
+        other["depth"] = fields["depth"] * scale
+        path = save(tmp_path / f"{number}" / "yard.npz", other).parent
+        records.append(world.record("yard", path, protocol=str(chosen)))
+    for record in records[1:]:
+        assert record["points"] == records[0]["points"]
+        for name in ("f1_0.2m", "f1_0.5m", "f1_1m", "pose_auc_3deg"):
+            assert record[name] == pytest.approx(records[0][name], abs=1e-3), name
+        for name in ("chamfer_m", "accuracy_m", "completeness_m", "ate_m"):
+            assert record[name] == pytest.approx(records[0][name], rel=1e-4, abs=1e-6), name
+
+
+@pytest.mark.parametrize("method", ["back-projection", "tsdf"])
+def test_fusion_gives_the_same_bytes_again(method: str, world: World, tmp_path: Path) -> None:
+    path = save(tmp_path / "p" / "yard.npz", world.views("yard")).parent
+    chosen = world.protocol(tmp_path / "c.toml", fusion={"method": method})
+    records = [
+        world.score(path, protocol=str(chosen), jobs=jobs, memory_bytes=memory).records
+        for jobs, memory in ((1, 1 << 30), (2, 1 << 30), (2, 2 << 20))
+    ]
+    assert records[0].to_csv() == records[1].to_csv() == records[2].to_csv()
+
+
+PNG = b"\x89PNG\r\n"
+
+
+def test_the_files_of_a_run(world: World, tmp_path: Path) -> None:
+    path, out = both(world, tmp_path), tmp_path / "out"
+    assert run_main("eval", "reconstruction", path, "--out", out, "--figures", "--clouds") == 0
+    names = [f"{scene}_{part}" for scene in ("yard", "lot") for part in ("precision", "recall")]
+    curves = [f"{scene}_curve" for scene in ("yard", "lot")]
+    assert files_below(out) == {
+        *("result.json", "records.csv", "alignment.json", "figures", "clouds"),
+        *(f"figures/{name}.png" for name in [*names, *curves]),
+        *(f"clouds/{name}.ply" for name in names),
+    }
+    for picture in (out / "figures").iterdir():
+        assert picture.read_bytes().startswith(PNG)
+    read_result(out / "result.json")
+
+
+def test_the_same_files_again(world: World, tmp_path: Path) -> None:
+    path = both(world, tmp_path, 2.0)
+    options = ("--figures", "--clouds", "--method", "same")
+    for name, jobs in (("one", 1), ("two", 2)):
+        out = tmp_path / name
+        assert run_main("eval", "reconstruction", path, "--out", out, "-j", jobs, *options) == 0
+    for file in files_below(tmp_path / "one"):
+        if (tmp_path / "one" / file).is_file():
+            one, two = ((tmp_path / name / file).read_bytes() for name in ("one", "two"))
+            assert one == two, file
+
+
+def test_alignment_json_brings_a_cloud_to_its_place(world: World, tmp_path: Path) -> None:
+    fields = world.views("yard")
+    centre = np.array((500_010.0, 5_200_010.0, 50.0))
+    local = fields["extrinsics"].copy()
+    local[..., 3] += (fields["extrinsics"][..., :3] @ centre[:, None])[..., 0]
+    local[..., 3] *= 0.25
+    fields |= {"extrinsics": local, "depth": fields["depth"] * 0.25}
+    path, out = save(tmp_path / "p" / "yard.npz", fields).parent, tmp_path / "out"
+    arguments = ("--protocol", PROTOCOL, "--out", out)
+    assert run_main("eval", "reconstruction", path, *arguments) == 0
+    (name, found), *others = json.loads((out / "alignment.json").read_text()).items()
+    assert name == "yard"
+    assert others == []  # a scene that the prediction lacks has no alignment
+    assert set(found) == {
+        *("method", "scale", "matrix", "cameras", "cameras_missing", "inliers", "inlier_limit_m"),
+        *("used_orientations", "robust", "centres", "inlier_centres", "rotations_deg", "icp"),
+        *("icp_failure", "inlier_names"),
+    }
+    assert found["scale"] == pytest.approx(4.0)
+    assert found["robust"] is True
+    assert (found["cameras"], found["inliers"], found["cameras_missing"]) == (6, 6, 0)
+    for residuals in ("centres", "inlier_centres"):
+        assert set(found[residuals]) == {"rms", "median", "largest"}
+        assert found[residuals]["largest"] < 1e-6
+    np.testing.assert_allclose(np.array(found["matrix"])[:3, 3], centre, atol=1e-6)
+
+
+def test_cameras_may_be_required(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = both(world, tmp_path)
+    required = world.protocol(tmp_path / "c.toml", alignment={"cameras": "required"})
+    assert run_main("eval", "reconstruction", path, "--protocol", required) == 2
+    assert "holds no cameras, and the protocol requires them" in capsys.readouterr().err
+    assert any("holds no cameras: taken as it stands" in note for note in notes_of(world, path))
+
+
+def records_of(world: World, path: Path, tmp_path: Path, *options: object) -> pd.DataFrame:
+    assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out", *options) == 0
+    return pd.read_csv(tmp_path / "out" / "records.csv").set_index("scene")
+
+
+def test_records_and_counts(world: World, tmp_path: Path) -> None:
+    clouds = {"yard": np.concatenate([true_points("yard"), [[np.nan, 0, 0]]])}
+    path = predict_clouds(world, tmp_path / "p", clouds)
+    chosen = world.protocol(
+        tmp_path / "c.toml", preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
+    )
+    records = records_of(world, path, tmp_path, "--protocol", chosen)
+    text = (tmp_path / "out" / "records.csv").read_text()
+    assert records["answered"].tolist() == [True, False]
+    counts = json.loads((tmp_path / "out" / "result.json").read_text())["counts"]
+    yard = counts["yard"]
+    assert yard["points"] + yard["thinned"] == 15_264
+    assert yard["truth_points"] + yard["truth_thinned"] == 15_264
+    assert (yard["queries"], yard["missing"], yard["not_finite"]) == (1, 0, 1)
+    assert (yard["cameras"], yard["cameras_missing"], yard["inlier_cameras"]) == (6, 0, 6)
+    for name in set(yard) - {"queries", "missing"}:
+        assert records.loc["yard", name] == yard[name]
+    # Counts are whole numbers, and a missing scene has none but its points.
+    assert f",{yard['points']}," in text
+    assert records.loc["lot", "points"] == 0
+    assert np.isnan(records.loc["lot", "truth_points"])
+    assert counts["lot"] == {"queries": 1, "missing": 1, "points": 0}
+
+
+def test_views_without_names_follow_the_names_of_the_files(world: World) -> None:
+    """Names with their endings sort otherwise than the ids of photos, which have none."""
+    truth = read_truth(Benchmark.open(world.folder), "yard")
+    names = ["a.jpg", "a-1.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"]
+    truth = replace(truth, photos=truth.photos.assign(image=names))
+    order = np.array([1, 0, 2, 3, 4, 5])
+    numbered = np.array([f"view {n}" for n in range(6)])
+    images = ImagePoses(
+        numbered, np.ones(6, np.bool_), truth.poses.take(order), np.zeros(6), named=False
+    )
+    cameras = match_cameras(images, truth, "x")
+    assert cameras is not None
+    assert cameras.names == tuple(sorted(names)) == tuple(names[row] for row in order)
+
+
+@pytest.mark.parametrize(("named", "words"), [(True, "leaves out"), (False, "6 views for 4")])
+def test_photos_that_are_left_out_are_said_to_be_so(world: World, named: bool, words: str) -> None:
+    """A method that was given all photos of a scene had more than the others."""
+    truth = read_truth(Benchmark.open(world.folder), "yard")
+    names = truth.photos["image"].to_numpy(dtype=str)
+    images = ImagePoses(names, np.ones(6, np.bool_), truth.poses, np.zeros(6), named=named)
+    left_out = truth.photos[4:][["id", "image"]].assign(reason="not among the photos")
+    less = replace(truth, photos=truth.photos[:4], excluded=left_out)
+    with pytest.raises(PredictionError, match=words) as refused:
+        match_cameras(images, less, "x")
+    assert "the photos of scenes/SCENE/reconstruction/photos.csv" in str(refused.value.fix)
+    other = replace(images, names=np.array([*names[:5], "other.jpg"]))
+    if named:
+        with pytest.raises(PredictionError, match="names that the benchmark lacks"):
+            match_cameras(other, less, "x")
+
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_the_template_names_all_photos_and_scores(
+    world: World, tmp_path: Path, capsys: Capture
+) -> None:
+    out = tmp_path / "preds"
+    assert run_main("template", PROTOCOL, "--out", out) == 0
+    assert f"airzoo-bench eval reconstruction {out}" in capsys.readouterr().err
+    assert files_below(out) == {"protocol.txt", "yard.npz", "lot.npz"}
+    with np.load(out / "yard.npz") as arrays:
+        assert arrays["image_names"].tolist() == world.images("yard")
+        assert arrays["depth"].shape == (6, 24, 32)  # the photos' proportions
+        rotation = arrays["extrinsics"][:, :, :3]
+    np.testing.assert_allclose(np.linalg.det(rotation), 1.0)
+    assert run_main("check", out) == 0
+    assert run_main("eval", "reconstruction", out, "--out", tmp_path / "out") == 0
+    scored = world.record("yard", out)
+    assert scored["points"] == 6 * 24 * 32
+    assert scored["pose_auc_3deg"] < 0.2

@@ -163,6 +163,12 @@ class World:
         path.write_text(tomli_w.dumps(_plain(protocol(**sections))))
         return path
 
+    def record(self, scene: str, predictions: Path, **options: Any) -> dict[str, Any]:
+        """Return a scene's record of an evaluation."""
+        scored = self.score(predictions, **options).scored[scene]
+        record: dict[str, Any] = scored.records.iloc[0].to_dict()
+        return record
+
     def score(self, predictions: Path, **options: Any) -> Evaluation:
         given = {"data": self.root, "protocol": PROTOCOL} | options
         names = {"memory_bytes", "jobs", "keep", "progress"}

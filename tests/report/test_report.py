@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.matching.scoring import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scores import reconstruction_scores
+from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.report.hardest import hardest_rows, order_said
 from airzoo_bench.report.labels import meaning
 from airzoo_bench.report.packing import json_value
@@ -64,7 +64,7 @@ def test_breakdowns_are_of_all_scenes_and_of_each(tmp_path: Path) -> None:
 
 
 def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
-    from airzoo_bench.results.sampling import score_intervals
+    from airzoo_bench.results.comparison import score_intervals
     from airzoo_bench.statistics.samples import ResamplingConfig
 
     methods = [retrieval_method("a", 1), retrieval_method("b", 0)]
@@ -132,7 +132,7 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
         elif isinstance(protocol, MatchingProtocol):
             scores = matching_scores(protocol.scores)
         else:
-            scores = reconstruction_scores(protocol.scores, with_poses=True)
+            scores = reconstruction_scores(protocol.scores)
         for score in score_columns(scores):
             assert meaning(protocol.track, score), (protocol.name, score.key)
     assert meaning("retrieval", ERROR) == meaning("", HIT) == ""

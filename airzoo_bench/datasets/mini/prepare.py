@@ -52,8 +52,7 @@ from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.poses import Poses, depth_to_points
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.reconstruction.prepared import grid_origin
-from airzoo_bench.reconstruction.voxels import VoxelGrid
+from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 
 SURVEY, ROLL = "survey", "roll"
 

@@ -49,9 +49,8 @@ from airzoo_bench.geometry.poses import (
 )
 from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
 from airzoo_bench.protocol.model import ProtocolScene
-from airzoo_bench.reconstruction.prepared import grid_origin
+from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.voxels import VoxelGrid
 
 __all__ = ["AIRZOO_TEST", "AirZooTestOptions"]
 

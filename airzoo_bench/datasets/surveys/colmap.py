@@ -30,9 +30,8 @@ from airzoo_bench.datasets.tables import match_names, read_matrix, read_native_t
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations
-from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
-from airzoo_bench.reconstruction.alignment.cameras import align
-from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.alignment import PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 
 __all__ = ["COLMAP", "ColmapOptions", "similarity_of"]
 
@@ -171,16 +170,7 @@ def _fitted(
             where=where,
             expected=f"at least {_LEAST_POSITIONS}, so that one can be held against the others",
         )
-    ransac = RansacSettings(
-        min_trials=1000,
-        max_trials=100_000,
-        confidence=0.9999,
-        sample_share=None,
-        inlier_limit=limit_m,
-        inlier_limit_deg=10.0,
-        line_ratio=0.1,
-        seed=0,
-    )
+    ransac = RansacSettings(inlier_limit=limit_m)
     model = PosedCameras(photos.names, photos.poses.centres, photos.poses.rotation)
     truth = PosedCameras(tuple(places), np.array(list(places.values())))
     try:

@@ -1,0 +1,450 @@
+"""Bringing a prediction into the frame of the truth by its cameras, partners by image name.
+
+A similarity is fitted to partner cameras, outliers found by a seeded RANSAC. Samples are of three
+cameras, or, on a straight flight strip, whose centres leave the turn about it free, of two and
+their orientations. Each sample that is the best so far is refitted to its inliers until they stay,
+and trials go on until a better sample is improbable. Depth Anything 3's rule, samples of half of
+the cameras and one refit, is a variant.
+
+References
+----------
+Fischler and Bolles, Random sample consensus, CACM 24(6), 1981; Chum, Matas, Kittler, Locally
+optimized RANSAC, DAGM 2003.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.reconstruction.icp import IcpReport
+from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
+from airzoo_bench.reconstruction.similarity import (
+    RANK_TOLERANCE,
+    AlignmentError,
+    Similarity,
+    fit_many,
+    fit_strips,
+    point_rank,
+)
+
+LEAST_CAMERAS = 3
+_BLOCK = 50  # trials that are judged at once; how many are made depends on it
+_LEAST_LIMIT = 1e-9  # of the width of the true centres: a residual below it is rounding
+_MOST_REFITS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class PosedCameras:
+    """N cameras by the names of their images.
+
+    Attributes
+    ----------
+    names : tuple of N str
+    centres : (N, 3) array
+        In world coordinates; NaN for a camera without a pose.
+    rotation : (N, 3, 3) array or None
+        World-to-camera, OpenCV axes; None where there are positions only (GPS).
+    """
+
+    names: tuple[str, ...]
+    centres: Floats
+    rotation: Floats | None = None
+
+    def take(self, rows: Ints) -> PosedCameras:
+        """Return the cameras at these rows."""
+        rotation = None if self.rotation is None else self.rotation[rows]
+        return PosedCameras(tuple(self.names[row] for row in rows), self.centres[rows], rotation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacSettings:
+    """Settings of the search for outliers among cameras; all shipped protocols have the defaults.
+
+    Minimal samples (`sample_share` None) are each tried once where there are no more than
+    `min_trials`. Trials end once a sample without outliers was drawn with the confidence, judged
+    by the largest share of inliers yet. Residuals of inliers are below `inlier_limit`, in units of
+    the truth; None is Depth Anything 3's rule: the median distance from a predicted centre to the
+    nearest true one, whichever that is, once all cameras are aligned. Centres whose second singular
+    value is at most `line_ratio` of the first lie on a line. There, orientations weigh as much as
+    points so far off the line, and those of inliers are nearer than `inlier_limit_deg`.
+    """
+
+    inlier_limit: float | None
+    inlier_limit_deg: float = 10.0
+    min_trials: int = 1_000
+    max_trials: int = 100_000
+    confidence: float = 0.9999
+    sample_share: float | None = None
+    line_ratio: float = 0.1
+    seed: int = 0
+
+    @classmethod
+    def from_protocol(cls, stated: AlignmentSettings) -> RansacSettings:
+        """Take the settings of a protocol."""
+        share, limit = stated.sample_share, stated.inlier_below_m
+        return cls(
+            inlier_limit=None if isinstance(limit, str) else limit,
+            inlier_limit_deg=stated.inlier_below_deg,
+            min_trials=stated.min_trials,
+            max_trials=stated.max_trials,
+            confidence=stated.confidence,
+            sample_share=None if isinstance(share, str) else share,
+            line_ratio=stated.line_ratio,
+            seed=stated.seed,
+        )
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals between partners: root mean square, median and largest."""
+
+    rms: float
+    median: float
+    largest: float
+
+    @classmethod
+    def summarise(cls, values: Floats) -> Residuals | None:
+        """Summarise values (N,); None where there are none."""
+        if not len(values):
+            return None
+        rms = float(np.sqrt((values * values).mean()))
+        return cls(rms, float(np.median(values)), float(values.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A transform into the frame of the truth, and how well it fits.
+
+    The transform is fitted to `inliers` of the `cameras` that have a partner in the truth, or to
+    all of them where fewer than 3 agreed, and so it is not `robust`. Residuals are those of all
+    partners, in units of the truth, and of the inliers.
+    """
+
+    method: Literal["none", "sim3", "sim3+icp"]
+    transform: Similarity
+    cameras: int = 0
+    missing: int = 0
+    inliers: int = 0
+    inlier_limit: float | None = None
+    used_orientations: bool = False
+    robust: bool = True
+    centres: Residuals | None = None
+    inlier_centres: Residuals | None = None
+    rotations_deg: Residuals | None = None
+    icp: IcpReport | None = None
+    icp_failure: str | None = None
+    inlier_names: tuple[str, ...] = ()
+
+
+def align(
+    method: Literal["none", "sim3", "sim3+icp"],
+    predicted: PosedCameras | None,
+    truth: PosedCameras,
+    ransac: RansacSettings,
+) -> Alignment:
+    """Find the transform of a prediction into the frame of the truth, by cameras."""
+    if predicted is None:
+        return Alignment("none", Similarity.identity())
+    if method == "none":
+        return with_residuals(Alignment("none", Similarity.identity()), predicted, truth)
+    rows, true_rows = partners(predicted, truth)
+    if len(rows) < LEAST_CAMERAS:
+        raise AlignmentError(
+            f"a similarity needs {LEAST_CAMERAS} cameras, and {len(rows)} of "
+            f"{len(predicted.names)} predicted ones have a position and a partner in the truth",
+            expected=f"at least {LEAST_CAMERAS} cameras",
+            fix="give poses of more images, or predict in the truth's frame and align by 'none'",
+        )
+    target = truth.take(true_rows)
+    fit = fit_cameras(predicted.take(rows), target, ransac)
+    found = Alignment(
+        method=method,
+        transform=fit.transform,
+        inliers=int(fit.inliers.sum()),
+        inlier_limit=fit.limit,
+        used_orientations=fit.used_orientations,
+        robust=fit.robust,
+        inlier_names=target.take(np.flatnonzero(fit.inliers)).names,
+    )
+    return with_residuals(found, predicted, truth)
+
+
+def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
+    """Return the rows (P,) of cameras of the same name in both, in the order of the truth.
+
+    No camera has a name twice; one whose centre is not finite has no partner.
+    """
+    place = {name: row for row, name in enumerate(predicted.names)}
+    pairs = [(place[name], row) for row, name in enumerate(truth.names) if name in place]
+    rows, true_rows = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    both = predicted.centres[rows], truth.centres[true_rows]
+    kept = np.isfinite(np.concatenate(both, axis=1)).all(axis=1)
+    return rows[kept], true_rows[kept]
+
+
+def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
+    """Return an alignment with the residuals between partners after its transform."""
+    rows, true_rows = partners(predicted, truth)
+    source, target = predicted.take(rows), truth.take(true_rows)
+    away = _apart(found.transform.apply(source.centres), target.centres)
+    angles = None
+    if source.rotation is not None and target.rotation is not None:
+        aligned = source.rotation @ found.transform.rotation.T
+        angles = Residuals.summarise(rotation_angle_deg(aligned, target.rotation))
+    return replace(
+        found,
+        cameras=len(rows),
+        missing=len(truth.names) - len(rows),
+        centres=Residuals.summarise(away),
+        inlier_centres=Residuals.summarise(away[np.isin(target.names, found.inlier_names)]),
+        rotations_deg=angles,
+    )
+
+
+def _apart(a: Floats, b: Floats) -> Floats:
+    offset = a - b
+    squared: Floats = (offset * offset).sum(axis=-1)
+    return np.sqrt(squared)
+
+
+# --- the similarity that most partners agree with ---
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFit:
+    """A similarity fitted to partner cameras; `Alignment` explains the attributes."""
+
+    transform: Similarity
+    inliers: Bools
+    limit: float
+    used_orientations: bool
+    robust: bool
+
+
+def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSettings) -> CameraFit:
+    """Fit the similarity that takes cameras to their partners."""
+    for cameras, whose in ((source, "predicted"), (target, "true")):
+        if point_rank(cameras.centres, RANK_TOLERANCE) == 0:
+            raise AlignmentError(
+                f"the {whose} camera centres all lie at one point, which has no scale",
+                expected="cameras that move",
+            )
+    if not _on_a_line(target.centres, settings):
+        fit = _consensus(_Partners(source, target, settings, strip=False))
+        # What seemed a plane may have been a strip with an outlier.
+        if fit is not None and not _on_a_line(target.centres[fit.inliers], settings):
+            return fit
+    strip = _consensus(_Partners(source, target, settings, strip=True))
+    if strip is None:
+        raise AlignmentError("the camera centres determine no similarity")
+    return strip
+
+
+def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:
+    return point_rank(true_centres, max(settings.line_ratio, RANK_TOLERANCE)) < 2
+
+
+class _Partners:
+    """Partner cameras; centres give the similarity, and on a strip orientations too."""
+
+    def __init__(
+        self, source: PosedCameras, target: PosedCameras, settings: RansacSettings, *, strip: bool
+    ) -> None:
+        if strip and (source.rotation is None or target.rotation is None):
+            whose = "truth" if target.rotation is None else "prediction"
+            raise AlignmentError(
+                "the camera centres lie on a line, which leaves the turn about it free, and the "
+                f"{whose} has no orientations",
+                expected="centres that span a plane, or orientations of the cameras",
+                fix="add photos off the line, give camera poses, or predict in the truth's frame "
+                "and align by 'none'",
+            )
+        self.a, self.b, self.settings, self.strip = source.centres, target.centres, settings, strip
+        self._rotations = source.rotation, target.rotation
+        self.first = self.fits(np.arange(len(self.a))[None])
+        self.limit = self._limit()
+
+    def _limit(self) -> float:
+        if self.settings.inlier_limit is not None:
+            return self.settings.inlier_limit
+        least = _LEAST_LIMIT * float(_apart(self.b, self.b[:1]).max())
+        if not self.first:
+            return least
+        here = self.b[0]
+        away, _ = cKDTree(self.b - here).query(self.first[0].apply(self.a) - here)
+        return max(float(np.median(away)), least)
+
+    def fits(self, samples: Ints) -> list[Similarity]:
+        """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
+        a, b = self.a[samples], self.b[samples]
+        turned, true = self._rotations
+        if self.strip and turned is not None and true is not None:
+            turns = np.swapaxes(true, -1, -2) @ turned
+            found = fit_strips(a, b, turns[samples], axis_share=self.settings.line_ratio)
+        else:
+            found = fit_many(a, b, with_scale=True)
+        return list(itertools.compress(*found))
+
+    def near(self, fits: list[Similarity]) -> Floats:
+        """Return distances of centres (S, N), infinite from the limit on."""
+        away = _apart(np.stack([fit.apply(self.a) for fit in fits]), self.b)
+        return np.where(away < self.limit, away, np.inf)
+
+    def residuals(self, fits: list[Similarity]) -> Floats:
+        """Return distances of centres (S, N), infinite where a camera is no inlier."""
+        turned, true = self._rotations
+        if not self.strip or turned is None or true is None:
+            return self.near(fits)
+        back = np.array([fit.rotation.T for fit in fits])
+        angles = rotation_angle_deg(turned[None] @ back[:, None], true[None])
+        return np.where(angles < self.settings.inlier_limit_deg, self.near(fits), np.inf)
+
+
+def _consensus(cameras: _Partners) -> CameraFit | None:
+    """Find the largest set of cameras that agree; None where no fit is determined."""
+    best = _search(cameras)
+    inliers = np.isfinite(best.residuals)
+    robust = int(inliers.sum()) >= LEAST_CAMERAS
+    if not robust:
+        if cameras.strip and cameras.first:
+            _refuse_orientations(np.isfinite(cameras.near(cameras.first)[0]))
+        inliers = np.ones(len(inliers), np.bool_)
+    final = cameras.fits(np.flatnonzero(inliers)[None]) or cameras.first or best.fits
+    return CameraFit(final[0], inliers, cameras.limit, cameras.strip, robust) if final else None
+
+
+def _refuse_orientations(near: Bools) -> None:
+    """Refuse orientations where most centres, but no three of these, agree."""
+    if 2 * near.sum() >= len(near) and near.sum() >= LEAST_CAMERAS:
+        raise PredictionError(
+            "the cameras' orientations contradict their centres",
+            expected="a path that runs as the true one does once the orientations agree",
+            fix="check whether rotations are world-to-camera, with x right, y down, z forward",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The best fit yet, as a list of one or none; its residuals (N,), infinite for outliers."""
+
+    fits: list[Similarity]
+    residuals: Floats
+
+    @property
+    def score(self) -> tuple[int, float]:
+        """The most inliers; among equals the least mean residual. Smaller is better."""
+        inliers = np.isfinite(self.residuals)
+        count = int(inliers.sum())
+        return -count, float(self.residuals[inliers].mean()) if count else np.inf
+
+
+def _search(cameras: _Partners) -> _Best:
+    settings, count = cameras.settings, len(cameras.a)
+    size, minimal = 2 if cameras.strip else 3, settings.sample_share is None
+    if settings.sample_share is not None:
+        size = min(count, max(size, math.ceil(settings.sample_share * count)))
+    best = _better(cameras, _Best([], np.full(count, np.inf)), cameras.first, refit=minimal)
+    done = 0
+    for samples in _sample_blocks(count, size, settings):
+        best = _better(cameras, best, cameras.fits(samples), refit=minimal)
+        done += len(samples)
+        share = -best.score[0] / count
+        if done >= settings.min_trials and done >= _trials_needed(share**size, settings):
+            break
+    return best
+
+
+def _trials_needed(good: float, settings: RansacSettings) -> float:
+    """Return how many samples hold a good one with the confidence asked for."""
+    missed = 1.0 - settings.confidence
+    if good >= 1.0:
+        return 0.0
+    return math.log(missed) / math.log1p(-good) if good > 0.0 and missed > 0.0 else math.inf
+
+
+def _better(cameras: _Partners, best: _Best, fits: list[Similarity], *, refit: bool) -> _Best:
+    if not fits:
+        return best
+    residuals = cameras.residuals(fits)
+    inliers = np.isfinite(residuals)
+    counts = inliers.sum(axis=1)
+    means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
+    first = np.lexsort((means, -counts))[0]
+    found = _Best([fits[first]], residuals[first])
+    found = _refitted(cameras, found) if refit else found
+    return found if found.score < best.score else best
+
+
+def _refitted(cameras: _Partners, best: _Best) -> _Best:
+    """Refit to the inliers until they stay, as long as they do not become fewer."""
+    for _ in range(_MOST_REFITS):
+        inliers = np.isfinite(best.residuals)
+        fits = cameras.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
+        found = _Best(fits, cameras.residuals(fits)[0]) if fits else best
+        if not fits or found.score[0] > best.score[0]:
+            break
+        best = found
+        if (np.isfinite(found.residuals) == inliers).all():
+            break
+    return best
+
+
+def _sample_blocks(count: int, size: int, settings: RansacSettings) -> Iterator[Ints]:
+    """Yield samples of `size` of `count` rows, block by block (S, size), each ascending."""
+    if settings.sample_share is None and math.comb(count, size) <= settings.min_trials:
+        every = itertools.combinations(range(count), size)
+        while block := list(itertools.islice(every, _BLOCK)):
+            yield np.array(block, dtype=np.int64)
+        return
+    random = np.random.default_rng(settings.seed)
+    for start in range(0, settings.max_trials, _BLOCK):
+        yield _draw_samples(random, min(_BLOCK, settings.max_trials - start), count, size)
+
+
+def _draw_samples(random: np.random.Generator, trials: int, count: int, size: int) -> Ints:
+    """Draw samples (trials, size) of rows without replacement, each ascending."""
+    rows = np.empty((trials, 0), dtype=np.int64)
+    for taken in range(size):
+        row = random.integers(0, count - taken, trials)
+        for column in rows.T:  # ascending
+            row += row >= column
+        rows = np.sort(np.column_stack((rows, row)), axis=1)
+    return rows
+
+
+def alignment_values(found: Alignment) -> dict[str, Any]:
+    """Return what ``alignment.json`` says: how a scene was aligned, its scale, its residuals."""
+    parts = {name: getattr(found, name) for name in ("centres", "inlier_centres", "rotations_deg")}
+    parts["icp"] = found.icp
+    return {
+        "method": found.method,
+        "scale": found.transform.scale,
+        "matrix": found.transform.matrix.tolist(),
+        "cameras": found.cameras,
+        "cameras_missing": found.missing,
+        "inliers": found.inliers,
+        "inlier_names": list(found.inlier_names),
+        "inlier_limit_m": found.inlier_limit,
+        "used_orientations": found.used_orientations,
+        "robust": found.robust,
+        **{name: None if part is None else _finite(asdict(part)) for name, part in parts.items()},
+        "icp_failure": found.icp_failure,
+    }
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Write infinite numbers as text, as in results, at whatever depth."""
+    return {
+        key: _finite(one) if isinstance(one, dict) else "Infinity" if one == np.inf else one
+        for key, one in values.items()
+    }

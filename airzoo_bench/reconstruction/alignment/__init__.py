@@ -1,1 +1,0 @@
-"""A prediction brought into the frame of the truth."""

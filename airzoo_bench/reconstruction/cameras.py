@@ -1,0 +1,231 @@
+"""Cameras of a prediction: poses by image from npz files, matched to the photos of the truth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import CameraError, PredictionError, counted, first_of
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
+from airzoo_bench.geometry.precision import pose_errors_m
+from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, PosedCameras
+from airzoo_bench.reconstruction.checks import (
+    Inversion,
+    refuse_camera_to_world,
+    refuse_shifted_names,
+)
+from airzoo_bench.reconstruction.metrics import pair_errors
+from airzoo_bench.reconstruction.similarity import AlignmentError
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
+
+BYTES_A_CAMERA = 1200
+"""What a camera takes while poses are checked and compared: matrices, names, dictionaries."""
+
+CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
+_EXPECTED = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
+_ROW_TOLERANCE = 1e-6
+_ORDER_FITS_DEG = 15.0
+_MOST_CAMERAS = 64
+_LIST = (
+    "list the photos in the order in which the method was given them, a line each, and give the "
+    "list with --reader NAME --names LIST; or np.savez('SCENE.npz', **np.load('results.npz'), "
+    "image_names=names)"
+)
+_INVERT = f"invert the extrinsics: R.T and -R.T @ t; or, if they are right, {_LIST}"
+_OTHER_PHOTOS = (
+    "give the method the photos of scenes/SCENE/reconstruction/photos.csv, and no others"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePoses:
+    """Poses of N images by their names, which are numbers where the file has none (not `named`).
+
+    Where the method `found` no pose (NaN in all of it, or a place beyond all measure) `poses` are
+    meaningless. `errors` estimate by how much digits that the file lacks have moved each camera, in
+    the unit of its translation.
+    """
+
+    names: NDArray[np.str_]
+    found: Bools
+    poses: Poses
+    errors: Floats
+    named: bool = True
+
+
+def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
+    """Read the cameras that go with a cloud: ``image_names`` and ``extrinsics``."""
+    arrays = open_arrays(path, limit_bytes)
+    check_fields(arrays, ("image_names", "extrinsics"), ("protocol", *CAMERA_FIELDS), _EXPECTED)
+    return image_poses(arrays, len(texts(arrays, "image_names", 1)))
+
+
+def image_poses(arrays: Arrays, count: int) -> ImagePoses:
+    """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images."""
+    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
+    named = "image_names" in arrays.names()
+    names = np.array([f"view {row}" for row in range(count)])
+    if named:
+        names = texts(arrays, "image_names", 1)
+        check_count(arrays, "image_names", len(names), count)
+        times = Counter(names.tolist())
+        wrong = [repr(name) for name in sorted(times) if times[name] > 1 or not name]
+        _refuse(arrays, "image_names", "names that are empty or not unique", wrong, count)
+    values = arrays.read("extrinsics")
+    rows = 4 if values.ndim == 3 and values.shape[1] == 4 else 3
+    matrices = numbers(arrays, "extrinsics", (None, rows, 4)).astype(np.float64)
+    check_count(arrays, "extrinsics", len(matrices), count)
+    found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    half = names[~found & ~np.isnan(matrices).all(axis=(1, 2))]
+    _refuse(arrays, "extrinsics", "poses that are NaN or infinite in part", half.tolist(), count)
+    rotation = np.tile(np.eye(3), (count, 1, 1))
+    try:
+        rotation[found] = check_rotations(matrices[found, :3, :3], names[found].tolist())
+    except CameraError as error:
+        raise camera_fault(arrays, "extrinsics", error) from error
+    last = np.abs(matrices[found, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
+    odd = names[found][~last.all(axis=(1, 2))]
+    what = "a last row other than 0 0 0 1 (a transposed matrix has t there)"
+    _refuse(arrays, "extrinsics", what, odd.tolist(), count)
+    found &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
+    translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
+    errors = np.zeros(count)
+    errors[found] = pose_errors_m(matrices[found, :3, :3], translation[found], None)
+    poses = Poses.from_translations(rotation, translation)
+    return ImagePoses(names, found, poses, errors, named)
+
+
+def _refuse(arrays: Arrays, field: str, what: str, names: list[str], count: int) -> None:
+    if names:
+        raise field_fault(arrays, f"{what}: {first_of(names, count)}", _EXPECTED, field)
+
+
+def check_count(arrays: Arrays, name: str, rows: int, count: int) -> None:
+    """Refuse a field that does not have a row for each image."""
+    if rows != count:
+        what = f"field '{name}' has {rows:,} rows for {count:,} images"
+        raise field_fault(arrays, what, "a row an image")
+
+
+def camera_fault(arrays: Arrays, name: str, error: CameraError) -> PredictionError:
+    """Say in which field of a file a camera is wrong."""
+    where = f"{arrays.path}, field '{name}'"
+    return PredictionError(error.what, where=where, expected=error.expected, fix=error.fix)
+
+
+def field_fault(
+    arrays: Arrays, what: str, expected: str, name: str | None = None
+) -> PredictionError:
+    """Make the error of a file, or of a field in it."""
+    where = arrays.path if name is None else f"{arrays.path}, field '{name}'"
+    return PredictionError(what, where=where, expected=expected)
+
+
+# --- photos ---
+
+
+def match_cameras(
+    images: ImagePoses | None, truth: ReconstructionTruth, place: str
+) -> PosedCameras | None:
+    """Name the cameras of a prediction as the truth does; NaN where a pose is missing."""
+    if images is None:
+        return None
+    names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
+    found = np.flatnonzero(images.found)
+    true = truth.poses.take(_true_rows([names[row] for row in found], truth))
+    refuse_camera_to_world(images.poses.take(found), true, place)
+    rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
+    centres = np.where(images.found[:, None], images.poses.centres, np.nan)
+    cameras = PosedCameras(tuple(names), centres, rotation)
+    refuse_shifted_names(cameras, truth.posed, place)
+    return cameras
+
+
+def _true_rows(names: list[str], truth: ReconstructionTruth) -> Ints:
+    rows = {name: row for row, name in enumerate(truth.photos["image"])}
+    return np.array([rows[name] for name in names], dtype=int)
+
+
+def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Take views without names for the photos in the order of their names, where cameras agree."""
+    photos = sorted(truth.photos["image"])
+    if len(images.names) != len(photos):
+        more = len(images.names) == len(photos) + len(truth.excluded) > len(photos)
+        raise _nameless(
+            f"has no image_names, and {counted(len(images.names), 'view')} for "
+            f"{counted(len(photos), 'photo')} of the scene",
+            place,
+            _OTHER_PHOTOS if more else _LIST,
+        )
+    rows = np.flatnonzero(images.found)
+    if len(rows) < LEAST_CAMERAS:
+        raise AlignmentError("has no image_names, and too few poses to tell which view is which")
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
+    true = truth.poses.take(_true_rows([photos[row] for row in rows], truth))
+    given = images.poses.take(rows)
+    off = float(np.median(pair_errors(given, true, least_baseline=0.0).worse_deg))
+    if off > _ORDER_FITS_DEG:
+        inversion = Inversion.between(given, true)
+        turned = inversion is not None and inversion.is_likely
+        raise _nameless(
+            "has no image_names, and its cameras do not fit the photos in the order of their "
+            f"names: between two cameras they are {off:.0f} degrees off"
+            + (f"; {inversion}" if turned else ""),
+            place,
+            _INVERT if turned else _LIST,
+        )
+    return photos
+
+
+def _nameless(what: str, place: str, fix: str) -> PredictionError:
+    expected = "a field image_names (N,) that says which photo each view is of"
+    return PredictionError(what, where=place, expected=expected, fix=fix)
+
+
+def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Return the truth's names of images; an ending may be left out."""
+    names, photos = images.names.tolist(), truth.photos["image"].tolist()
+    where = f"{place}, field 'image_names'"
+    times = Counter(map(_stem, photos))
+    known = {_stem(name): name for name in photos if times[_stem(name)] == 1}
+    known |= {name: name for name in photos}
+    odd = [name for name in names if name not in known]
+    left_out = truth.excluded["image"].tolist()
+    if odd and {*left_out, *map(_stem, left_out)}.issuperset(odd):
+        raise PredictionError(
+            "views of photos that the reconstruction leaves out (excluded.csv): "
+            f"{first_of(odd, len(names))}",
+            where=where,
+            expected=f"the {len(photos):,} photos that all methods are given, as {photos[0]!r}",
+            fix=_OTHER_PHOTOS,
+        )
+    if odd:
+        # What a mistyped name means is no image that is there already.
+        missing = sorted(set(photos) - {known[name] for name in names if name in known})
+        shown = [repr(name[:80]) + nearest(name, missing, 1) for name in odd[:3]]
+        raise PredictionError(
+            f"image names that the benchmark lacks: {first_of([*shown, *odd[3:]], len(names))}",
+            where=where,
+            expected=f"names such as {photos[0]!r}, with or without their ending",
+            fix="name images as the photos of the scene are named, relative to their folder",
+        )
+    found = [known[name] for name in names]
+    twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]
+    if twice:
+        raise PredictionError(
+            f"images that are named with their ending and without: {first_of(twice, len(names))}",
+            where=where,
+            expected="each image once",
+        )
+    return found
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(name).with_suffix("").as_posix()

@@ -1,0 +1,293 @@
+"""Depth maps and point maps of views, and the clouds that they become.
+
+Maps are read view by view. Pixel centres sit at integer + 0.5, the image's corner being (0, 0), as
+in `geometry.cameras`: the pixel in column u and row v looks through (u + 0.5, v + 0.5).
+
+A truncated signed distance function fuses depth maps into one surface (Curless and Levoy, A
+volumetric method for building complex models from range images, SIGGRAPH 1996), by Open3D's
+``VoxelBlockGrid``. Values of voxels do not depend on threads, only the order in which blocks come
+out does: the points are sorted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.settings import Fusion
+from airzoo_bench.reconstruction.similarity import Similarity
+
+# Views are worked through in parts of this many pixels, whatever pieces are asked for.
+_BLOCK_PIXELS = 1 << 18
+_BLOCK = 8  # voxels along a side of a block, Open3D's unit of memory
+_FIRST_BLOCKS = 1024
+# Voxels are this share of their size off its multiples: a surface that lies exactly on voxels (a
+# flat ground at height 0) has no sign to change there, and would not be found.
+_OFF_GRID = 0.382
+_AXIS_BITS = 21
+
+
+@dataclass(frozen=True, eq=False)
+class LazyMaps:
+    """Maps of N views: `make` returns the map, of a size, of a view that `rows` (N,) names."""
+
+    rows: Ints
+    size: tuple[int, ...]
+    dtype: np.dtype[Any]
+    make: Callable[[int], NDArray[Any]]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of an array that holds all."""
+        return (len(self.rows), *self.size)
+
+    @property
+    def ndim(self) -> int:
+        """The dimensions of an array that holds all."""
+        return len(self.shape)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, key: Any, /) -> Any:
+        if isinstance(key, int | np.integer):
+            return self.make(int(self.rows[key]))
+        return replace(self, rows=self.rows[key])
+
+    def stored(self, folder: Path) -> NDArray[Any]:
+        """Return the maps as an array in a plain file of a folder."""
+        path = folder / f"maps{len(list(folder.glob('maps*')))}.npy"
+        array = np.lib.format.open_memmap(path, "w+", self.dtype, self.shape)
+        for row in range(len(self)):
+            array[row] = self[row]
+        return array
+
+
+FloatMaps = NDArray[Any] | LazyMaps
+"""Maps (N, H, W) or (N, H, W, 3) of floating point."""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMaps:
+    """Depth maps of N views.
+
+    Attributes
+    ----------
+    depth : (N, H, W) float array
+        Along the camera's z axis. 0, negative, NaN and infinite stand for no surface.
+    cameras : Cameras
+        N, at the size of the maps.
+    poses : Poses
+        N, in the frame of the prediction.
+    confidence : (N, H, W) float array or None
+    """
+
+    depth: FloatMaps
+    cameras: Cameras
+    poses: Poses
+    confidence: FloatMaps | None = None
+
+    def take(self, rows: Ints) -> DepthMaps:
+        """Return the maps of some views."""
+        return DepthMaps(
+            self.depth[rows],
+            self.cameras.take(rows),
+            self.poses.take(rows),
+            None if self.confidence is None else self.confidence[rows],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PointMaps:
+    """Point maps (N, H, W, 3) of views in the frame of the prediction; not finite: no surface."""
+
+    points: FloatMaps
+    confidence: FloatMaps | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DepthCloud:
+    """The cloud of all pixels of depth maps that have a surface; a `CloudSource`.
+
+    `transform` leads into the frame of the truth, and depths grow by its scale; beyond `max_depth`
+    there is no surface. Pixels need a higher confidence than `confidence_above`; None takes all,
+    as do maps without confidence.
+    """
+
+    maps: DepthMaps
+    transform: Similarity
+    max_depth: float
+    confidence_above: float | None
+
+    @cached_property
+    def count(self) -> int:
+        """How many points there are."""
+        return sum(int((self.depth(row) > 0.0).sum()) for row in range(len(self.maps.depth)))
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, view by view and row by row, in pieces of at most `points`."""
+        poses = self.transform.apply_poses(self.maps.poses)
+        for row in range(len(self.maps.depth)):
+            depth = self.depth(row)
+            for pixels in _parts(depth > 0.0, min(points, _BLOCK_PIXELS)):
+                yield Cloud(_lift(depth, pixels, self.maps.cameras.take(row), poses.take(row)))
+
+    def depth(self, row: int) -> Floats:
+        """Return the depth map (H, W) of one view, 0 where it has no surface that counts."""
+        with np.errstate(invalid="ignore"):  # of NaN, which compares false
+            depth = self.maps.depth[row].astype(np.float64) * self.transform.scale
+        surface = (depth > 0.0) & (depth <= self.max_depth)
+        surface &= _trusted(self.maps.confidence, row, self.confidence_above)
+        return np.where(surface, depth, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PointMapCloud:
+    """The cloud of all pixels of point maps that have a surface; see `DepthCloud`."""
+
+    maps: PointMaps
+    transform: Similarity
+    confidence_above: float | None
+
+    @cached_property
+    def count(self) -> int:
+        """How many points there are."""
+        return sum(int(self._surface(row).sum()) for row in range(len(self.maps.points)))
+
+    def pieces(self, points: int) -> Iterator[Cloud]:
+        """Yield all points, view by view and row by row, in pieces of at most `points`."""
+        for row in range(len(self.maps.points)):
+            flat = self.maps.points[row].reshape(-1, 3)
+            for pixels in _parts(self._surface(row), min(points, _BLOCK_PIXELS)):
+                yield Cloud(self.transform.apply(flat[pixels].astype(np.float64)))
+
+    def _surface(self, row: int) -> Bools:
+        finite: Bools = np.isfinite(self.maps.points[row]).all(axis=-1)
+        return finite & _trusted(self.maps.confidence, row, self.confidence_above)
+
+
+def _trusted(confidence: FloatMaps | None, row: int, above: float | None) -> Bools | np.bool_:
+    if confidence is None or above is None:
+        return np.True_
+    return np.asarray(confidence[row] > above)
+
+
+def _parts(surface: Bools, size: int) -> Iterator[Ints]:
+    pixels = np.flatnonzero(surface)
+    for start in range(0, len(pixels), size):
+        yield pixels[start : start + size]
+
+
+def _lift(
+    depth: Floats, pixels: Ints, camera: Cameras, pose: Poses, offsets: Floats | None = None
+) -> Floats:
+    """Return points (P, 3) that pixels (P,) see, or (K, P, 3) with K offsets in depth."""
+    places = np.stack(np.divmod(pixels, depth.shape[1])[::-1], axis=-1) + 0.5
+    rays = back_project(camera, places[None])[0]
+    along = depth.ravel()[pixels]
+    along = along if offsets is None else along + offsets[:, None]
+    local = rays * (along / rays[:, 2])[..., None]
+    world: Floats = apply_matrix(pose.rotation[0].T, local) + pose.centres[0]
+    return world
+
+
+# --- truncated signed distances ---
+
+
+def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> Floats:
+    """Fuse depth maps and return the points where the surface crosses edges between voxels."""
+    if maps.cameras.distortion.any():
+        raise PredictionError(
+            "depth maps of cameras with lens distortion cannot be fused by TSDF",
+            expected="pinhole cameras",
+            fix="undistort the maps, or fuse by back-projection",
+        )
+    poses = transform.apply_poses(maps.poses)
+    side = settings.tsdf_voxel_m * _BLOCK
+    origin = np.floor(poses.centres.min(axis=0, initial=np.inf) / side) * side
+    origin = np.asarray(origin + _OFF_GRID * settings.tsdf_voxel_m)
+    views = DepthCloud(maps, transform, settings.max_depth_m, settings.least_confidence)
+    volume = _Volume(settings)
+    for row in range(len(maps.depth)):
+        depth, pose = views.depth(row), poses.take(row)
+        if depth.any():
+            near = Poses(rotation=pose.rotation, centres=pose.centres - origin)
+            volume.add(depth, maps.cameras.take(row), near)
+    surface: Floats = volume.surface() + origin
+    return surface
+
+
+class _Volume:
+    """Open3D's grid of voxel blocks, within a budget."""
+
+    def __init__(self, settings: Fusion) -> None:
+        self._o3d, self._settings = load_open3d(), settings
+        kinds, sizes = [self._o3d.core.float32] * 2, [(1,), (1,)]
+        self._grid = self._o3d.t.geometry.VoxelBlockGrid(
+            ["tsdf", "weight"], kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
+        )
+
+    def add(self, depth: Floats, camera: Cameras, pose: Poses) -> None:
+        settings = self._settings
+        blocks = _touched_blocks(depth, camera, pose, settings)
+        self._require(len(blocks))
+        tensor, image = self._o3d.core.Tensor, self._o3d.t.geometry.Image
+        extrinsics = np.eye(4)
+        extrinsics[:3, :3], extrinsics[:3, 3] = pose.rotation[0], pose.translation[0]
+        # A voxel takes the depth of pixel (floor u, floor v): of the image whose corner is (0, 0),
+        # so that the camera stays as it is, though other parts of Open3D have pixel centres there.
+        steps = settings.tsdf_truncation_m / settings.tsdf_voxel_m
+        view = (tensor(camera.matrices[0]), tensor(extrinsics), 1.0, settings.max_depth_m, steps)
+        # It takes no voxel beyond the start of the last row and column, so there is one more.
+        border = ((0, 1), (0, 1), (0, 0))
+        seen = image(tensor(np.pad(depth.astype(np.float32)[..., None], border)))
+        self._grid.integrate(tensor(blocks), seen, *view)
+        self._require(self._grid.hashmap().size())
+
+    def surface(self) -> Floats:
+        if not self._grid.hashmap().size():
+            return np.zeros((0, 3))
+        cloud = self._grid.extract_point_cloud(0.0)
+        points: Floats = cloud.point.positions.numpy().astype(np.float64)
+        ordered: Floats = points[np.lexsort(points.T[::-1])]
+        return ordered
+
+    def _require(self, blocks: int) -> None:
+        if blocks * _BLOCK**3 > self._settings.tsdf_max_voxels:
+            raise PredictionError(
+                f"the fused surface takes more than {self._settings.tsdf_max_voxels:,} voxels of "
+                f"{self._settings.tsdf_voxel_m:g}",
+                expected="depths and poses of one scene, in one scale",
+                fix="check the scale of the depth maps against that of the poses",
+            )
+
+
+def _touched_blocks(
+    depth: Floats, camera: Cameras, pose: Poses, settings: Fusion
+) -> NDArray[np.int32]:
+    """Return the blocks (B, 3) around the surface that a view sees, sorted."""
+    # Open3D looks at every 16th pixel for this, which leaves holes where pixels are large.
+    side, far = settings.tsdf_voxel_m * _BLOCK, settings.tsdf_truncation_m
+    offsets = np.linspace(-far, far, int(np.ceil(4 * far / side)) + 1)
+    half, keys = 1 << _AXIS_BITS - 1, []
+    for pixels in _parts(depth > 0.0, _BLOCK_PIXELS):
+        world = _lift(depth, pixels, camera, pose, offsets)
+        # A block beyond the range of a key is so far off that it is an outlier: it goes to the rim.
+        x, y, z = np.moveaxis(np.clip(np.floor(world / side), -half, half - 1), -1, 0).astype(int)
+        packed = (x + half << 2 * _AXIS_BITS) | (y + half << _AXIS_BITS) | z + half
+        keys.append(np.unique(packed))
+    found = np.unique(np.concatenate(keys))
+    shifts = np.array((2 * _AXIS_BITS, _AXIS_BITS, 0))
+    return np.asarray((found[:, None] >> shifts & 2 * half - 1) - half, np.int32)

@@ -1,0 +1,403 @@
+"""Predictions of the reconstruction track: a folder or an archive with an entry a scene.
+
+::
+
+    protocol.txt            the protocol's name, so that no --protocol is needed (optional)
+    school.ply              a cloud or mesh of the scene "school"
+    school.cameras.npz      its cameras: image_names, extrinsics (optional; aligning needs them)
+    plaza.npz               depth maps or point maps with cameras, or a cloud
+    substation/cloud.laz    or a folder a scene, with one such file
+    substation/cameras.npz
+    harbour/shards/*.laz    or a cloud in shards (.las, .laz), in the order of their names
+
+A file alone is a prediction of one scene, named as the file is. A folder within an archive that
+holds all the rest is stepped over. Files as methods write them come from readers, as
+`NativeScenes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
+from airzoo_bench.evaluation.track import ScenePredictions
+from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
+from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
+from airzoo_bench.formats.clouds.cloud import FileCloud
+from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.shards import SHARD_SUFFIXES, open_shards
+from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.reconstruction.cameras import (
+    BYTES_A_CAMERA,
+    CAMERA_FIELDS,
+    ImagePoses,
+    camera_fault,
+    check_count,
+    field_fault,
+    image_poses,
+    read_image_poses,
+)
+from airzoo_bench.reconstruction.checks import check_resolution
+from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
+
+_PROTOCOL, _CAMERAS, _SHARDS = "protocol.txt", "cameras.npz", "shards"
+_PROTOCOL_BYTES, _LONGEST_PROTOCOL = 1024, 64
+_POINTS = ("world_points", "points")
+_CONFIDENCE, _COLOURS = ("conf", "confidence"), ("colours", "colors", "image")
+_HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
+_BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
+_EXPECTED = (
+    "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
+    "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, "
+    "3), pixel_centres ('half' or 'integer')"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePrediction:
+    """The prediction of a scene, opened.
+
+    Attributes
+    ----------
+    geometry : FileCloud, DepthMaps or PointMaps
+        Depth maps of all views, those without a pose included.
+    images : ImagePoses or None
+        Of the views themselves, or from a file of cameras.
+    notes : tuple of str
+        What looks odd and need not be wrong.
+    pixel_centres : str or None
+        As the file states it: ``half`` or ``integer``; None where it does not. Then they are taken
+        to be ``half`` where images are named, ``integer`` where they are not.
+    """
+
+    geometry: FileCloud | DepthMaps | PointMaps
+    images: ImagePoses | None
+    notes: tuple[str, ...] = ()
+    pixel_centres: str | None = None
+
+    @property
+    def posed_geometry(self) -> FileCloud | DepthMaps | PointMaps:
+        """The geometry, without depth maps of views that have no pose: these are nowhere."""
+        if not isinstance(self.geometry, DepthMaps) or self.images is None:
+            return self.geometry
+        found = self.images.found
+        return self.geometry if found.all() else self.geometry.take(np.flatnonzero(found))
+
+    @property
+    def kind(self) -> str:
+        """``cloud``, ``mesh``, ``depth`` or ``points``."""
+        if isinstance(self.geometry, FileCloud):
+            return "mesh" if self.geometry.kind.endswith("mesh") else "cloud"
+        return "depth" if isinstance(self.geometry, DepthMaps) else "points"
+
+
+@dataclass(frozen=True)
+class NativeScenes(ScenePredictions):
+    """Scenes in a method's own files; `read_scene` takes a place and the bytes that it may hold."""
+
+    path: Path
+    places: Mapping[str, Path]
+    read_scene: Callable[[Path, int], ScenePrediction]
+    unknown_files: tuple[str, ...] = ()
+    protocol: str | None = None
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Scenes that a method wrote something of, by name."""
+        return tuple(sorted(self.places))
+
+    @contextmanager
+    def opened(
+        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
+    ) -> Iterator[ScenePrediction]:
+        """See `ScenePredictions.opened`."""
+        yield self.read_scene(self.places[scene], limit_bytes)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """The files of a scene: one, or shards; and its cameras."""
+
+    geometry: tuple[Member, ...]
+    cameras: Member | None
+    is_sharded: bool = False
+
+
+@dataclass(frozen=True)
+class ListedFiles(ScenePredictions):
+    """Entries, by scene, of a folder or an archive, as `open_reconstruction` lists them."""
+
+    path: Path
+    protocol: str | None
+    entries: dict[str, _Entry]
+    unknown_files: tuple[str, ...]
+    _bundle: Bundle
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Scenes that there is an entry of, by name."""
+        return tuple(self.entries)
+
+    @contextmanager
+    def opened(
+        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
+    ) -> Iterator[ScenePrediction]:
+        """See `ScenePredictions.opened`."""
+        entry, images = self.entries[scene], None
+        with ExitStack() as stack:
+            if entry.cameras is not None:
+                images = read_image_poses(
+                    stack.enter_context(self._bundle.file(entry.cameras)), limit_bytes
+                )
+                limit_bytes -= len(images.names) * BYTES_A_CAMERA
+            paths = [stack.enter_context(self._bundle.file(one)) for one in entry.geometry]
+            if entry.is_sharded:
+                folder = self.path / PurePosixPath(entry.geometry[0].name).parent
+                cloud = open_shards(folder, paths)
+                yield ScenePrediction(cloud, images, cloud.notes)
+            elif paths[0].suffix.lower() == ".npz" and _holds_maps(paths[0], limit_bytes):
+                views = maps_of(open_arrays(paths[0], limit_bytes))
+                if views.images is not None and entry.cameras is not None:
+                    raise PredictionError(
+                        f"holds extrinsics, and so does {entry.cameras.name}",
+                        where=f"{self.path}, {entry.geometry[0].name}",
+                        fix="keep one of the two",
+                    )
+                yield replace(views, images=views.images or images)
+            else:
+                cloud = open_cloud(paths[0], limit_bytes=limit_bytes, sampling=sampling)
+                yield ScenePrediction(cloud, images, cloud.notes)
+
+
+# --- listing ---
+
+
+def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles:
+    """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene."""
+    if path.is_file() and path.name.lower().endswith(SUFFIXES):
+        member = Member(path.name, path.stat().st_size)
+        entries = {path.stem: _Entry((member,), None)}
+        return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
+    bundle = open_bundle(path, unpacked_limit_bytes)
+    wrapper = _wrapper(bundle.members)
+    clouds: dict[str, list[Member]] = {}
+    texts_beside: dict[str, list[Member]] = {}
+    cameras: dict[str, list[Member]] = {}
+    shards: dict[str, list[Member]] = {}
+    protocol, unknown_files = None, []
+    for member in bundle.members:
+        name = member.name.removeprefix(wrapper)
+        scene, is_camera = _scene_of(name)
+        if name == _PROTOCOL:
+            protocol = _protocol_name(bundle, member)
+        elif (whole := _scene_of_shard(name)) is not None:
+            shards.setdefault(whole, []).append(member)
+        elif scene is None:
+            unknown_files.append(name)
+        else:
+            kind = cameras if is_camera else texts_beside if _is_text(name) else clouds
+            kind.setdefault(scene, []).append(member)
+    for scene, (first, *_) in shards.items():
+        clouds.setdefault(scene, []).append(first)
+    for kind in (cameras, texts_beside, clouds):
+        _refuse_two_entries(path, kind)
+    # A text may as well be a remark: beside another cloud of its scene it is not read.
+    unknown_files += [texts_beside[scene][0].name for scene in texts_beside if scene in clouds]
+    geometry = texts_beside | clouds | shards
+    unknown_files += [cameras[scene][0].name for scene in cameras if scene not in geometry]
+    entries = {
+        scene: _Entry(tuple(members), cameras.get(scene, [None])[0], scene in shards)
+        for scene, members in sorted(geometry.items())
+    }
+    if not entries:
+        raise _no_entries(path, unknown_files)
+    return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
+
+
+def _refuse_two_entries(path: Path, by_scene: dict[str, list[Member]]) -> None:
+    for scene, members in by_scene.items():
+        if len(members) > 1:
+            raise PredictionError(
+                f"scene {scene!r} has two entries: {members[0].name} and {members[1].name}",
+                where=path,
+                expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
+                fix="keep one of the two",
+            )
+
+
+def _wrapper(members: tuple[Member, ...]) -> str:
+    """Return the folder, with its slash, that holds everything and is no scene; or nothing."""
+    tops = {member.name.partition("/")[0] for member in members}
+    if len(tops) != 1 or any("/" not in member.name for member in members):
+        return ""
+    if any(_scene_of_shard(member.name) for member in members):
+        return ""
+    prefix = f"{tops.pop()}/"
+    rest = [member.name.removeprefix(prefix) for member in members]
+    files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
+    files = [name for name in files if not _is_text(name)] or files
+    is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
+    return "" if is_scene else prefix
+
+
+def _is_text(name: str) -> bool:
+    return name.lower().endswith(TEXT_SUFFIXES)
+
+
+def _scene_of(name: str) -> tuple[str | None, bool]:
+    """Return the scene that a file belongs to, and whether it holds cameras."""
+    path = PurePosixPath(name)
+    if not name.lower().endswith(SUFFIXES) or len(path.parts) > 2:
+        return None, False
+    if len(path.parts) == 2:
+        return path.parts[0], path.name == _CAMERAS
+    if name.endswith(f".{_CAMERAS}"):
+        return name.removesuffix(f".{_CAMERAS}"), True
+    return path.stem, False
+
+
+def _scene_of_shard(name: str) -> str | None:
+    scene, *folder = PurePosixPath(name).parent.parts or ("",)
+    return scene if folder == [_SHARDS] and name.lower().endswith(SHARD_SUFFIXES) else None
+
+
+def _protocol_name(bundle: Bundle, member: Member) -> str:
+    name = bundle.text(member, _PROTOCOL_BYTES).strip()
+    plain = name.isprintable() and not set(name) & set("/\\ ") and not name.endswith(".toml")
+    if not (plain and 0 < len(name) <= _LONGEST_PROTOCOL):
+        # A file from a stranger must not choose which file of this computer is read.
+        raise PredictionError(
+            f"the protocol {name[:80]!r} is no protocol's name",
+            where=f"{bundle.path}, {member.name}",
+            expected="a line with a name, such as airzoo-real-reconstruction",
+            fix="name a protocol's file with --protocol",
+        )
+    return name
+
+
+def _no_entries(path: Path, unknown_files: list[str]) -> UnreadableError:
+    there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
+    endings = sorted({PurePosixPath(name).suffix[:20] for name in unknown_files} - {"", *SUFFIXES})
+    unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
+    return UnreadableError(
+        f"holds no cloud, mesh or npz{there}",
+        where=path,
+        expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
+        f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
+        fix=unread[0] if unread else "name the files by their scenes",
+    )
+
+
+# --- maps ---
+
+
+def _holds_maps(path: Path, limit_bytes: int) -> bool:
+    """Say whether an npz holds depth maps or point maps; else it is a cloud."""
+    arrays = open_arrays(path, limit_bytes)
+    names = arrays.names()
+    cloud = "points" in names and not names & {"depth", "world_points", *CAMERA_FIELDS}
+    return not cloud or arrays.map("points").ndim == 4
+
+
+def maps_of(arrays: Arrays) -> ScenePrediction:
+    """Take depth or point maps and their cameras, named as the suite's own files name them."""
+    names = arrays.names()
+    kinds = [name for name in ("depth", *_POINTS) if name in names] or ["depth"]
+    if len(kinds) > 1:
+        what = f"holds {' and '.join(kinds)}, and they could disagree"
+        raise field_fault(arrays, what, "one of them")
+    kind = kinds[0]
+    needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
+    allowed = ("protocol", "pixel_centres", kind, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
+    check_fields(arrays, needed, allowed, _EXPECTED)
+    maps = _maps(arrays, kind)
+    count, height, width = maps.shape[:3]
+    stated = _pixel_centres(arrays)
+    shift = _HALF_A_PIXEL[stated or ("half" if "image_names" in names else "integer")]
+    pixels = height * width
+    arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
+    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
+    cameras, notes = _map_cameras(arrays, maps.shape, shift)
+    images = image_poses(arrays, count) if "extrinsics" in names else None
+    confidence = _confidence(arrays, maps.shape[:3])
+    geometry: DepthMaps | PointMaps = PointMaps(maps, confidence)
+    if kind == "depth" and cameras is not None and images is not None:
+        geometry = DepthMaps(maps, cameras, images.poses, confidence)
+    return ScenePrediction(geometry, images, notes, stated)
+
+
+def _maps(arrays: Arrays, name: str) -> FloatMaps:
+    values = arrays.map(name)
+    if name == "depth" and values.ndim == 4 and values.shape[-1] == 1:
+        values = values[..., 0]
+    last = (3,) if name in _POINTS else ()
+    fits = values.ndim == 3 + len(last) and values.shape[3:] == last and 0 not in values.shape
+    if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
+        millimetres = "; whole numbers are often millimetres, / 1000"
+        squeezed = name == "depth" and values.ndim == 4 and values.shape[1] == 1
+        raise PredictionError(
+            f"field '{name}' is {values.dtype} of shape {values.shape}",
+            where=arrays.path,
+            expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, last)))})",
+            fix="depth[:, 0] (depth.squeeze(1))"
+            if squeezed
+            else f"{name}.astype(np.float32), in the units of the poses"
+            + millimetres * (values.dtype.kind in "iu"),
+        )
+    return values
+
+
+def _pixel_centres(arrays: Arrays) -> str | None:
+    if "pixel_centres" not in arrays.names():
+        return None
+    value = arrays.read("pixel_centres")
+    stated = str(value.reshape(())) if value.dtype.kind == "U" and value.size == 1 else ""
+    if stated not in _HALF_A_PIXEL:
+        raise PredictionError(
+            f"says {stated[:20]!r}" if stated else "is not one text",
+            where=f"{arrays.path}, field 'pixel_centres'",
+            expected="'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' "
+            "(it is (0, 0))",
+            fix="np.savez(..., pixel_centres='integer') for Depth Anything 3, VGGT, CUT3R, "
+            "MapAnything, DUSt3R",
+        )
+    return stated
+
+
+def _map_cameras(
+    arrays: Arrays, shape: tuple[int, ...], shift: float
+) -> tuple[Cameras | None, tuple[str, ...]]:
+    if "intrinsics" not in arrays.names():
+        return None, ()
+    count, height, width = shape[:3]
+    matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
+    check_count(arrays, "intrinsics", len(matrices), count)
+    with np.errstate(invalid="ignore"):  # of NaN, which is refused below by its row
+        matrices[:, :2, 2] += shift
+    named = texts(arrays, "image_names", 1).tolist() if "image_names" in arrays.names() else []
+    names = named if len(named) == count else None
+    try:
+        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+    except CameraError as error:
+        raise camera_fault(arrays, "intrinsics", error) from error
+    return cameras, check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
+
+
+def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:
+    given = [name for name in _CONFIDENCE if name in arrays.names()]
+    if not given:
+        return None
+    if len(given) > 1:
+        raise field_fault(arrays, f"holds {' and '.join(given)}", "one of them")
+    values = arrays.map(given[0])
+    if values.shape != shape or values.dtype.kind not in "biuf" or values.dtype.itemsize > 8:
+        what = f"is {values.dtype} of shape {values.shape}"
+        raise field_fault(arrays, what, f"numbers of shape {shape}, that of the maps", given[0])
+    return values

@@ -1,1 +1,0 @@
-"""Structure from motion, for the baseline."""
