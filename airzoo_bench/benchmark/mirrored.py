@@ -1,4 +1,4 @@
-"""Benchmark folders at URLs: what of them is fetched, and when.
+"""Benchmark folders at URLs, of which files are fetched when they are needed.
 
 A mirror begins with benchmark.toml and the protocols; the tables and the truth, of which
 benchmark.toml states checksums, follow when the benchmark is opened, clouds and photos when they
@@ -25,11 +25,11 @@ def data_here(location: str | Path | None = None) -> Path:
     """Return a benchmark folder, or the folder that holds some, as a path of this machine."""
     place = data_location() if location is None else location
     url = url_of(place)
-    return Path(place) if url is None else _begun(url)
+    return Path(place) if url is None else _mirror_start(url)
 
 
-def _begun(url: Url) -> Path:
-    """Mirror benchmark.toml and the protocols of a folder, or of those in it."""
+def _mirror_start(url: Url) -> Path:
+    """Mirror benchmark.toml and the protocols of a folder, or of all folders in it."""
     found = _listed(url, "") or {
         name: entry
         for folder in names(url, folders=True)
@@ -68,7 +68,7 @@ def fetch_truth(folder: Path, file: BenchmarkFile) -> None:
 
 
 def resolved(folder: Path, file: BenchmarkFile, path: str) -> Path:
-    """Return the place of what benchmark.toml names; a mirror fetches files."""
+    """Return the path of a file or folder in benchmark.toml; a mirror fetches files."""
     place = folder / path
     found = mirror_of(place)
     if found is None:
