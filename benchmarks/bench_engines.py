@@ -35,7 +35,7 @@ from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching.solving import solve_queries
-from airzoo_bench.results.records_csv import csv_blocks
+from airzoo_bench.results.records import csv_blocks
 from tests.matching.pose_support import SOLVER, fingerprint, joined, make_scene
 from tests.support import MadeScene, made_protocol, write_benchmark
 

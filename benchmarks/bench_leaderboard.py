@@ -20,8 +20,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from airzoo_bench.statistics.pair_tests import pair_p_values, resamples_for
-from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
+from airzoo_bench.statistics.pair_tests import (
+    correct_pairs,
+    pair_p_values,
+    rank_ranges,
+    resamples_for,
+)
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import paired_permutation
 from tests.leaderboard.site.support import COLUMNS, method, write_version

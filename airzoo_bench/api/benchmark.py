@@ -8,9 +8,10 @@ from typing import SupportsIndex, overload
 
 from airzoo_bench.api.arrays import path_of
 from airzoo_bench.api.scene import BlindScene
-from airzoo_bench.benchmark.folder import Benchmark, TruthWanted, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.storage.urls import is_url
 
 __all__ = ["BlindBenchmark", "load_benchmark"]
@@ -146,7 +147,7 @@ class BlindBenchmark:
         except BenchmarkError as error:
             raise error.inside(self.folder) from error
 
-    def scenes_of(self, protocol: TruthWanted) -> tuple[BlindScene, ...]:
+    def scenes_of(self, protocol: Protocol) -> tuple[BlindScene, ...]:
         """Return the scenes of a protocol.
 
         Parameters

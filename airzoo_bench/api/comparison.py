@@ -11,19 +11,21 @@ from airzoo_bench.api.arrays import listed, text_of
 from airzoo_bench.api.results import Tabular
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.results import comparison
-from airzoo_bench.results.comparable import check_same_queries
-from airzoo_bench.results.comparison import Pair
+from airzoo_bench.results.comparable import (
+    check_same_queries,
+    choose_scores,
+    find_scene,
+    score_keys,
+)
+from airzoo_bench.results.comparison import Pair, score_intervals
 from airzoo_bench.results.files import result_paths, results_here
 from airzoo_bench.results.records import Scored, checked_records, read_scored
 from airzoo_bench.results.result import ScoreColumn, read_result
-from airzoo_bench.results.sampling import score_intervals
-from airzoo_bench.results.selection import choose_scores, find_scene, score_keys
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.comparison_layout import comparison_table
-from airzoo_bench.tables.interval_layout import intervals_table
+from airzoo_bench.tables.comparison import comparison_table, verdict
+from airzoo_bench.tables.intervals import intervals_table
 from airzoo_bench.tables.model import Table
-from airzoo_bench.tables.verdicts import verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -176,8 +178,8 @@ def _check(
 def _read(
     results: Sequence[Given], scores: Sequence[str], *, every: bool, every_column: bool
 ) -> list[Scored]:
-    paths = results_here([result for result in results if not isinstance(result, Scored)])
     read: list[Scored] = []
+    paths = results_here([result for result in results if not isinstance(result, Scored)])
     if paths:
         first = read_result(result_paths(paths)[0])
         read = read_scored(paths, None if every_column else score_keys(first, scores, every=every))
@@ -203,8 +205,7 @@ def _rechecked(one: Scored) -> Scored:
 def _intervals(asked: Request, plan: ResamplingConfig) -> Comparison:
     (method,), scores, scene = asked.methods, asked.scores, asked.scene
     found = score_intervals(method, scores, plan, scene)
-    table = intervals_table(method, scores, found, plan, scene)
-    result = method.result
+    table, result = intervals_table(method, scores, found, plan, scene), method.result
     parts: list[tuple[str | None, dict[str, float], list[Interval]]] = [
         (name, result.scenes[name], part) for name, part in found.groups.items()
     ]

@@ -18,12 +18,12 @@ from airzoo_bench.api.results import Result
 from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import ArgumentError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.evaluation.check import check as find_errors
+from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as score
-from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.records import checked_records
-from airzoo_bench.storage.rasters import here
+from airzoo_bench.storage.mirror import here
 from airzoo_bench.storage.urls import is_url
 
 __all__ = ["Check", "check", "evaluate"]

@@ -14,8 +14,7 @@ from airzoo_bench.api.labels import same_index
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import Method, ResamplingConfig, Sample
 
 __all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci"]

@@ -10,9 +10,8 @@ import numpy as np
 
 from airzoo_bench.api.map_parts import Crop, Items, Tile
 from airzoo_bench.api.photos import Photo, Photos
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark, needed
-from airzoo_bench.benchmark.queries import read_queries
+from airzoo_bench.benchmark.queries import read_excluded, read_queries
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles

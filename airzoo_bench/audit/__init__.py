@@ -1,1 +1,1 @@
-"""Published tables checked by arithmetic: what printed numbers alone can prove."""
+"""Published tables checked by arithmetic."""

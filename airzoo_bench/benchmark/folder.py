@@ -1,4 +1,4 @@
-"""The canonical benchmark folder: what ``prepare`` writes and every track reads.
+"""The canonical benchmark folder, which ``prepare`` writes and every track reads.
 
 ::
 
@@ -13,31 +13,19 @@ and every file of it is held to its checksum.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify
 from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import DATA_VARIABLE, data_root
+from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.core.validation import read_toml, validated
 
-__all__ = [
-    "DATA_VARIABLE",
-    "Benchmark",
-    "SceneWanted",
-    "TruthWanted",
-    "benchmark_folders",
-    "benchmark_place",
-    "data_root",
-    "differences",
-    "find_benchmark",
-    "needed",
-]
-
+__all__ = ["Benchmark", "benchmark_folders", "benchmark_place", "find_benchmark", "needed"]
 
 PartT = TypeVar("PartT")
 
@@ -59,33 +47,6 @@ def needed(part: PartT | None, what: str, scene: str) -> PartT:
             "one",
         )
     return part
-
-
-class SceneWanted(Protocol):
-    """A scene that a protocol names."""
-
-    @property
-    def id(self) -> str:
-        """The scene's id."""
-
-
-class TruthWanted(Protocol):
-    """What a protocol asks of a benchmark folder; the folder need not know protocols."""
-
-    @property
-    def name(self) -> str:
-        """The protocol's name."""
-
-    @property
-    def track(self) -> str:
-        """Which track's truth."""
-
-    @property
-    def scenes(self) -> Sequence[SceneWanted]:
-        """The scenes that must be there."""
-
-    def truth_settings(self) -> dict[str, dict[str, Any]]:
-        """Return the values that the truth must have been made by, by section and key."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +73,13 @@ class Benchmark:
         fetch_truth(folder, file)
         with benchmark.fixes():
             verify(folder, file)
-        if not sealed:
-            _refuse_sealed(folder, file)
+        if file.sealed is not None and not sealed:
+            raise BenchmarkError(
+                f"the truth of {file.name} is sealed: only its host can score predictions",
+                where=folder,
+                fix="look at them with `airzoo-bench check`, and hand them in as the benchmark's "
+                "board says",
+            )
         return benchmark
 
     @contextmanager
@@ -155,7 +121,7 @@ class Benchmark:
         places = [self.folder, *(self.folder / one for one in named)]
         return tuple(place for place in dict.fromkeys(places) if place.is_dir())
 
-    def check_fits(self, protocol: TruthWanted) -> None:
+    def check_fits(self, protocol: Any) -> None:
         """Refuse a protocol that the truth in this folder was not made for."""
         missing = {s.id for s in protocol.scenes} - {s.id for s in self.file.scenes}
         if missing:
@@ -171,7 +137,13 @@ class Benchmark:
                 where=self.folder,
                 fix="prepare it with a protocol of that track",
             )
-        found = differences(have, protocol.truth_settings())
+        found = [
+            f"{section}.{key}: {ours.get(key)} in the folder, {theirs.get(key)} in the protocol"
+            for section, theirs in protocol.truth_settings().items()
+            for ours in [have.get(section, {})]
+            for key in sorted({*ours, *theirs})
+            if ours.get(key) != theirs.get(key)
+        ]
         if found:
             raise BenchmarkError(
                 f"its truth was made with other settings than protocol {protocol.name}:\n    "
@@ -218,24 +190,3 @@ def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
             fix="name the right folder with --data, or name the right protocol with --protocol",
         )
     return benchmark
-
-
-def _refuse_sealed(folder: Path, file: BenchmarkFile) -> None:
-    if file.sealed is not None:
-        raise BenchmarkError(
-            f"the truth of {file.name} is sealed: only its host can score predictions",
-            where=folder,
-            fix="look at them with `airzoo-bench check`, and hand them in as the benchmark's "
-            "board says",
-        )
-
-
-def differences(have: dict[str, dict[str, Any]], want: dict[str, dict[str, Any]]) -> list[str]:
-    """Name the settings of truth that differ, with both values; by section and key."""
-    return [
-        f"{section}.{key}: {ours.get(key)} in the folder, {theirs.get(key)} in the protocol"
-        for section in want
-        for ours, theirs in [(have.get(section, {}), want[section])]
-        for key in sorted({*ours, *theirs})
-        if ours.get(key) != theirs.get(key)
-    ]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from PIL.Image import Resampling
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.storage.mirror import fetched
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["photo_size", "read_grey", "read_rgb_photo", "read_tile"]
 
@@ -49,8 +49,6 @@ def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
 
 
 def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
-    from PIL.Image import Resampling
-
     with opened_photo(fetched(path), _FIX) as image:
         scale = min(1.0, long_side / max(image.size))
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
@@ -63,7 +61,5 @@ def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
 
 def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
     """Read one tile (height, width, 3) from its window of the map."""
-    from airzoo_bench.geometry.rasters import read_rgb
-
     window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
     return read_rgb(dom, window)

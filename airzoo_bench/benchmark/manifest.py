@@ -21,29 +21,9 @@ class _Model(BaseModel):
 
 
 class SceneFile(_Model):
-    """A scene as benchmark.toml describes it.
+    """A scene as benchmark.toml describes it; docs/benchmark-folder.md says what each key is.
 
     Paths are relative to the benchmark folder, or absolute where the data were left in place.
-
-    Attributes
-    ----------
-    crs : str, optional
-        Projected CRS of poses, surface model and cloud, in metres; "local" for a frame in metres
-        that has no place on the earth; none where photos have no poses.
-    plane_height_m : float, optional
-        z0, which altitudes are above.
-    images : str
-        Folder of the photos.
-    dom, dsm : str, optional
-        The map that photos are matched to, and the surface model.
-    gallery : str, optional
-        The map that tiles are cut from, where it is another than `dom`.
-    maps : str, optional
-        Folder of a map and a surface model for each photo, where the scene has none of the whole.
-    cloud : str, optional
-        The true cloud of the reconstruction track.
-    truth_accuracy_m : float, optional
-        Standard error of the true positions, as whoever made the folder states it.
     """
 
     id: Annotated[str, Field(pattern=SAFE_NAME)]
@@ -62,13 +42,7 @@ class SceneFile(_Model):
 
 
 class SealedTruth(_Model):
-    """What is said of a truth that is not in the folder.
-
-    Attributes
-    ----------
-    commitment : str
-        SHA-256 over a salt of 256 bits and the checksums of the truth; both lie in the archive.
-    """
+    """The SHA-256 over a salt of 256 bits and the checksums of a truth that lies elsewhere."""
 
     commitment: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -77,8 +51,7 @@ class BenchmarkFile(_Model):
     """The content of benchmark.toml.
 
     `tracks` holds, by track, section and key, the settings that the truth was made by; `by_hand`
-    says that `airzoo-bench manifest` filled in what `prepare` writes, `sealed` that the folder is
-    without its truth.
+    says that `airzoo-bench manifest` filled in what `prepare` writes.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -93,7 +66,7 @@ class BenchmarkFile(_Model):
 
 
 def write_benchmark_file(folder: Path, file: BenchmarkFile) -> None:
-    """Write benchmark.toml with the checksums of all that stands under scenes/."""
+    """Write benchmark.toml with the checksums of all files under scenes/."""
     sums = {name: sha256_of(folder / name) for name in _truth_files(folder)}
     values = file.model_dump(mode="json", by_alias=True, exclude_none=True) | {"checksums": sums}
     with atomic_write(folder / "benchmark.toml") as stream:
@@ -109,7 +82,7 @@ def _truth_files(folder: Path) -> list[str]:
 
 
 def verify(folder: Path, file: BenchmarkFile) -> None:
-    """Hold all that stands under scenes/ to its checksum."""
+    """Compare all files under scenes/ with their checksums."""
     scenes = {scene.id for scene in file.scenes}
     for name in _truth_files(folder):
         if name.split("/")[1] in scenes and name not in file.checksums:

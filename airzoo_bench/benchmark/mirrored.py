@@ -1,8 +1,8 @@
-"""Benchmark folders at URLs: what of them is fetched, and when.
+"""Benchmark folders at URLs, of which files are fetched when they are needed.
 
 A mirror begins with benchmark.toml and the protocols; the tables and the truth, of which
 benchmark.toml states checksums, follow when the benchmark is opened, clouds and photos when they
-are read. Rasters are read where they lie (`airzoo_bench.storage.rasters`).
+are read. Rasters are read where they lie (`airzoo_bench.storage.mirror`).
 """
 
 from __future__ import annotations
@@ -12,15 +12,8 @@ from pathlib import Path
 from airzoo_bench.benchmark.manifest import BenchmarkFile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import MARK, data_location
-from airzoo_bench.storage.mirror import (
-    Mirror,
-    absent_is_absent,
-    fetched,
-    mirror_of,
-    versions_of,
-)
-from airzoo_bench.storage.rasters import RASTERS, pointed
-from airzoo_bench.storage.remote import Entry, find, names
+from airzoo_bench.storage.mirror import RASTERS, Mirror, fetched, mirror_of, pointed, versions_of
+from airzoo_bench.storage.remote import Entry, absent_is_absent, find, names
 from airzoo_bench.storage.urls import Url, url_of
 
 __all__ = ["data_here", "fetch_truth", "resolved"]
@@ -32,11 +25,11 @@ def data_here(location: str | Path | None = None) -> Path:
     """Return a benchmark folder, or the folder that holds some, as a path of this machine."""
     place = data_location() if location is None else location
     url = url_of(place)
-    return Path(place) if url is None else _begun(url)
+    return Path(place) if url is None else _mirror_start(url)
 
 
-def _begun(url: Url) -> Path:
-    """Mirror benchmark.toml and the protocols of a folder, or of those in it."""
+def _mirror_start(url: Url) -> Path:
+    """Mirror benchmark.toml and the protocols of a folder, or of all folders in it."""
     found = _listed(url, "") or {
         name: entry
         for folder in names(url, folders=True)
@@ -50,7 +43,7 @@ def _begun(url: Url) -> Path:
             fix="check bucket and folder; upload one that `airzoo-bench prepare` made",
         )
     mirror = Mirror.of(url, versions_of(found))
-    mirror.fetch_all(found)
+    mirror.fetch_all(dict.fromkeys(found))
     return mirror.tree
 
 
@@ -71,12 +64,11 @@ def fetch_truth(folder: Path, file: BenchmarkFile) -> None:
     if found is not None:
         mirror, below = found
         prefix = f"{below}/" if below else ""
-        sums = {prefix + name: sha for name, sha in file.checksums.items()}
-        mirror.fetch_all(dict.fromkeys(sums), sums)
+        mirror.fetch_all({prefix + name: sha for name, sha in file.checksums.items()})
 
 
 def resolved(folder: Path, file: BenchmarkFile, path: str) -> Path:
-    """Return the place of what benchmark.toml names; a mirror fetches files."""
+    """Return the path of a file or folder in benchmark.toml; a mirror fetches files."""
     place = folder / path
     found = mirror_of(place)
     if found is None:

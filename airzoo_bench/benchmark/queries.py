@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.folder import needed
+from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from airzoo_bench.geometry.rasters import RasterInfo
+    from airzoo_bench.geometry.rasters import RasterInfo  # loads GDAL, which retrieval does without
 
 __all__ = [
     "CAMERA_COLUMNS",
@@ -36,6 +35,7 @@ __all__ = [
     "photo_table",
     "poses_of",
     "query_table",
+    "read_excluded",
     "read_queries",
     "with_unposed",
     "write_queries",
@@ -50,6 +50,7 @@ CAMERA_COLUMNS = (*SIZE_COLUMNS, *FOCAL_COLUMNS, *PRINCIPAL_POINT_COLUMNS, *DIST
 POSE_COLUMNS = ("qw", "qx", "qy", "qz", "x", "y", "z")
 NO_POSE = "no pose"
 PRIOR_COLUMNS = tuple(f"prior_{name}" for name in POSE_COLUMNS)
+_LISTED = {"matching": "crops.csv", "reconstruction": "photos.csv"}
 
 
 def query_table(
@@ -60,16 +61,14 @@ def query_table(
     priors: Poses | None,
 ) -> pd.DataFrame:
     """Lay out N queries in a row each, without conditions."""
-    import pandas as pd
-
     columns: dict[str, object] = {"id": list(ids), "image": list(images)}
     columns |= {"width": cameras.width, "height": cameras.height}
-    columns |= _named(FOCAL_COLUMNS, cameras.focal)
-    columns |= _named(PRINCIPAL_POINT_COLUMNS, cameras.principal_point)
-    columns |= _named(DISTORTION_COLUMNS, cameras.distortion)
-    columns |= _named(POSE_COLUMNS, _pose_numbers(poses))
+    columns |= _columns(FOCAL_COLUMNS, cameras.focal)
+    columns |= _columns(PRINCIPAL_POINT_COLUMNS, cameras.principal_point)
+    columns |= _columns(DISTORTION_COLUMNS, cameras.distortion)
+    columns |= _columns(POSE_COLUMNS, _pose_numbers(poses))
     if priors is not None:
-        columns |= _named(PRIOR_COLUMNS, _pose_numbers(priors))
+        columns |= _columns(PRIOR_COLUMNS, _pose_numbers(priors))
     return pd.DataFrame(columns)
 
 
@@ -83,7 +82,7 @@ def write_queries(folder: Path, queries: pd.DataFrame) -> None:
 def read_queries(
     folder: Path, excluded: pd.DataFrame, complete: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Read a scene's photos but for those that a track has left out."""
+    """Read a scene's photos except those that a track leaves out."""
     path = folder / "queries.csv"
     everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
@@ -91,6 +90,18 @@ def read_queries(
         missing = (kept & everything[name].isna()).to_numpy()
         refuse_cells(path, name, everything[name], missing, "a number", everything["id"].tolist())
     return everything[kept].reset_index(drop=True)
+
+
+def read_excluded(benchmark: Benchmark, scene: str, track: str) -> pd.DataFrame:
+    """Read which photos of a scene a track leaves out, with the reasons."""
+    folder = benchmark.scene_folder(scene)
+    if not benchmark.is_sealed:
+        return read_table(folder / track / "excluded.csv", (*IDENTITY_COLUMNS, "reason"))
+    photos = read_table(folder / "queries.csv", IDENTITY_COLUMNS)[list(IDENTITY_COLUMNS)]
+    listed = _LISTED.get(track)
+    asked = photos["id"] if listed is None else read_table(folder / track / listed, ("id",))["id"]
+    left_out = photos[~photos["id"].isin(asked)].reset_index(drop=True)
+    return left_out.assign(reason="not asked")
 
 
 def cameras_of(queries: pd.DataFrame) -> Cameras:
@@ -137,35 +148,16 @@ def _pose_numbers(poses: Poses) -> NDArray[np.float64]:
     return np.concatenate([matrix_to_quaternion(poses.rotation), poses.centres], axis=1)
 
 
-def _named(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def _columns(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     return dict(zip(names, values.T, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class SceneInputs:
-    """Photos with what is known of their place; what a track needs is asked of `needed`.
+    """The photos of a scene, their maps and frames; see `SceneFile` for most.
 
-    Attributes
-    ----------
-    scene : str
-        The scene's id.
-    photos : DataFrame
-        A row a photo, sorted by id, as `photo_table` makes it.
-    crs : str or None
-        Projected CRS of poses and surface model, in metres, or `geometry.crs.LOCAL_CRS`; None
-        where photos have no poses.
-    dom : RasterInfo or None
-        The map, in any CRS.
-    dsm : Path or None
-        The surface model.
-    plane_height_m : float or None
-        z0: the median of the valid heights, or what the dataset states.
-    unposed : tuple of str
-        File names of photos without a pose, which no track can ask.
-    gallery : RasterInfo, optional
-        The map that tiles are cut from, where it is another than `dom`.
-    maps : Path, optional
-        Folder of a map and a surface model for each photo, see `matching.truth.own_map`.
+    `photos` is as `photo_table` makes it; `unposed` are names of photos without a pose, which no
+    track can ask; `maps` is the folder of a map and a surface model for each photo.
     """
 
     scene: str
@@ -198,8 +190,6 @@ def photo_table(
     plane_height_m: float | None,
 ) -> pd.DataFrame:
     """Lay out a scene's photos, sorted by id, with altitude and pitch as conditions."""
-    import pandas as pd
-
     ids = [photo_id(scene, name) for name in images]
     if cameras is None or poses is None:
         table = pd.DataFrame({"id": ids, "image": list(images)})
@@ -215,9 +205,7 @@ def photo_table(
 
 
 def with_unposed(left_out: pd.DataFrame, inputs: SceneInputs) -> pd.DataFrame:
-    """Add the photos without a pose to a track's list of those left out, sorted by id."""
-    import pandas as pd
-
+    """Add the photos without a pose to the photos that a track leaves out, sorted by id."""
     if not inputs.unposed:
         return left_out
     # Names that no text file can hold are written as Python would escape them.

@@ -12,18 +12,16 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from airzoo_bench.geometry.arrays import Bools, Floats
 
 __all__ = ["read_table", "refuse_cells"]
 
@@ -50,9 +48,6 @@ _FIX = "correct it, or prepare the benchmark again"
 
 def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = ()) -> pd.DataFrame:
     """Read a CSV or parquet table of a scene."""
-    import pandas as pd
-    import pyarrow as pa
-
     if not path.is_file():
         raise BenchmarkError(
             "the benchmark folder has no truth here",
@@ -83,23 +78,16 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
 
 
 def _fault_of(path: Path, error: Exception) -> str:
-    line = _undecoded_line(path) if isinstance(error, UnicodeDecodeError) else ""
-    return line or (str(error) or type(error).__name__).splitlines()[0][:200]
-
-
-def _undecoded_line(path: Path) -> str:
-    """Name the first line that is not UTF-8; an error's own position is one in a part of it."""
-    with path.open("rb") as stream:
-        for number, line in enumerate(stream, start=1):
-            try:
-                line.decode()
-            except UnicodeDecodeError as error:
-                return f"line {number}: the byte 0x{line[error.start]:02x} is not UTF-8"
-    return ""
+    if isinstance(error, UnicodeDecodeError):  # its own position is one in a part of the file
+        try:
+            path.read_bytes().decode("utf-8-sig")
+        except UnicodeDecodeError as found:
+            line = found.object.count(b"\n", 0, found.start) + 1
+            return f"line {line}: the byte 0x{found.object[found.start]:02x} is not UTF-8"
+    return (str(error) or type(error).__name__).splitlines()[0][:200]
 
 
 def _csv(path: Path) -> pd.DataFrame:
-    import pandas as pd
 
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = next(csv.reader(stream), [])
@@ -115,26 +103,23 @@ def _csv(path: Path) -> pd.DataFrame:
 
 def _codes(path: Path, names: Sequence[str]) -> list[str]:
     """Return the conditions that hold names such as ``007`` or ``12e5``, which are no numbers."""
-    import pandas as pd
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     conditions = [name for name in names if name not in _TEXTS | _WHOLE | _NUMBERS]
     if not conditions:
         return []
     table = pd.read_csv(path, dtype=str, keep_default_na=False, usecols=conditions)
-    texts = {name: pa.array(table[name], pa.large_string()) for name in conditions}
     return [
         name
-        for name, column in texts.items()
-        if pc.any(pc.match_substring_regex(column, _CODE), min_count=0).as_py()
+        for name in conditions
+        if pc.any(pc.match_substring_regex(_texts(table[name]), _CODE), min_count=0).as_py()
     ]
+
+
+def _texts(column: pd.Series[Any]) -> Any:
+    return pa.array(column, pa.large_string(), from_pandas=True)
 
 
 def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
     """Return a column as what its name promises, or refuse the first values that are none."""
-    import pandas as pd
-
     name, refuse = str(column.name), partial(refuse_cells, path, str(column.name), column)
     if name in _TEXTS:
         if not _all_print(column):
@@ -158,10 +143,9 @@ def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
 def _all_print(column: pd.Series[Any]) -> bool:
     values = column.to_numpy(object)
     try:
-        joined = "".join(values)
+        return "".join(values).isprintable() and bool((values != "").all())
     except TypeError:  # not all are texts
         return False
-    return joined.isprintable() and bool((values != "").all())
 
 
 def _prints(value: object) -> bool:
@@ -170,28 +154,19 @@ def _prints(value: object) -> bool:
 
 def _numbers(column: pd.Series[Any]) -> tuple[Floats, Bools]:
     """Return a column as numbers, NaN where a cell is none, and which cells are empty."""
-    import pyarrow as pa
-
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
         numbers = column.to_numpy(np.float64)
         return numbers, np.isnan(numbers)
     try:
-        return _plain_numbers(pa.array(column, pa.large_string(), from_pandas=True))
-    except (pa.ArrowTypeError, pa.ArrowInvalid):  # not all are texts, or plain ones
-        values = column.tolist()
-        missing = np.array([_is_missing(value) for value in values], np.bool_)
-        return np.array([_number(value) for value in values], np.float64), missing
-
-
-def _plain_numbers(texts: Any) -> tuple[Floats, Bools]:
-    """Read decimal numbers at once, rounded correctly; raises ArrowInvalid for other texts."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if not pc.all(pc.match_substring_regex(texts, _PLAIN), min_count=0).as_py():
-        raise pa.ArrowInvalid
-    missing = texts.is_null().to_numpy(zero_copy_only=False)
-    return texts.cast(pa.float64()).to_numpy(zero_copy_only=False), missing
+        texts = _texts(column)
+        if pc.all(pc.match_substring_regex(texts, _PLAIN), min_count=0).as_py():
+            missing = texts.is_null().to_numpy(zero_copy_only=False)
+            return texts.cast(pa.float64()).to_numpy(zero_copy_only=False), missing
+    except (pa.ArrowTypeError, pa.ArrowInvalid):  # not all are texts
+        pass
+    values = column.tolist()
+    missing = np.array([_is_missing(value) for value in values], np.bool_)
+    return np.array([_number(value) for value in values], np.float64), missing
 
 
 def _limit(name: str) -> float:
@@ -232,7 +207,7 @@ def refuse_cells(
         values = np.asarray(values, object)
         whose = [f" ({ids[row]})" if ids else "" for row in rows[:_NAMED]]
         pairs = zip(rows[:_NAMED], whose, strict=True)
-        named = [f"row {row + 1}{who}: {_shown(values[row])}" for row, who in pairs]
+        named = [f"row {row + 1}{who}: {_as_text(values[row])}" for row, who in pairs]
         more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
         raise BenchmarkError(
             f"column '{name}', {'; '.join(named)}{more}",
@@ -242,7 +217,7 @@ def refuse_cells(
         )
 
 
-def _shown(value: object) -> str:
+def _as_text(value: object) -> str:
     return "nothing" if _is_missing(value) else repr(value)[:_SHOWN]
 
 

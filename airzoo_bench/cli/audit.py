@@ -63,8 +63,8 @@ def audit(
     number, such as 'X,City,R@1,8.70'. Keep trailing zeros. See docs/audit.md.
     """
     from airzoo_bench.audit.audit import audit as audit_published
-    from airzoo_bench.audit.queries import parse_counts
-    from airzoo_bench.tables.printed_values import read_published
+    from airzoo_bench.audit.counts import parse_counts
+    from airzoo_bench.tables.published import read_published
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given, ap.value if ap else None)

@@ -79,7 +79,7 @@ def _predict(
     show_progress: bool,
     **settings: Any,
 ) -> None:
-    from airzoo_bench.evaluation.generate import run_baseline
+    from airzoo_bench.evaluation.evaluate import run_baseline
     from airzoo_bench.evaluation.track import Run
 
     baseline: Any = track.baseline

@@ -48,14 +48,12 @@ def breakdown(
 
     One result gives a column a score; several give a column a method, under each score.
     """
-    from airzoo_bench.results.comparable import check_same_queries
+    from airzoo_bench.results.comparable import check_same_queries, choose_scores, score_keys
     from airzoo_bench.results.files import result_paths, results_here
     from airzoo_bench.results.records import read_records, read_scored
     from airzoo_bench.results.result import read_result
-    from airzoo_bench.results.selection import choose_scores, score_keys
     from airzoo_bench.statistics.samples import ResamplingConfig
-    from airzoo_bench.tables.breakdown import check_column
-    from airzoo_bench.tables.breakdown_layout import breakdown_table
+    from airzoo_bench.tables.breakdown import breakdown_table, check_column
 
     edges = None if bins is None else parse_bins(bins)
     wanted = score or []

@@ -53,8 +53,8 @@ def check(
     refuse.
     """
     from airzoo_bench.core.sandbox import Limits
-    from airzoo_bench.evaluation.check import check as find_errors
-    from airzoo_bench.evaluation.given import ReadBy
+    from airzoo_bench.evaluation.evaluate import check as find_errors
+    from airzoo_bench.evaluation.opening import ReadBy
     from airzoo_bench.evaluation.track import Run
 
     memory = memory_bytes(max_memory)

@@ -121,8 +121,8 @@ def _differences(
     most: int,
 ) -> Table:
     from airzoo_bench.api.comparison import Request
-    from airzoo_bench.results.best import find_one
-    from airzoo_bench.tables.differences import differences_table
+    from airzoo_bench.results.comparison import find_one
+    from airzoo_bench.tables.comparison import differences_table
 
     asked = Request.of(paths, scores, every=every, scene=scene, every_column=True)
     one = find_one(asked.methods, reference, method, asked.scores[0], asked.scene)

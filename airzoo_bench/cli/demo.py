@@ -68,7 +68,7 @@ def _predictions(
     """Return the file of the plain method, made now unless this version has made it already."""
     from airzoo_bench.core.files import atomic_write, fingerprint
     from airzoo_bench.core.version import __version__
-    from airzoo_bench.evaluation.generate import run_baseline
+    from airzoo_bench.evaluation.evaluate import run_baseline
 
     path, mark = folder / baseline.out, folder / ".made-from"
     made_from = fingerprint([__version__, benchmark.file.checksums])

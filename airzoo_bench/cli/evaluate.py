@@ -156,8 +156,8 @@ def _evaluate(
     from airzoo_bench.core.registry import resolve
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
-    from airzoo_bench.evaluation.given import ReadBy
-    from airzoo_bench.evaluation.run_files import kept_beside, only_run_at, run_folder, save
+    from airzoo_bench.evaluation.opening import ReadBy
+    from airzoo_bench.evaluation.run_files import local_place, only_run_at, run_folder, save
     from airzoo_bench.evaluation.track import Run
 
     asked = [one for one in track.options if extras[one.name] != one.default]
@@ -169,7 +169,7 @@ def _evaluate(
     with (
         only_run_at(out),
         open_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
-        keep_scenes(kept_beside(out), resume=resume and not writing) as store,
+        keep_scenes(local_place(out), resume=resume and not writing) as store,
     ):
         threads = jobs if engine is EngineKind.LOCAL else 1
         place.progress = choose_progress(place, show_progress=show_progress)
@@ -235,9 +235,9 @@ def _named_after(out: str | None, method: str | None, inputs: Sequence[str | Pat
 
 def _say_replaced(out: str | None) -> None:
     """Say which earlier run will go: once the predictions are known to be scored."""
-    from airzoo_bench.evaluation.run_files import earlier_run
+    from airzoo_bench.evaluation.run_files import describe_earlier_run
 
-    replaced = None if out is None else earlier_run(out)
+    replaced = None if out is None else describe_earlier_run(out)
     if replaced is not None:
         say(replaced)
 

@@ -83,7 +83,7 @@ def predictions_here(location: str) -> Path:
     refuse_one_slash(location)
     if not is_url(location):
         return Path(location)
-    from airzoo_bench.storage.rasters import here
+    from airzoo_bench.storage.mirror import here
 
     with working("fetching the predictions"):
         return here(location)

@@ -87,7 +87,7 @@ def seal_score(
 
     Nothing else of the truth is printed or kept.
     """
-    from airzoo_bench.evaluation.given import ReadBy
+    from airzoo_bench.evaluation.opening import ReadBy
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.leaderboard.sealed.keys import read_key
     from airzoo_bench.leaderboard.sealed.scoring import score_predictions

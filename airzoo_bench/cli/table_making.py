@@ -11,12 +11,17 @@ from airzoo_bench.cli.common import scores_of
 from airzoo_bench.cli.table_marks import in_digits, marked
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import result_paths
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
-from airzoo_bench.results.selection import check_score, find_scene, named_scores
-from airzoo_bench.tables.method_table import OVERALL, MethodTable, method_table
-from airzoo_bench.tables.rename import rename
-from airzoo_bench.tables.reported_rows import with_floors, with_published
+from airzoo_bench.tables.marks import rename
+from airzoo_bench.tables.method_table import (
+    OVERALL,
+    MethodTable,
+    method_table,
+    with_floors,
+    with_published,
+)
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -147,7 +152,7 @@ class _TableMaker:
     def _with_intervals(self, table: MethodTable, places: Sequence[int]) -> MethodTable:
         from airzoo_bench.results.records import Scored, read_records
         from airzoo_bench.statistics.samples import ResamplingConfig
-        from airzoo_bench.tables.interval_layout import with_intervals
+        from airzoo_bench.tables.intervals import with_intervals
 
         methods = [
             Scored(entry.method, self.results[place], read_records(self.paths[place]))

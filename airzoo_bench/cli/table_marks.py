@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 from airzoo_bench.cli.common import scores_of
 from airzoo_bench.cli.table_request import TableRequest
+from airzoo_bench.results.comparable import check_score, named_scores
 from airzoo_bench.results.result import Result, ScoreColumn
-from airzoo_bench.results.selection import check_score, named_scores
-from airzoo_bench.tables.annotations import BY_NAME, sort_rows, with_decimals
 from airzoo_bench.tables.layouts import AVERAGE
-from airzoo_bench.tables.rename import rename
+from airzoo_bench.tables.marks import BY_NAME, rename, sort_rows, with_decimals
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -21,22 +20,8 @@ __all__ = ["in_digits", "marked"]
 
 
 def marked(made: Table, asked: TableRequest, results: Sequence[Result]) -> Table:
-    """Sort a table, mark its best values, and add gains and citations.
-
-    Parameters
-    ----------
-    made : Table
-    asked : TableRequest
-    results : sequence of Result
-        Whose scores may be sorted by; of a protocol without results, its own are.
-
-    Raises
-    ------
-    UsageError
-        The request names a score, row or method that the table has not.
-    """
-    from airzoo_bench.tables.annotations import add_gains, highlight, parse_baselines
-    from airzoo_bench.tables.best_marks import mark_best
+    """Sort a table, mark its best values, and add gains and citations."""
+    from airzoo_bench.tables.marks import add_gains, highlight, mark_best, parse_baselines
 
     made = in_digits(_sorted(made, asked, results), asked)
     made = mark_best(made, second=asked.second)
@@ -78,7 +63,7 @@ def _known_scores(asked: TableRequest, results: Sequence[Result]) -> dict[str, S
 
 
 def _cited(made: Table, citations: Sequence[str]) -> Table:
-    from airzoo_bench.tables.annotations import add_citations
+    from airzoo_bench.tables.marks import add_citations
     from airzoo_bench.tables.published import published_sources, read_source_file
 
     sources = {name: read_source_file(path).citations for name, path in published_sources().items()}

@@ -46,7 +46,7 @@ def template(
     ] = False,
 ) -> None:
     """Write an example prediction: every query, with random tiles, matches or depth maps."""
-    from airzoo_bench.evaluation.generate import write_template
+    from airzoo_bench.evaluation.evaluate import write_template
 
     written = write_template(
         protocol, data=resolve_data(data), out=out, kind=kind and kind.value, seed=seed, force=force

@@ -44,6 +44,15 @@ class Dataset(ABC, Generic[OptionsT]):
         Names or files of the protocols that its truth is made for.
     jobs : int or None
         Default of ``--jobs``; None where there is nothing to share out, and no such option.
+
+    Notes
+    -----
+    Its methods take options of that class, and these:
+
+    root : Path
+        The data root, for protocols to start from.
+    settings : PrepareSettings
+        Where the folder is made, and how.
     """
 
     name: ClassVar[str] = ""
@@ -54,11 +63,6 @@ class Dataset(ABC, Generic[OptionsT]):
 
     def scenes(self, options: OptionsT) -> Mapping[str, Sequence[Path]]:
         """Return the scenes that are there, in the protocols' order, with what each is read from.
-
-        Parameters
-        ----------
-        options : object
-            Of the class `options`.
 
         Returns
         -------
@@ -77,8 +81,6 @@ class Dataset(ABC, Generic[OptionsT]):
 
         Parameters
         ----------
-        options : object
-            Of the class `options`.
         scene : str
             One of `scenes`.
         progress : Progress
@@ -120,13 +122,6 @@ class Dataset(ABC, Generic[OptionsT]):
 
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder of all scenes.
-
-        Parameters
-        ----------
-        options : object
-            Of the class `options`.
-        settings : PrepareSettings
-            Where the folder is made, and how.
 
         Raises
         ------

@@ -10,7 +10,7 @@ from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify, wr
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.validation import read_toml, validated
-from airzoo_bench.evaluation.checked_truth import read_checked_truth
+from airzoo_bench.evaluation.opening import read_truth
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.protocol.model import Protocol
@@ -84,7 +84,7 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
             fix=f"add them, or take the scene out of protocol {protocol.name}",
         )
     with benchmark.fixes():
-        truth = read_checked_truth(benchmark, protocol, scene)
+        truth = read_truth(benchmark, protocol, scene)
     for table in ("queries", "tiles"):
         _check_ids(getattr(truth, table, None), table, scene, home)
 

@@ -1,7 +1,7 @@
 """Where a photo says that it was taken: position in EXIF, gimbal angles in DJI's XMP.
 
 Position is EXIF's where it has one (its seconds have four decimals, 3 mm), DJI's otherwise. Angles
-are as `geometry.rotations` takes them.
+are as `geometry.poses` takes them.
 """
 
 from __future__ import annotations

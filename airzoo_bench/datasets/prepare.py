@@ -51,7 +51,7 @@ from airzoo_bench.datasets.folder import (
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
+from airzoo_bench.evaluation.evaluate import accuracy_notes
 from airzoo_bench.geometry.raster_files import raster_files
 from airzoo_bench.protocol.model import Protocol
 

@@ -45,7 +45,7 @@ class NativeScene:
         cloud. Tracks that need one that is missing have no truth.
     maps : Path or None
         Folder of a map and a surface model for each photo, where there are none of the whole
-        scene, see `matching.maps.own_map`.
+        scene, see `matching.truth.own_map`.
     plane_height_m : float or None
         z0; None for the median height of the surface model, or where there is no ground.
     priors : Poses or None

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import logging
 import os
 import pickle
-import pkgutil
+import platform
 import socket
 import time
 import warnings
@@ -13,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from functools import partial
 from multiprocessing import active_children
 from typing import Any, TypeVar
 
@@ -22,7 +22,6 @@ import numpy as np
 from distributed import Client, Future, KilledWorker, LocalCluster
 from distributed.client import ClosedClientError
 from distributed.comm import get_address_host_port
-from distributed.security import Security
 from distributed.system import MEMORY_LIMIT
 from numpy.typing import NDArray
 
@@ -48,12 +47,7 @@ CONNECT_S = 10.0
 PATIENCE_S = 60.0
 """How long there may be no worker that can work: none has come, all are gone or out of memory."""
 _DEATHS = 3
-# Short blocks go together: as many as take so long, and at most so many.
-_BATCH_S, _BATCH = 0.2, 128
 _LEAST_BYTES = 512 << 20
-_VERSION = "airzoo_bench.core.version:__version__"
-# Results and tasks travel as pickles, and sums are to round alike.
-_ALIKE = ("python", "dask", "distributed", "cloudpickle", "numpy")
 _QUIET = {
     "distributed.admin.tick.limit": "1h",
     "distributed.admin.large-graph-warning-threshold": "1TB",
@@ -100,32 +94,14 @@ class DaskEngine(Engine):
             # The result of a task, not scattered: that would be lost with the workers that hold it.
             data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)  # not copied, as bytes are
             held = self.client.submit(_hold, data, pure=False)
-            submit = partial(self._submit, held)
-            threads = max(1, sum(self.client.nthreads().values()))
-            waiting: deque[tuple[Future, Sequence[T]]] = deque()
-            suspects: deque[T] = deque()
-            begun, size = 0, 1
-            while begun < len(items) or waiting or suspects:
-                if suspects:
-                    yield self._attempt_alone(submit, suspects.popleft())
-                    continue
-                while begun < len(items) and len(waiting) < UNREAD * threads:
-                    batch = items[begun : begun + size]
-                    waiting.append((submit(batch), batch))
-                    begun += len(batch)
-                future, batch = waiting.popleft()
-                done = self._wait(future)
-                if done is None:  # all that was under way is done alone: the right one is blamed
-                    self.client.cancel([other for other, _ in waiting])
-                    suspects.extend(
-                        item for some in (batch, *(b for _, b in waiting)) for item in some
-                    )
-                    waiting.clear()
-                    continue
-                found, seconds = done
-                left = (len(items) - begun) // (2 * threads)
-                size = max(1, min(int(len(batch) * _BATCH_S / max(seconds, 1e-6)), _BATCH, left))
-                yield from found
+            most = UNREAD * max(1, sum(self.client.nthreads().values()))
+            waiting: deque[tuple[Future, T]] = deque()
+            for item in items:
+                waiting.append((self._submit(held, item), item))
+                if len(waiting) == most:
+                    yield from self._next(held, waiting)
+            while waiting:
+                yield from self._next(held, waiting)
         except (CancelledError, ClosedClientError, OSError) as error:
             raise UserError(
                 "the scheduler of Dask was lost in the middle of the run",
@@ -134,22 +110,32 @@ class DaskEngine(Engine):
                 "`eval` with --resume goes on from the scenes that are scored",
             ) from error
 
-    def _submit(self, held: Future, items: Sequence[T]) -> Future:
-        return self.client.submit(_attempt_batch, held.key, held, pickle.dumps(items), pure=False)
+    def _submit(self, held: Future, item: T) -> Future:
+        task = held.key, held, pickle.dumps(item)
+        return self.client.submit(_attempt_pickled, *task, pure=False)
 
-    def _attempt_alone(self, submit: Callable[[Sequence[T]], Future], item: T) -> Any:
-        done = self._wait(submit([item]))
-        if done is None:
-            return Fault(BlockError(f"{_DEATHS} workers died of it, perhaps for want of memory"))
-        return done[0][0]
+    def _next(self, held: Future, waiting: deque[tuple[Future, T]]) -> Iterator[Any]:
+        """Yield the next result; where workers died, those of all that is under way."""
+        future, item = waiting.popleft()
+        done = self._wait(future)
+        if done is not None:
+            yield done[0]
+            return
+        suspects = [item, *(one for _, one in waiting)]
+        self.client.cancel([other for other, _ in waiting])
+        waiting.clear()
+        for one in suspects:  # alone, so that the right one is blamed
+            done = self._wait(self._submit(held, one))
+            what = f"{_DEATHS} workers died of it, perhaps for want of memory"
+            yield Fault(BlockError(what)) if done is None else done[0]
 
-    def _wait(self, future: Future) -> tuple[list[Any], float] | None:
-        """Wait for a batch, but not for ever if no worker could do it; None if workers died."""
+    def _wait(self, future: Future) -> tuple[Any] | None:
+        """Wait for a block, but not for ever if no worker could do it; None if workers died."""
         alive = time.monotonic()
         while True:
             with suppress(TimeoutError):
                 try:
-                    return pickle.loads(future.result(timeout=1.0))  # type: ignore[no-any-return]  # noqa: S301 - of this run
+                    return (pickle.loads(future.result(timeout=1.0)),)  # noqa: S301 - of this run
                 except KilledWorker:
                     return None
             if self.client.status != "running":
@@ -182,15 +168,12 @@ def _hold(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return data
 
 
-def _attempt_batch(key: str, held: NDArray[np.uint8], data: bytes) -> bytes:
-    """Return the results of a batch of items, and the seconds that they took."""
-    begun = time.monotonic()
+def _attempt_pickled(key: str, held: NDArray[np.uint8], data: bytes) -> bytes:
     if key not in _loaded:
         _loaded.clear()
         _loaded[key] = pickle.loads(held.data)  # noqa: S301 - of this run
     work, shared = _loaded[key]
-    found = [attempt(work, shared, item) for item in pickle.loads(data)]  # noqa: S301 - of this run
-    return pickle.dumps((found, time.monotonic() - begun))
+    return pickle.dumps(attempt(work, shared, pickle.loads(data)))  # noqa: S301 - of this run
 
 
 @contextmanager
@@ -255,30 +238,20 @@ def connect(address: str, note: Callable[[str], None] = lambda _: None) -> Itera
 
 
 def _open_client(address: str, place: str) -> Client:
-    tls = address.startswith("tls:")
-    if tls and Security().get_connection_args("client").get("ssl_context") is None:
-        raise UsageError(
-            "there are no certificates for TLS",
-            where=place,
-            expected="those of Dask's own settings, distributed.comm.tls",
-            fix="set DASK_DISTRIBUTED__COMM__TLS__CA_FILE, and ..._TLS__CLIENT__CERT and "
-            "..._TLS__CLIENT__KEY",
-        )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of versions: `_check_versions` says it in one message
-        try:
-            if not tls:  # a dashboard waits to be spoken to, and Dask would wait for it for ever
-                with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
-                    stream.recv(1)
+    try:
+        if address.startswith("tcp"):  # a dashboard waits to be spoken to: Dask would wait for ever
+            with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
+                stream.recv(1)
+        with warnings.catch_warnings(action="ignore"):  # of versions, which `_check_versions` says
             return Client(address, timeout=CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise UserError(
-                f"no scheduler of Dask answers there ({type(error).__name__})",
-                where=place,
-                expected=f"an answer within {CONNECT_S:.0f} s",
-                fix="check host and port (not the dashboard's), and that `dask scheduler` runs "
-                "there; --scheduler local needs none",
-            ) from None
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
+        raise UserError(
+            f"no scheduler of Dask answers there ({type(error).__name__})",
+            where=place,
+            expected=f"an answer within {CONNECT_S:.0f} s",
+            fix="check host and port (not the dashboard's), that `dask scheduler` runs there, and "
+            "for tls:// the certificates of Dask's settings, distributed.comm.tls",
+        ) from None
 
 
 def _wait_for_workers(client: Client, place: str, note: Callable[[str], None]) -> None:
@@ -296,27 +269,27 @@ def _wait_for_workers(client: Client, place: str, note: Callable[[str], None]) -
         ) from None
 
 
+def _versions() -> dict[str, str]:
+    packages = ("dask", "distributed", "cloudpickle", "numpy")
+    found = {name: importlib.metadata.version(name) for name in packages}
+    return found | {"Python": platform.python_version(), "airzoo-bench": __version__}
+
+
 def _check_versions(client: Client, place: str) -> None:
-    """Refuse a scheduler and workers that lack the suite, or have other versions."""
-    stated = client.get_versions()
-    own = stated["client"]["packages"]
-    peers = {"the scheduler": stated["scheduler"], **stated["workers"]}
+    """Refuse workers that lack the suite, or have other versions: sums are to round alike."""
+    own = _versions()
+    stated = client.run(_versions, on_error="return")
     others = [
-        f"{peer} has {name} {other} and not {own.get(name)}"
-        for peer, of in peers.items()
-        for name in _ALIKE
-        if (other := of["packages"].get(name)) != own.get(name)
+        f"{worker} has {name} {of.get(name)} and not {own[name]}"
+        if isinstance(of, dict)
+        else f"{worker} has no airzoo-bench, or another one ({of})"
+        for worker, of in stated.items()
+        for name in (own if isinstance(of, dict) else ("",))
+        if not isinstance(of, dict) or of.get(name) != own[name]
     ]
-    if not others:  # else workers may not even understand what comes next
-        suites = client.run(pkgutil.resolve_name, _VERSION, on_error="return")
-        others = [
-            f"{peer} has {f'airzoo-bench {suite}' if isinstance(suite, str) else 'no airzoo-bench'}"
-            for peer, suite in suites.items()
-            if suite != __version__
-        ]
     if others:
         raise UserError(
-            f"scheduler or workers are not as this machine: {'; '.join(others[:3])}",
+            f"workers are not as this machine: {'; '.join(others[:3])[:500]}",
             where=place,
             expected="the same versions of the suite, Python, Dask and NumPy everywhere",
             fix="start scheduler and workers from one environment, or image, with "

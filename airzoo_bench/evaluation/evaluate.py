@@ -1,47 +1,78 @@
-"""Scoring predictions of any track: from a file to records and a result."""
+"""Scoring, checking and making predictions of any track."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    CameraError,
+    PredictionError,
+    ProtocolError,
+    UnreadableError,
+    UsageError,
+    UserError,
+    agreeing,
+    first_of,
+)
 from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree
+from airzoo_bench.core.registry import READERS, TRACKS, load_track, resolve
 from airzoo_bench.core.version import versions
-from airzoo_bench.evaluation.given import Given, ReadBy, read_truths
+from airzoo_bench.evaluation.info import TrackInfo
+from airzoo_bench.evaluation.opening import Given, ReadBy, open_predictions, read_truths
+from airzoo_bench.evaluation.queries import check_npz
 from airzoo_bench.evaluation.scene_store import SceneStore
 from airzoo_bench.evaluation.track import Run, Scored, Truth
-from airzoo_bench.evaluation.truth_accuracy import accuracy_notes
-from airzoo_bench.evaluation.untrusted import open_as_trusted
-from airzoo_bench.protocol.lookup import load_protocol, protocol_files
+from airzoo_bench.protocol.lookup import (
+    find_protocol,
+    load_protocol,
+    protocol_files,
+    protocol_of_track,
+)
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result, score_columns
+from airzoo_bench.results.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    TruthUsed,
+    score_columns,
+)
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
-__all__ = ["Evaluation", "counts_apart", "evaluate", "namesake_notes", "truth_fingerprint"]
+__all__ = [
+    "Checked",
+    "Evaluation",
+    "Template",
+    "accuracy_notes",
+    "check",
+    "evaluate",
+    "run_baseline",
+    "truth_fingerprint",
+    "write_template",
+]
+
+FACTOR = 3.0
+"""Errors of method and truth add as squares: a truth that is wrong by a third of a threshold makes
+an error there larger by 5 % (the root of 1 + 1/9); one that is wrong by half of it, by 12 %."""
+
+# Settings that hold lengths in metres, by which predictions pass or fail.
+_THRESHOLDS = (
+    *("distance_below_m", "translation_below_m", "pose_below_m_deg", "auc_up_to_m"),
+    *("f1_below_m", "headline_below_m"),
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A result, the records it was made from, and what figures need besides.
-
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query or cloud.
-    truths : list
-        Of each scene.
-    scored : dict
-        `Scored` scenes by id.
-    """
+    """A result, the records it was made from, and what figures need: truths, and scored scenes."""
 
     result: Result
     records: pd.DataFrame
@@ -68,34 +99,33 @@ def evaluate(
     begun: Callable[[], None] = lambda: None,
     store: SceneStore | None = None,
 ) -> Evaluation:
-    """Score predictions; `begun` is called once they are known to be scored."""
-    given = open_as_trusted(path, track, protocol, data, run, read_by)
+    """Score predictions; `begun` is called once they are opened and fit the benchmark."""
+    given = open_predictions(
+        path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
+    )
     of, predictions, chosen = given.track, given.predictions, given.protocol
-    benchmark, truths = _open_truths(given, data)
+    known = given.truths
+    benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
     assignment = of.assign(predictions, truths, chosen)
     for error in assignment.errors:
         raise error
     sha256 = sha256_of_tree(path)
     begun()
-    kept = None if store is None else _Kept(store, _run_of(given, sha256, truths, read_by, run))
-    scored = []
+    if store is not None:
+        store.begin(_run_fingerprint(given, sha256, truths, read_by, run))
+    by_scene = {}
     parts = zip(truths, assignment.parts, strict=True)
     for truth, part in run.progress(parts, "scenes", len(truths)):
-        scene = None if kept is None else kept.store.load(kept.run, truth.scene)
+        scene = None if store is None else store.load(truth.scene)
         if scene is None:
             scene = of.score(part, truth, chosen, run)
-            if kept is not None:
-                kept.store.save(kept.run, truth.scene, scene)
-        scored.append(scene)
-    scores, records = _records(scored, of.scores(chosen))
-    by_scene = {truth.scene: scene for truth, scene in zip(truths, scored, strict=True)}
-    notes = (
-        *given.notes,
-        *assignment.notes,
-        *(note for scene in scored for note in scene.notes),
-        *of.notes(predictions, truths, chosen, scored),
-    )
+            if store is not None:
+                store.save(truth.scene, scene)
+        by_scene[truth.scene] = scene
+    scored = list(by_scene.values())
+    scores, records = _join_records(scored, of.scores(chosen))
     counts = {name: scene.counts for name, scene in by_scene.items()}
+    accuracy = {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
     result = Result(
         track=chosen.track,
         protocol=ProtocolUsed(
@@ -122,12 +152,13 @@ def evaluate(
         counts=counts,
         extra_queries=assignment.strange,
         notes=(
-            *namesake_notes(chosen, benchmark.folder),
-            *counts_apart(chosen, counts),
-            *accuracy_notes(
-                chosen, {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
-            ),
-            *notes,
+            *_namesake_notes(chosen, benchmark.folder),
+            *_count_notes(chosen, counts),
+            *accuracy_notes(chosen, accuracy),
+            *given.notes,
+            *assignment.notes,
+            *(note for scene in scored for note in scene.notes),
+            *of.notes(predictions, truths, chosen, scored),
         ),
         **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
         references=dict(of.references(chosen, truths)),
@@ -135,35 +166,19 @@ def evaluate(
     return Evaluation(result, records, given, benchmark, truths, by_scene)
 
 
-@dataclass(frozen=True)
-class _Kept:
-    store: SceneStore
-    run: str
-
-
-def _open_truths(given: Given, data: Path) -> tuple[Benchmark, list[Any]]:
-    """Return the truths that a reader was given, unless they are sealed, else read them."""
-    if given.truths is not None and not given.truths[0].is_sealed:
-        return given.truths
-    return read_truths(given.protocol, data)
-
-
-def _run_of(given: Given, sha256: str, truths: Sequence[Truth], read_by: ReadBy, run: Run) -> str:
+def _run_fingerprint(
+    given: Given, sha256: str, truths: Sequence[Truth], read_by: ReadBy, run: Run
+) -> str:
     """Return a fingerprint of all that scores of scenes depend on."""
-    return fingerprint(
-        {
-            "predictions": sha256,
-            "reader": None if given.reader is None else given.reader.model_dump(mode="json"),
-            "names": None if read_by.names is None else sha256_of(read_by.names),
-            "protocol": given.protocol.fingerprint,
-            "truth": {truth.scene: truth.fingerprint for truth in truths},
-            "versions": versions(),
-            "memory": run.memory_bytes,  # how queries and clouds are cut
-        }
-    )
+    reader = None if given.reader is None else given.reader.model_dump(mode="json")
+    names = None if read_by.names is None else sha256_of(read_by.names)
+    parts = sha256, reader, names, given.protocol.fingerprint, truth_fingerprint(truths)
+    return fingerprint([*parts, versions(), run.memory_bytes])  # memory cuts queries and clouds
 
 
-def _records(scored: Sequence[Scored], scores: list[Score]) -> tuple[list[Score], pd.DataFrame]:
+def _join_records(
+    scored: Sequence[Scored], scores: list[Score]
+) -> tuple[list[Score], pd.DataFrame]:
     """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
     records = concatenate([scene.records for scene in scored])
     scores = [score for score in scores if score.column in records]
@@ -180,7 +195,85 @@ def truth_fingerprint(truths: Sequence[Truth]) -> str:
     return fingerprint({truth.scene: truth.fingerprint for truth in truths})
 
 
-def namesake_notes(used: Protocol, data: Path) -> list[str]:
+@dataclass(frozen=True)
+class Checked:
+    """The errors and notes of predictions.
+
+    `errors` are what `evaluate` would raise; `described` says what the files are, what reads them
+    and how much of the benchmark they answer.
+    """
+
+    errors: list[UserError]
+    notes: list[str] = field(default_factory=list)
+    described: list[str] = field(default_factory=list)
+
+
+def check(
+    path: Path,
+    *,
+    data: Path,
+    protocol: str | None = None,
+    run: Run = Run(),  # noqa: B008 - frozen
+    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
+) -> Checked:
+    """Find all errors of predictions, scene by scene, without scoring them."""
+    try:
+        given = open_predictions(path, data=data, protocol=protocol, run=run, read_by=read_by)
+    except UnreadableError:
+        raise
+    except (PredictionError, CameraError) as error:
+        return Checked([error])
+    described = [f"{given.protocol.track} predictions for {given.protocol.name}"]
+    if given.reader is not None:
+        reader = READERS.get(given.reader.name)
+        writers = f" ({', '.join(reader.methods)})" if reader.methods else ""
+        described = [
+            f"{reader.title}{writers}: {described[0]}, read by --reader {given.reader.name}"
+        ]
+        described += [f"taken to be so: {convention}" for convention in given.reader.conventions]
+    try:
+        errors, notes, covered = _check_scenes(given, data, run)
+    except (PredictionError, CameraError) as error:
+        errors, notes, covered = [error], [], []
+    # Of the suite's own files the errors say all; of others, who reads them comes first.
+    if errors and given.reader is None:
+        described = []
+    return Checked(errors, [*given.notes, *notes], [*described, *covered] if described else [])
+
+
+def _check_scenes(
+    given: Given, data: Path, run: Run
+) -> tuple[list[UserError], list[str], list[str]]:
+    """Return errors, notes, and how much is answered; errors of a scene hide no others."""
+    track, predictions, protocol = given.track, given.predictions, given.protocol
+    truths: list[Any] = []
+    notes: list[str] = []
+    try:
+        truths = (given.truths or read_truths(protocol, data, sealed=True))[1]
+    except BenchmarkError as error:
+        notes.append(f"predictions were not compared with the benchmark: {error.what}")
+    assignment = track.assign(predictions, truths, protocol)
+    faults = list(track.find_faults(predictions, protocol))
+    errors: list[UserError] = [*assignment.errors, *faults]
+    scored = []
+    for part, truth in zip(assignment.parts, truths or [None] * len(protocol.scenes), strict=False):
+        try:
+            if part is not None and not faults:
+                scored.append(track.check(part, truth, protocol, run))
+        except PredictionError as error:
+            errors.append(error)
+    notes += [note for scene in scored for note in scene.notes]
+    if not truths:
+        return errors, notes, []
+    notes += [*_namesake_notes(protocol, data), *assignment.notes]
+    if not errors:
+        scenes = zip(protocol.scenes, scored, strict=True)
+        notes += _count_notes(protocol, {scene.id: one.counts for scene, one in scenes})
+        notes += track.notes(predictions, truths, protocol, scored)
+    return errors, notes, [f"answers {assignment.covered}"]
+
+
+def _namesake_notes(used: Protocol, data: Path) -> list[str]:
     """Note a protocol that has the name of a known one and measures something else."""
     path = protocol_files(data).get(used.name)
     try:
@@ -193,11 +286,115 @@ def namesake_notes(used: Protocol, data: Path) -> list[str]:
     return [f"the protocol is not the {used.name} that all have: {why}"]
 
 
-def counts_apart(protocol: Protocol, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
-    """Note scenes whose number of queries is not the paper's."""
+def _count_notes(protocol: Protocol, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Name scenes with more or fewer queries than in the paper."""
     return [
         f"scene {scene.title} has {counts[scene.id]['queries']:,} queries here, "
         f"{scene.queries:,} in the paper"
         for scene in protocol.scenes
         if scene.queries not in (None, counts[scene.id].get("queries", scene.queries))
     ]
+
+
+def accuracy_notes(protocol: Protocol, accuracy_m: Mapping[str, float | None]) -> list[str]:
+    """Say which thresholds are finer than three times the stated accuracy of the truth."""
+    stated = {one.id: m for one in protocol.scenes if (m := accuracy_m.get(one.id)) is not None}
+    worst = max(stated.values(), default=0.0)
+    fine = sorted({m for m in _lengths(protocol.settings()) if m < FACTOR * worst})
+    if not fine:
+        return []
+    scenes = first_of([name for name, m in stated.items() if FACTOR * m > fine[0]], noun="scene")
+    return [
+        f"the truth of {scenes} is stated to be good to {worst:g} m: below {FACTOR:g} times that, "
+        f"{agreeing(len(fine), 'the threshold', 'the thresholds')} "
+        f"{', '.join(f'{m:g}' for m in fine)} m of {protocol.name} "
+        f"{agreeing(len(fine), 'measures', 'measure')} errors of the truth too"
+    ]
+
+
+def _lengths(settings: Mapping[str, Any]) -> Iterator[float]:
+    """Yield the metres of all thresholds."""
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _lengths(value)
+        elif key in _THRESHOLDS:
+            for one in value if isinstance(value, list) else [value]:
+                yield float(one[0] if isinstance(one, list) else one)
+
+
+def run_baseline(
+    track: str,
+    protocol: str,
+    out: Path,
+    *,
+    data: Path,
+    settings: Any = None,
+    run: Run = Run(),  # noqa: B008 - frozen
+    note: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Run a track's baseline on a benchmark and write predictions."""
+    baseline = TRACKS.get(track).baseline
+    if baseline is None:
+        raise UsageError(f"the {track} track has no baseline")
+    chosen = protocol_of_track(protocol, data, load_track(track).protocol)
+    benchmark = find_benchmark(chosen.benchmark, data, sealed=True)
+    benchmark.check_fits(chosen)
+    with benchmark.fixes():
+        predict = resolve(baseline.predict)
+        predict(chosen, benchmark, settings or baseline.settings, out, run, note)
+
+
+@dataclass(frozen=True)
+class Template:
+    """An example that was written; `note` says what it will score, if known and not `sealed`."""
+
+    track: str
+    out: Path
+    note: str | None
+    sealed: bool = False
+
+
+def write_template(
+    protocol: str,
+    *,
+    data: Path,
+    out: Path | None = None,
+    kind: str | None = None,
+    seed: int = 0,
+    force: bool = False,
+) -> Template:
+    """Write an example prediction for a protocol, at random."""
+    chosen = find_protocol(protocol, data)
+    info: TrackInfo = TRACKS.get(chosen.track)
+    if kind is not None and kind not in info.templates:
+        raise UsageError(
+            f"templates of {info.name} have no kind {kind!r}",
+            expected=" or ".join(info.templates) or "no --kind",
+        )
+    target = out or Path("template" if info.folders else "template.npz")
+    _check_target(target, info, force=force)
+    benchmark, truths = read_truths(chosen, data, sealed=True)
+    kind = kind or (*info.templates, "")[0]
+    note = load_track(info.name).template(target, truths, chosen, kind, seed)
+    return Template(info.name, target, note, benchmark.is_sealed)
+
+
+def _check_target(out: Path, info: TrackInfo, *, force: bool) -> None:
+    """Refuse, before any work, a place where a template cannot be, or where predictions are."""
+    if info.folders:
+        fits = out.suffix != ".npz" and not out.is_file()
+        if not fits or (out.is_dir() and any(out.iterdir())):
+            raise UsageError(
+                "is no folder" if not fits else "is there and not empty",
+                where=out,
+                expected="a new folder, such as preds",
+                fix="name another with --out",
+            )
+        return
+    check_npz(out)
+    if out.is_file() and not force:
+        raise UsageError(
+            "is there already, and could be a prediction",
+            where=out,
+            fix="name another file with --out, or add --force",
+        )

@@ -1,4 +1,4 @@
-"""What the command line says of a track before it imports any of it."""
+"""The row of a track in the registry: all that the help shows, so it imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -15,21 +15,11 @@ DOUBLED = Option("double", "Look for the finest features too, for four times the
 
 @dataclass(frozen=True)
 class EvalOption:
-    """An option of ``airzoo-bench eval`` that one track has.
+    """An option of ``airzoo-bench eval`` that one track has; a number up to `most`, or a flag.
 
-    Attributes
-    ----------
-    name : str
-        Without its hyphens.
-    act : str
-        ``module:function`` to call: it takes the `evaluate.Evaluation`, the option's value, the
-        output folder or None, and `Run`, and yields lines to print.
-    default : bool or int
-        An int makes it an option with a number from 1 to `most`.
-    needs_out : bool
-        Whether it writes files, into a folder of its name, so that ``--out`` must be given.
-    files : str
-        A regular expression of their names: a folder with other files is not replaced.
+    `act` is a ``module:function``: it takes the `evaluate.Evaluation`, the option's value, the
+    output folder or None, and `Run`, and yields lines to print. With `needs_out` it writes files,
+    whose names match `files`, into a folder of the option's name.
     """
 
     name: str
@@ -43,24 +33,11 @@ class EvalOption:
 
 @dataclass(frozen=True)
 class Baseline:
-    """A track's baseline: a plain method that needs no weights.
+    """A plain method that needs no weights.
 
-    Attributes
-    ----------
-    method : str
-        Its name in tables.
-    summary : str
-        What it does, in one sentence, for the help.
-    settings, demo : dataclass
-        Its default settings, and those of the demonstration; fields may be annotated with an
-        `Option`.
-    out : str
-        Default name of the predictions.
-    out_help, example : str
-        For the help; the example names a protocol and where to write.
-    predict : str
-        ``module:function`` to call: it takes protocol, benchmark, settings, the path to write to,
-        `Run`, and a callable for notes on each scene.
+    `settings`, and `demo` for the demonstration, are dataclasses whose fields may be annotated with
+    an `Option`. `predict` is a ``module:function``: it takes protocol, benchmark, settings, the
+    path to write to, `Run`, and a callable for notes. The rest is for tables and the help.
     """
 
     method: str
@@ -83,16 +60,12 @@ class TrackInfo:
         As in protocol files, commands and results.
     track : str
         ``module:NAME`` of its `Track`, which is imported when something is scored.
-    summary : str
-        What is scored, in one sentence, for the help.
-    argument, example : str
-        For the help: what predictions are; predictions and further options.
+    summary, argument, example : str
+        For the help: what is scored; what predictions are; a call.
     unit : {"query", "scene"}
         What a record is of; of scenes, intervals and tests resample these.
-    suffixes : tuple of str
-        Endings of files that can be predictions.
-    kinds : str
-        What predictions come in, for messages.
+    suffixes, kinds : tuple of str, str
+        Endings of files that can be predictions; the same for messages.
     folders : bool
         Whether predictions can be a folder, as templates then are.
     fields : tuple of str
@@ -101,11 +74,10 @@ class TrackInfo:
         Threads that ``eval`` takes by default.
     takes_image_size : bool
         Whether a reader of the track reads `reader.Reading.image_size`.
-    options : tuple of EvalOption
+    options, baseline : tuple of EvalOption, Baseline or None
     files : mapping of str to str
         What a run writes beside ``result.json`` and ``records.csv``: by its name the
         ``module:function`` to call with the `evaluate.Evaluation` and the path.
-    baseline : Baseline or None
     templates : tuple of str
         What templates can hold, the default first; empty where there is no choice.
     """
@@ -123,6 +95,6 @@ class TrackInfo:
     jobs: int = 2
     takes_image_size: bool = False
     options: tuple[EvalOption, ...] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
     baseline: Baseline | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
     templates: tuple[str, ...] = ()

@@ -37,17 +37,7 @@ _SHOWN_LETTERS = 80
 
 @dataclass(frozen=True, eq=False)
 class QueryPredictions(Generic[C]):
-    """A prediction file with a row a query, as read.
-
-    Attributes
-    ----------
-    protocol : str or None
-        The protocol that the file names.
-    query_ids : (N,) str
-        ``scene/name``.
-    content : C
-        What is predicted for these queries.
-    """
+    """A prediction file with a row a query: N ids ``scene/name``, and the predicted `content`."""
 
     path: Path
     protocol: str | None
@@ -57,15 +47,7 @@ class QueryPredictions(Generic[C]):
 
 @dataclass(frozen=True, eq=False)
 class QueryPart:
-    """The predictions for the Q queries of a scene.
-
-    Attributes
-    ----------
-    predictions : QueryPredictions
-        Those of all scenes.
-    rows : (Q,) int
-        The row of each query in them, -1 where there is none.
-    """
+    """The predictions of all scenes, and the row of each query of one scene, -1 for none."""
 
     predictions: Any
     rows: NDArray[np.intp]
@@ -120,7 +102,7 @@ def _notes(
 def _other_benchmark(
     predictions: QueryPredictions[Any], protocol: Protocol, example: str
 ) -> PredictionError:
-    """Return the error for predictions none of whose ids belongs to the benchmark."""
+    """Return the error for predictions without any id of the benchmark."""
     ids = predictions.query_ids
     known = {name.lower(): one.id for one in protocol.scenes for name in (one.title, one.id)}
     scenes = sorted(set(scene_of(ids).tolist()) - set(known.values()))
@@ -140,14 +122,10 @@ def _other_benchmark(
 
 @dataclass(frozen=True)
 class Fields(Generic[C]):
-    """One of the forms that predictions of a track can have: its fields, and how to read them.
+    """A form that predictions of a track can have; a file with the field `marker` has this form.
 
-    Attributes
-    ----------
-    needed, optional : tuple of str
-        Besides ``query_ids`` and ``protocol``. A file that has the field `marker` has this form.
-    read : callable
-        Takes the file's arrays and its query ids.
+    `needed` and `optional` are fields besides ``query_ids`` and ``protocol``; `read` takes the
+    file's arrays and its query ids.
     """
 
     marker: str

@@ -1,4 +1,4 @@
-"""What a reader is: files as a method writes them become predictions of a track."""
+"""The contract of readers: files as a method writes them become predictions of a track."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ __all__ = [
     "Reader",
     "Reading",
     "find_reader",
-    "read_native",
+    "image_size_of",
     "reader_named",
-    "refuse_names",
+    "refuse_option",
 ]
 
 SURE = 0.5
@@ -33,33 +33,18 @@ SURE = 0.5
 POSSIBLE = 0.25
 """One that is as sure takes it where its track is the one that is asked for."""
 
-_OR = ", or "
-
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What a reader is given besides the path.
+    """The input of a reader besides the path.
 
-    Attributes
-    ----------
-    protocol : Protocol
-        What the predictions are for.
-    truths : sequence
-        Of the protocol's scenes, in its order, as `Track.truth` returns them: readers
-        take names of queries, tiles and photos from them, and nothing else. Empty where the
-        benchmark folder is missing.
-    names : Path or None
-        A list of image names, a line each, in the order in which the method saw them.
-    memory_bytes : int
-        The most that reading may hold.
-    folders : tuple of Path
-        The benchmark's own and those of its images. Predictions may name any folder of the
-        computer; only what lies in these, or below the predictions, may be listed for them.
-    scenes : tuple of str
-        Ids of all scenes of the benchmark, also of those that the protocol leaves out: a path that
-        names one of them is of no other.
-    image_size : (width, height) or None
-        Of the pictures that a matcher was given, for files that do not state it.
+    `truths` are those of the protocol's scenes, none where the benchmark folder is missing: readers
+    take names of queries, tiles and photos from them, and nothing else. `names` is a list of image
+    names, a line each, in the order in which the method saw them; `image_size` that of the pictures
+    that a matcher was given, for files that do not state it. Predictions may name any folder of the
+    computer: only what lies in `folders`, or below the predictions, may be listed for them.
+    `scenes` are those of the benchmark, also without the protocol: a path that names one of them is
+    of no other.
     """
 
     protocol: Protocol
@@ -71,34 +56,26 @@ class Reading:
     image_size: tuple[float, float] | None = None
 
 
-def picture_size(text: str | None) -> tuple[float, float] | None:
+def image_size_of(text: str | None) -> tuple[float, float] | None:
     """Return the width and height that a text such as "640x480" states."""
-    found = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text or "")
-    if text is not None and found is None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
+    if found is None:
         raise UsageError(
             f"{text[:40]!r} is no size of a picture",
             where="--image-size",
             expected="width and height in pixels, such as 640x480",
         )
-    return None if found is None else (float(found[1]), float(found[2]))
+    return float(found[1]), float(found[2])
 
 
 @dataclass(frozen=True, eq=False)
 class ReadPredictions:
-    """What a reader made of a path.
+    """Predictions as a reader has read them.
 
-    Attributes
-    ----------
-    predictions : Predictions
-        Of the reader's track.
-    conventions : tuple of str
-        What was taken to be so, in short sentences: pixel centres, axes, order of quaternions,
-        names by order. They stand in the result.
-    notes : tuple of str
-        What a reader of the numbers must know.
-    beside : tuple of Path
-        Files that were read besides the path, such as lists next to it: the result states their
-        checksums.
+    `conventions` say for the result what was taken to be so: pixel centres, axes, quaternions.
+    `beside` are the files read besides the path; the result states their checksums.
     """
 
     predictions: Predictions
@@ -108,24 +85,11 @@ class ReadPredictions:
 
 
 class Reader(ABC):
-    """Reads what one method, or a family of methods, writes.
+    """Reads what one method, or a family of methods, writes, into predictions of a track.
 
-    Its module is imported to list the readers: NumPy and the like are imported in its methods.
-
-    Attributes
-    ----------
-    track : str
-        Whose predictions it makes.
-    title : str
-        What it reads, for people: "descriptors of VPR-methods-evaluation".
-    layout : str
-        How the files are recognised, in a sentence.
-    methods : tuple of str
-        Who writes this.
-    takes_names : bool
-        Whether it reads `Reading.names`. Where it does not, `--names` is refused.
-    takes_image_size : bool
-        The same of `Reading.image_size`.
+    `title` names the files for people, such as "descriptors of VPR-methods-evaluation", `layout`
+    says how they are recognised, `methods` who writes them. A reader that does not take names or an
+    image size refuses them.
     """
 
     track: ClassVar[str]
@@ -137,20 +101,38 @@ class Reader(ABC):
 
     @abstractmethod
     def recognise(self, path: Path) -> float:
-        """Say how sure it is that a path is its own, from what the files hold."""
+        """Return from 0 to 1 how sure it is that a path is its own, by the content of the files."""
 
     @abstractmethod
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """Read a path into predictions."""
 
+    def check_options(self, path: Path, reading: Reading) -> None:
+        """Refuse names and sizes that the files state themselves: they would not be used."""
+        if not self.takes_names:
+            refuse_option("--names", reading.names, self.title, path)
+        if not self.takes_image_size:
+            refuse_option("--image-size", reading.image_size, self.title, path)
+
+
+def refuse_option(option: str, value: object, title: str, where: Path) -> None:
+    """Refuse an option that the files make needless."""
+    if value is not None:
+        raise PredictionError(
+            f"read as {title}, which says all by itself: {option} is not used",
+            where=where,
+            fix="leave it out",
+        )
+
 
 def reader_named(name: str) -> Reader:
     """Return the reader of a name."""
-    if name not in READERS.names():
+    names = READERS.names()
+    if name not in names:
         raise UsageError(
-            f"there is no reader {name[:80]!r}{nearest(name[:80], READERS.names())}",
+            f"there is no reader {name[:80]!r}{nearest(name[:80], names)}",
             where="--reader",
-            expected="one of " + ", ".join(READERS.names()),
+            expected="one of " + ", ".join(names),
             fix="`airzoo-bench readers` says what each reads",
         )
     found: Reader = READERS.get(name)
@@ -158,7 +140,7 @@ def reader_named(name: str) -> Reader:
 
 
 def find_reader(path: Path, track: str | None = None) -> str | None:
-    """Return the name of the reader that a path is of; None where it is of no reader."""
+    """Return the name of the reader that recognises a path, if one does."""
     readers: dict[str, Reader] = {name: READERS.get(name) for name in READERS.names()}
     sure = {name: reader.recognise(path) for name, reader in readers.items()}
     own = {name: value for name, value in sure.items() if readers[name].track == track}
@@ -176,45 +158,3 @@ def find_reader(path: Path, track: str | None = None) -> str | None:
             fix=f"say which: {' or '.join(f'--reader {name}' for name in found)}",
         )
     return found[0]
-
-
-def read_native(reader: Reader, path: Path, reading: Reading) -> ReadPredictions:
-    """Read what a method wrote."""
-    if not reader.takes_names:
-        refuse_names(reading, path, reader.title)
-    if reading.image_size is not None and not reader.takes_image_size:
-        raise PredictionError(
-            f"read as {reader.title}, whose pixels are of no stated size; --image-size is for "
-            "matches in resized pictures",
-            where=path,
-            fix="leave it out",
-        )
-    try:
-        return reader.read(path, reading)
-    except PredictionError as error:
-        if not reader.takes_names:
-            error.fix = _without_names(error.fix)
-        raise
-    except (IsADirectoryError, NotADirectoryError) as error:
-        raise UnreadableError(
-            f"{(error.strerror or '').lower()}, and so not {reader.title}",
-            where=error.filename,
-            expected=reader.title,
-            fix="name the right file or folder; `airzoo-bench readers` lists what is read",
-        ) from error
-
-
-def refuse_names(reading: Reading, where: Path, title: str) -> None:
-    """Refuse `--names` for files that name their images; unused, it would be called read."""
-    if reading.names is not None:
-        raise PredictionError(
-            f"read as {title}, where images have names; --names is for files without",
-            where=where,
-            fix="leave it out",
-        )
-
-
-def _without_names(fix: str | None) -> str | None:
-    """Leave out the ways to mend a fault that give names."""
-    ways = [way for way in (fix or "").split(_OR) if "--names" not in way]
-    return _OR.join(ways) or None

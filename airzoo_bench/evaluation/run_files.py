@@ -1,10 +1,10 @@
-"""What a run leaves in its folder, in place of what an earlier run left there."""
+"""The files that a run leaves in its folder, in place of an earlier run's."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path, PurePath
 
@@ -12,83 +12,64 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import atomic_entries, check_output_folder, fingerprint, only_run
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.results.records_csv import write_csv
+from airzoo_bench.results.records import write_csv
 from airzoo_bench.results.result import read_result, write_result
-from airzoo_bench.storage.mirror import cache_folder
-from airzoo_bench.storage.remote import find
-from airzoo_bench.storage.uploads import check_writable, uploaded
+from airzoo_bench.storage.mirror import check_writable, uploaded
+from airzoo_bench.storage.remote import cache_folder, find
 from airzoo_bench.storage.urls import url_of
 
 __all__ = [
     "check_run_folder",
-    "earlier_run",
-    "kept_beside",
+    "describe_earlier_run",
+    "local_place",
     "only_run_at",
     "run_folder",
     "save",
 ]
 
-_ALWAYS = ("result.json", "records.csv")
+_RESULT = "result.json"
 
 
-def _run_files() -> tuple[str, ...]:
-    """Name the files that runs of any track can leave in their folder."""
-    tracks = [TRACKS.get(name) for name in TRACKS.names()]
-    of_tracks = dict.fromkeys(name for track in tracks for name in track.files)
-    return (*_ALWAYS, *of_tracks)
+def _run_entries() -> tuple[list[str], dict[str, str]]:
+    """Name the files that runs of any track leave, and folders with a pattern of their files."""
+    files, folders = [_RESULT, "records.csv"], dict[str, str]()
+    for info in map(TRACKS.get, TRACKS.names()):
+        files += info.files
+        for option in info.options:
+            if option.needs_out:
+                known = folders.get(option.name, r"\..*")
+                folders[option.name] = f"{known}|(?:{option.files})"
+    return files, folders
 
 
-def _run_folders() -> dict[str, str]:
-    """Name the folders that runs of any track can leave, with a pattern of the files in each."""
-    patterns: dict[str, str] = {}
-    for one in (option for name in TRACKS.names() for option in TRACKS.get(name).options):
-        if one.needs_out:
-            patterns[one.name] = f"{patterns.get(one.name, '')}|(?:{one.files})".lstrip("|")
-    return patterns
-
-
-def _run_entries() -> tuple[str, ...]:
-    """Name the files and folders that runs of any track can leave."""
-    return (*_run_files(), *_run_folders())
-
-
-def check_run_folder(folder: str | Path, inputs: Iterable[str | Path] = ()) -> None:
+def check_run_folder(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse, before any work, a folder or a URL that a run cannot be saved in."""
-    url = url_of(folder)
-    if url is None:
-        check_output_folder(Path(folder), _run_files())
-    else:
+    url = url_of(out)
+    files, folders = _run_entries()
+    if url is not None:
         check_writable(url)
+    else:
+        check_output_folder(Path(out), files)
     for one in inputs:
-        _refuse_loss(folder, one)
-    if url is None:
-        for name, pattern in _run_folders().items():
-            _refuse_others(Path(folder, name), rf"\..*|{pattern}")
-
-
-def _refuse_others(place: Path, pattern: str) -> None:
-    """Refuse to replace a folder with files in it that no run wrote."""
-    entries = sorted(place.iterdir()) if place.is_dir() else [place] if place.exists() else []
-    for one in entries:
-        if one == place or one.is_dir() or not re.fullmatch(pattern, one.name):
+        home, places = _real_place(out), [*_real_places(one)]
+        lost = [
+            name for name in (*files, *folders) for p in places if p.is_relative_to(home / name)
+        ]
+        if lost:
             raise UsageError(
-                f"no run wrote this, and a run would replace {place.name}",
+                f"the run would replace {lost[0]} in --out {out}, and these with it",
                 where=one,
-                fix="move it elsewhere, or name another --out",
+                expected="predictions and other inputs outside of what a run writes",
+                fix="name another --out",
             )
-
-
-def _refuse_loss(folder: str | Path, given: str | Path) -> None:
-    """Refuse to replace an input, or a file that it leads to."""
-    home = _real_place(folder)
-    for place in _places(given):
-        for name in _run_entries():
-            if place.is_relative_to(home / name):
+    for name, pattern in {} if url is not None else folders.items():
+        place = Path(out, name)
+        for one in [*sorted(place.iterdir())] if place.is_dir() else [place] * place.exists():
+            if one == place or one.is_dir() or not re.fullmatch(pattern, one.name):
                 raise UsageError(
-                    f"the run would replace {name} in --out {folder}, and these with it",
-                    where=given,
-                    expected="predictions and other inputs outside of what a run writes",
-                    fix="name another --out",
+                    f"no run wrote this, and a run would replace {name}",
+                    where=one,
+                    fix="move it elsewhere, or name another --out",
                 )
 
 
@@ -97,79 +78,78 @@ def _real_place(location: str | Path) -> PurePath:
     return Path(location).resolve() if url is None else PurePath(f"{url.scheme}:", url.path)
 
 
-def _places(given: str | Path) -> Iterator[PurePath]:
+def _real_places(location: str | Path) -> Iterator[PurePath]:
     """Yield where an input lies: as it is named, and where links to it and within it lead."""
-    yield _real_place(given)
-    if url_of(given) is None:
-        path = Path(given)
+    yield _real_place(location)
+    if url_of(location) is None:
+        path = Path(location)
         yield path.parent.resolve() / path.name
         yield from (one.resolve() for one in path.rglob("*") if one.is_symlink())
 
 
-def kept_beside(out: str | Path | None) -> Path | None:
-    """Return the place of this machine beside which finished tasks of a run are kept."""
-    url = None if out is None else url_of(out)
-    if out is None or url is None:
-        place = None if out is None else Path(out)
-        return place and (place if place.name not in ("", "..") else place.resolve())
-    return cache_folder() / f"run-{fingerprint(str(url))[:12]}"
+def local_place(out: str | Path | None) -> Path | None:
+    """Return the local path that represents the output of a run, which may be a URL."""
+    if out is None:
+        return None
+    url = url_of(out)
+    if url is not None:
+        return cache_folder() / f"run-{fingerprint(str(url))[:12]}"
+    place = Path(out)
+    return place if place.name not in ("", "..") else place.resolve()
 
 
-@contextmanager
-def only_run_at(out: str | Path | None) -> Iterator[None]:
+def only_run_at(out: str | Path | None) -> AbstractContextManager[None]:
     """Keep other runs of this machine from a place where one is to be saved."""
-    place = kept_beside(out)
+    place = local_place(out)
     if place is None:
-        yield
-        return
-    with only_run(place, "another run is to be saved here", f"--out {out}", "name another --out"):
-        yield
+        return nullcontext()
+    return only_run(place, "another run is to be saved here", f"--out {out}", "name another --out")
 
 
 @contextmanager
 def run_folder(out: str | Path) -> Iterator[Path]:
-    """Give the folder to save a run in; what was saved for a URL is uploaded at the end."""
+    """Return the folder to save a run in; for a URL its files are uploaded at the end."""
     url = url_of(out)
     if url is None:
         yield Path(out)
         return
-    with uploaded(url, _ALWAYS[0], _run_entries()) as folder:
+    files, folders = _run_entries()
+    with uploaded(url, _RESULT, (*files, *folders)) as folder:
         yield folder
 
 
 def save(
-    evaluation: Evaluation,
-    folder: Path,
-    draw: Callable[[Path], None] | None = None,
+    evaluation: Evaluation, folder: Path, draw: Callable[[Path], None] | None = None
 ) -> list[Path]:
     """Write the files of a run into a folder, in place of an earlier run's."""
     check_run_folder(folder, [evaluation.given.predictions.path])
-    with atomic_entries(folder, _run_entries()) as staged:
+    files, folders = _run_entries()
+    with atomic_entries(folder, (*files, *folders)) as staged:
         checksum = write_csv(evaluation.records, staged / "records.csv")
         result = evaluation.result.with_records(checksum)
-        write_result(staged / "result.json", result)
+        write_result(staged / _RESULT, result)
         for name, write in TRACKS.get(result.track).files.items():
             resolve(write)(evaluation, staged / name)
         if draw is not None:
             draw(staged)
-        return [folder / name for name in _run_files() if (staged / name).exists()]
+        return [folder / name for name in files if (staged / name).exists()]
 
 
-def earlier_run(out: str | Path) -> str | None:
-    """Say which run has left its files in a folder, where `save` will replace them."""
+def describe_earlier_run(out: str | Path) -> str | None:
+    """Name the run that has left its files in a folder, where `save` will replace them."""
     url = url_of(out)
     if url is not None:
-        there = find(url.child(_ALWAYS[0])) is not None
+        there = find(url.child(_RESULT)) is not None
         return f"{url} holds a run, which will be replaced" if there else None
-    folder = Path(out)
-    names = ", ".join(name for name in _run_entries() if (folder / name).exists())
+    folder, (files, folders) = Path(out), _run_entries()
+    names = ", ".join(name for name in (*files, *folders) if (folder / name).exists())
     if not names:
         return None
     try:
-        found = read_result(folder / "result.json")
+        found = read_result(folder / _RESULT)
     except ResultError:  # none, or one that nobody can read any more
         return f"{folder} holds files of a run; this one takes the place of {names}"
-    written = datetime.fromtimestamp((folder / "result.json").stat().st_mtime)
+    written = datetime.fromtimestamp((folder / _RESULT).stat().st_mtime)
     return (
         f"{folder} holds a run of the {found.track} track: {found.predictions.method} by "
         f"{found.protocol.name} v{found.protocol.version}, written {written:%Y-%m-%d %H:%M}; "

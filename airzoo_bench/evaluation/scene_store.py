@@ -17,23 +17,23 @@ _RECORDS, _REST = ".records", ".scene"
 
 
 class SceneStore:
-    """Keeps the scores of scenes in a folder until the run is saved.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Keeps the scores of scenes in a folder until the run is saved."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._run = ""
+
+    def begin(self, run: str) -> None:
+        """Set the fingerprint of the run: scenes of other runs are not loaded."""
+        self._run = run
 
     def paths(self) -> list[Path]:
         """Return a file of each scene that is kept."""
         return list(self.folder.glob(f"*{_REST}"))
 
-    def load(self, run: str, scene: str) -> Scored | None:
-        """Return what a run of this fingerprint has kept of a scene, if it is there and whole."""
-        place = self._place(run, scene)
+    def load(self, scene: str) -> Scored | None:
+        """Return what this run has kept of a scene, if it is there and whole."""
+        place = self._place(scene)
         try:
             rest = json.loads(place.with_suffix(_REST).read_text("utf-8"))
             records = pd.read_parquet(place.with_suffix(_RECORDS))
@@ -41,9 +41,9 @@ class SceneStore:
         except (OSError, ValueError, KeyError, TypeError):  # there is none, or it is damaged
             return None
 
-    def save(self, run: str, scene: str, scored: Scored) -> None:
-        """Keep the scores of a scene; what figures show of it is left out."""
-        place = self._place(run, scene)
+    def save(self, scene: str, scored: Scored) -> None:
+        """Keep the scores of a scene, without what figures show of it."""
+        place = self._place(scene)
         rest = {name: getattr(scored, name) for name in ("counts", "kind", "notes", "facts")}
         with atomic_write(place.with_suffix(_RECORDS)) as stream:
             scored.records.to_parquet(stream)
@@ -58,5 +58,5 @@ class SceneStore:
                     path.unlink()
             self.folder.rmdir()
 
-    def _place(self, run: str, scene: str) -> Path:
-        return self.folder / fingerprint([run, scene])[:32]
+    def _place(self, scene: str) -> Path:
+        return self.folder / fingerprint([self._run, scene])[:32]

@@ -1,4 +1,4 @@
-"""What a track is: how its predictions are opened, matched to the truth and scored.
+"""The contract of tracks: how predictions are opened, matched to the truth and scored.
 
 A track is a folder of the package with an ``info.py`` (a `TrackInfo`, which the registry names and
 the help shows) and a ``track.py`` (a `Track`, imported when something is scored). Scoring goes
@@ -15,7 +15,7 @@ and `evaluate.evaluate` makes a result of it. Every number of a result comes fro
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,13 +56,7 @@ class Predictions(Structural):
 class ScenePredictions(ABC):
     """Predictions that are listed when they are opened, and read a scene at a time.
 
-    Attributes
-    ----------
-    path : Path
-    protocol : str or None
-        The protocol that they name.
-    unknown_files : tuple of str
-        Files that belong to no scene.
+    `protocol` is the one that they name, `unknown_files` belong to no scene.
     """
 
     path: Path
@@ -99,18 +93,9 @@ class Truth(Structural):
 class Assignment:
     """Which part of the predictions is for which scene.
 
-    Attributes
-    ----------
-    parts : list
-        What `Track.score` is given of each scene, in the order of the scenes.
-    covered : str
-        How much of the benchmark is answered, such as ``15 of 18 queries``.
-    notes : list of str
-        What is missing or ignored.
-    strange : int
-        How many queries or scenes of the predictions the benchmark does not have.
-    errors : list of PredictionError
-        What is wrong with the predictions; a part may be None where its scene is refused.
+    `parts` are given to `Track.score`, in the order of the scenes; one is None where its scene is
+    refused, and `errors` say why. `covered` says how much is answered, such as ``15 of 18
+    queries``, `notes` what is missing or ignored, `strange` how many ids the benchmark lacks.
     """
 
     parts: list[Any] = field(default_factory=list)
@@ -122,24 +107,12 @@ class Assignment:
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """The scores of a scene.
+    """The scores of a scene; ``eval --resume`` keeps all of it but `details`.
 
-    ``eval --resume`` keeps all of it but `details`.
-
-    Attributes
-    ----------
-    records : DataFrame
-        A row a query or cloud.
-    counts : dict of str to int
-        For the result: queries, missing ones, failures.
-    kind : str or None
-        What the predictions hold, for the result.
-    notes : tuple of str
-        What a reader must know of the scene.
-    facts : dict
-        Plain values, as JSON has them, for `Track.notes` and `TrackInfo.files`.
-    details : object
-        What figures show; None unless `Run.keep`.
+    `records` have a row a query or cloud. `counts` and `kind`, what the predictions hold, stand in
+    the result. `notes` are for readers of the scores; `facts` are plain values, as JSON has them,
+    for `Track.notes` and `TrackInfo.files`. Figures show `details`, which are None unless
+    `Run.keep`.
     """
 
     records: pd.DataFrame = field(default_factory=pd.DataFrame)
@@ -152,20 +125,11 @@ class Scored:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run may use; no number depends on it.
+    """Memory, processes and options of a run; no number depends on them.
 
-    Attributes
-    ----------
-    memory_bytes : int
-        The most memory that a prediction file may take.
-    jobs : int
-        Threads or processes; on a cluster, threads of each of its workers.
-    engine : Engine
-        Where blocks of work are done.
-    keep : bool
-        Whether to keep what figures show besides the scores, such as clouds.
-    limits : Limits or None
-        Of the child that reads predictions of strangers; None reads them in this process.
+    `memory_bytes` is the most that a prediction file may take, `jobs` the number of threads or
+    processes (on a cluster, of threads of each worker). With `keep`, scenes keep what figures show.
+    `limits` are those of the child that reads predictions of strangers; None reads them here.
     """
 
     memory_bytes: int = 2 << 30
@@ -233,7 +197,7 @@ class Track(ABC):
 
     @abstractmethod
     def assign(self, predictions: Any, truths: Sequence[Any], protocol: Any) -> Assignment:
-        """Find whose predictions they are, and all that is wrong with them and found soon.
+        """Assign predictions to scenes, and find the errors that are found quickly.
 
         Predictions for another benchmark raise PredictionError. Where the benchmark folder is
         missing, `truths` is empty, and the parts are those of ``protocol.scenes``.
@@ -251,12 +215,16 @@ class Track(ABC):
         """
 
     def check(self, part: Any, truth: Any | None, protocol: Any, run: Run) -> Scored:
-        """Find what is wrong with a scene as far as possible without scoring it.
+        """Look for errors of a scene without scoring it.
 
         Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed, and
         None where the benchmark folder is missing.
         """
         return Scored() if truth is None else self.score(part, truth, protocol, run)
+
+    def find_faults(self, predictions: Any, protocol: Any) -> Iterator[PredictionError]:
+        """Yield what is wrong with predictions that `score` would find one by one; for `check`."""
+        yield from ()
 
     def notes(
         self, predictions: Any, truths: Sequence[Any], protocol: Any, scored: Sequence[Scored]

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.storage.rasters import pointed, pointed_sha256, pointer_at
+from airzoo_bench.storage.mirror import pointed, pointed_sha256, pointer_at
 
 # What GDAL lists next to a raster, and whose content shows in what the raster says of itself.
 _SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")

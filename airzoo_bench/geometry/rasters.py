@@ -34,7 +34,7 @@ from airzoo_bench.geometry.crs import (
     to_lonlat,
     unwrapped,
 )
-from airzoo_bench.storage.rasters import pointed, pointer_at
+from airzoo_bench.storage.mirror import pointed, pointer_at
 
 # What an environment may have set otherwise, and no checksum shows: where the pixels of a GeoTIFF
 # lie, and whether damaged ones are zeros.

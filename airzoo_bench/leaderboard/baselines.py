@@ -14,8 +14,7 @@ from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.files import sha256_of_tree, temporary_folder
 from airzoo_bench.core.registry import TRACKS, Option
 from airzoo_bench.core.validation import nearest, toml_value
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.generate import run_baseline
+from airzoo_bench.evaluation.evaluate import evaluate, run_baseline
 from airzoo_bench.evaluation.info import Baseline
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission

@@ -17,8 +17,8 @@ from airzoo_bench.core.errors import (
     UserError,
 )
 from airzoo_bench.core.validation import SAFE_NAME, nearest
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.evaluate import check
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.baselines import check_baseline
 from airzoo_bench.leaderboard.board import Board, BoardBenchmark

@@ -25,9 +25,9 @@ from airzoo_bench.leaderboard.baselines import Remade, remake
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.submission import Submission
 from airzoo_bench.results.comparable import check_comparable, version_notes
+from airzoo_bench.results.comparison import score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
-from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 
 __all__ = [

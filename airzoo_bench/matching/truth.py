@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
@@ -21,6 +20,7 @@ from airzoo_bench.benchmark.queries import (
     cameras_of,
     conditions_of,
     poses_of,
+    read_excluded,
     read_queries,
 )
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
@@ -32,7 +32,7 @@ from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.storage.rasters import pointed
+from airzoo_bench.storage.mirror import pointed
 
 __all__ = [
     "CROP_COLUMNS",

@@ -1,1 +1,1 @@
-"""Protocols: their model, how they are found, and which one predictions are of."""
+"""Protocols: their model, and how they are found."""

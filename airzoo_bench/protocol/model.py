@@ -1,4 +1,4 @@
-"""What a protocol states, in files that people read, write and cite.
+"""The model of protocol files, which people read, write and cite.
 
 A protocol file states every value that can change a score; the models have no defaults, so nothing
 is decided in code. Its fingerprint covers all of that and nothing else: a title may be reworded
@@ -26,7 +26,7 @@ class ProtocolScene(Strict):
 
 
 class Protocol(Strict):
-    """What is measured on one track of one benchmark; a class a track adds its sections."""
+    """The rules of one track on one benchmark; a class a track adds its sections."""
 
     # The sections that the truth in a benchmark folder is made by.
     truth_sections: ClassVar[tuple[str, ...]] = ()

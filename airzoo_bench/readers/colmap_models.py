@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import CameraError, PredictionError
-from airzoo_bench.evaluation.reader import refuse_names
+from airzoo_bench.evaluation.reader import refuse_option
 from airzoo_bench.readers.scene_folders import ScenePlaces
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def model_scene(scenes: ScenePlaces, place: Path, folder: Path, memory: int) -> 
     from airzoo_bench.reconstruction.predictions import ScenePrediction
 
     path, budget = folder / _FILES[1], Budget(memory)
-    refuse_names(scenes.reading, path, "a COLMAP model")
+    refuse_option("--names", scenes.reading.names, "a COLMAP model", path)
     names, poses = _images(path, budget)
     if not names:
         raise _damaged(path, "it holds no image with a pose")

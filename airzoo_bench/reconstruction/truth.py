@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
@@ -18,6 +17,7 @@ from airzoo_bench.benchmark.queries import (
     SceneInputs,
     cameras_of,
     poses_of,
+    read_excluded,
     read_queries,
     with_unposed,
 )

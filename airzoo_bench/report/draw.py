@@ -18,17 +18,19 @@ from airzoo_bench.report.labels import noted, over_scenes, who
 from airzoo_bench.report.markers import draw_lines, draw_markers
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, finish
-from airzoo_bench.results.comparable import check_same_column
+from airzoo_bench.results.comparable import check_same_column, choose_scores, find_scene
+from airzoo_bench.results.comparison import is_share, make_sample
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sampling import is_share, make_sample
-from airzoo_bench.results.selection import choose_scores, find_scene
-from airzoo_bench.statistics.intervals import FEWEST, Interval
-from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
-from airzoo_bench.tables.breakdown_layout import group_intervals
-from airzoo_bench.tables.wording import intervals_made, resampled
+from airzoo_bench.tables.breakdown import (
+    condition_title,
+    group_averages,
+    group_intervals,
+    group_records,
+)
+from airzoo_bench.tables.intervals import intervals_made, resampled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

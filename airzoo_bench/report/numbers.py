@@ -15,14 +15,13 @@ from airzoo_bench.report.chart import tints, vertical_axis
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import marks_of
+from airzoo_bench.results.comparison import is_hit, make_sample
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sampling import is_hit, make_sample
-from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
+from airzoo_bench.tables.intervals import intervals_made, resampled, score_texts
 from airzoo_bench.tables.model import Cell
-from airzoo_bench.tables.wording import intervals_made, resampled, score_texts
 
 __all__ = ["Intervals", "breakdowns", "intervals", "queries"]
 

@@ -23,9 +23,8 @@ from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section
 from airzoo_bench.report.standings import compared_pairs, references, standings
-from airzoo_bench.results.floors import FLOOR_MARK, floor_note, notes_of
+from airzoo_bench.results.comparison import FLOOR_MARK, floor_note, is_hit, notes_of
 from airzoo_bench.results.result import Result, ScoreColumn
-from airzoo_bench.results.sampling import is_hit
 from airzoo_bench.tables.breakdown import condition_title
 
 if TYPE_CHECKING:

@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.engine import Processes
-from airzoo_bench.results.comparable import apart_in, check_same_queries
+from airzoo_bench.results.comparable import apart_in, check_same_queries, choose_scores
 from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.records_csv import column_names
+from airzoo_bench.results.records import Scored, column_names, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
-from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.retrieval.scoring import RANKED_TILE
 from airzoo_bench.tables.breakdown import condition_names, is_condition
 

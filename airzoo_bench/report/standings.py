@@ -11,17 +11,15 @@ import numpy as np
 from airzoo_bench.report.chart import tints
 from airzoo_bench.report.packing import Blobs
 from airzoo_bench.report.sections import Section
-from airzoo_bench.results.best import AgainstBest, against_best
-from airzoo_bench.results.comparison import Pair, compare
+from airzoo_bench.results.comparison import AgainstBest, Pair, against_best, compare
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL, holm
-from airzoo_bench.tables.best_marks import best_texts
-from airzoo_bench.tables.method_table import as_shown, score_column
+from airzoo_bench.tables.comparison import LEAST_P, sentence, verdict
+from airzoo_bench.tables.intervals import score_cell, score_texts, score_title
+from airzoo_bench.tables.marks import best_texts
+from airzoo_bench.tables.method_table import as_shown, score_column, shared_references
 from airzoo_bench.tables.model import Cell, share_to_percent, show_number
-from airzoo_bench.tables.reported_rows import shared_references
-from airzoo_bench.tables.verdicts import LEAST_P, sentence, verdict
-from airzoo_bench.tables.wording import score_cell, score_texts, score_title
 
 __all__ = [
     "BEST",

@@ -1,1 +1,1 @@
-"""Scores, result files and records; which results may stand side by side."""
+"""Scores, result files and their records; comparisons of methods."""

@@ -1,11 +1,12 @@
-"""Whether results measure the same: one protocol, one truth; and if not, in what they differ."""
+"""Which results, scenes and scores are meant, and whether results measure the same."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import ResultError, UsageError, counted, first_of
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.results.result import Result, ScoreColumn
 
 if TYPE_CHECKING:  # records need pandas, which tables of results do without
@@ -16,8 +17,13 @@ __all__ = [
     "check_comparable",
     "check_same_column",
     "check_same_queries",
+    "check_score",
+    "choose_scores",
+    "find_scene",
     "first_names",
+    "named_scores",
     "other_settings",
+    "score_keys",
     "version_notes",
 ]
 
@@ -25,10 +31,80 @@ _SHOWN = 3
 _LONGEST = 60
 
 
+def find_scene(titles: Mapping[str, str], wanted: str) -> str:
+    """Return the id of a scene that is named by id or title; an id goes before a title."""
+    if wanted in titles:
+        return wanted
+    found = [scene for scene, title in titles.items() if title == wanted]
+    if len(found) == 1:
+        return found[0]
+    known = list(dict.fromkeys([*titles, *titles.values()]))
+    raise ResultError(
+        f"{len(found)} scenes have the title {wanted!r}"
+        if found
+        else f"there is no scene {wanted!r} in the results{nearest(wanted, known)}",
+        expected="one of " + ", ".join(found or titles),
+    )
+
+
+def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
+    """Return scores by key and by title, as people name them."""
+    listed = list(scores)
+    return {score.key: score for score in listed} | {score.title: score for score in listed}
+
+
+def check_score(name: str, scores: Sequence[ScoreColumn], option: str, fix: str = "") -> None:
+    """Refuse the name of a score that is none of these."""
+    known = named_scores(scores)
+    if name not in known:
+        # Titles hold commas, such as @1m,1°.
+        titles = "; ".join(dict.fromkeys(score.title for score in scores))
+        raise UsageError(
+            f"no score here is called {name[:80]!r}{nearest(name[:80], list(known))}",
+            where=option,
+            expected=f"one of: {titles}",
+            fix=fix or None,
+        )
+
+
+def choose_scores(
+    methods: Sequence[Scored], wanted: Sequence[str], *, every: bool = False
+) -> list[ScoreColumn]:
+    """Find scores by key or title; where none is wanted, the headline ones that all have."""
+    shared = [c for c in methods[0].result.columns if all(c in m.result.columns for m in methods)]
+    if not wanted:
+        found = [column for column in shared if every or column.headline]
+        if not found:
+            raise ResultError(
+                "the results have no score in common",
+                expected="results of one track, with the same scores",
+                fix="score all predictions again with the same version and protocol",
+            )
+        return found
+    some = named_scores(column for method in methods for column in method.result.columns)
+    for name in wanted:
+        lacking = "leave out the results that lack it: not all have it" * (name in some)
+        check_score(name, shared, "--score", lacking)
+    by_name = named_scores(shared)
+    return list({by_name[name].key: by_name[name] for name in wanted}.values())
+
+
+def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) -> set[str]:
+    """Return the keys of the scores that `choose_scores` can choose, before records are read."""
+    return {
+        column.key
+        for column in result.columns
+        if every or {column.key, column.title} & set(wanted) or (not wanted and column.headline)
+    }
+
+
 def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
-    """Refuse results whose numbers do not measure the same."""
-    _check_alike(names, results, "protocol")
-    _check_alike(names, results, "truth")
+    """Refuse results of different protocols, truths or meanings of a score."""
+    for what in ("protocol", "truth"):
+        prints = [getattr(result, what).fingerprint for result in results]
+        others = [place for place, found in enumerate(prints) if found != prints[0]]
+        if others:
+            raise _unlike(names, results, what, others)
     known: dict[str, tuple[str, ScoreColumn]] = {}
     for name, result in zip(names, results, strict=True):
         for column in result.columns:
@@ -41,22 +117,93 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
                 )
 
 
+def _unlike(
+    names: Sequence[str], results: Sequence[Result], what: str, others: Sequence[int]
+) -> ResultError:
+    """Name two results of different protocols or truths, with the difference and the remedy."""
+    first, second = results[0], results[others[0]]
+    if what == "protocol":
+        made, why = "made with different protocols", _explain_protocols(first, second)
+        expected = "one protocol: a difference would be its doing as well as the methods'"
+        fix = "name results of one protocol only"
+        # Of other names, they ask different things: one is no slip for the other.
+        if first.protocol.name == second.protocol.name:
+            fix = f"score all predictions again with the same --protocol, or {fix}"
+        else:
+            fix += "; `airzoo-bench table` takes several"
+    else:
+        made, why = "compared with different truths", _explain_truths(first, second)
+        expected = "one truth: the same queries with the same answers"
+        fix = "score all predictions again with the same benchmark folder"
+    if len(others) > 1:
+        many = first_names([names[place] for place in others])
+        why += f"; {len(others)} of {len(results)} results differ from the first: {many}"
+    one, two = (getattr(result, what).fingerprint[:12] for result in (first, second))
+    return ResultError(
+        f"{names[0]} and {names[others[0]]} were {made} ({one} and {two}): {why}",
+        expected=expected,
+        fix=fix,
+    )
+
+
+def _explain_protocols(first: Result, other: Result) -> str:
+    one, two = first.protocol, other.protocol
+    names = f"{one.name} v{one.version} against {two.name} v{two.version}"
+    if one.name != two.name:
+        return names
+    found = list(_compare_settings(one.settings, two.settings))
+    return _first_settings([names, *found] if one.version != two.version else found)
+
+
+def _explain_truths(first: Result, other: Result) -> str:
+    one, two = (f"{r.truth.benchmark} v{r.truth.version}" for r in (first, other))
+    why = f"benchmark {one}" + (f" against {two}" if one != two else ", prepared anew")
+    for scene in first.truth.scene_titles:
+        counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
+        if len(set(counts)) > 1:
+            return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
+    return why
+
+
+def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
+    """List the settings in which two protocols differ."""
+    return _first_settings(list(_compare_settings(one, two)))
+
+
+def _first_settings(found: Sequence[str]) -> str:
+    more = len(found) - _SHOWN
+    rest = f"; and {counted(more, 'more setting')}" if more > 0 else ""
+    return "; ".join(found[:_SHOWN]) + rest
+
+
+def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
+    """Yield the settings that differ, with both values."""
+    if isinstance(one, dict) and isinstance(two, dict):
+        for name in dict.fromkeys([*one, *two]):
+            inner = f"{key}.{name}" if key else str(name)
+            yield from _compare_settings(one.get(name), two.get(name), inner)
+    elif one != two:
+        texts = ["absent" if value is None else str(value) for value in (one, two)]
+        first, second = (t if len(t) <= _LONGEST else t[: _LONGEST - 3] + "..." for t in texts)
+        yield f"{key} is {first} against {second}"
+
+
 def check_same_queries(methods: Sequence[Scored]) -> None:
-    """Refuse results whose numbers do not measure the same on the same queries."""
+    """Refuse results of different protocols, truths or queries."""
     check_comparable([m.name for m in methods], [m.result for m in methods])
     first = methods[0]
     for other in methods[1:]:
-        if first.records["query"].equals(other.records["query"]):
+        one, two = (m.records["query"] for m in (first, other))
+        if one.equals(two) or set(one) == set(two):
             continue
-        one, two = set(first.records["query"]), set(other.records["query"])
-        if one != two:
-            lonely = first_of(sorted(one ^ two), len(one | two))
-            shared = f"only {counted(len(one & two), 'query')}" if one & two else "no query"
-            raise ResultError(
-                f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
-                expected="results on the same queries",
-                fix="score all predictions again with the same benchmark folder",
-            )
+        lonely = first_of(sorted({*one} ^ {*two}), len({*one} | {*two}))
+        common = len({*one} & {*two})
+        shared = f"only {counted(common, 'query')}" if common else "no query"
+        raise ResultError(
+            f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
+            expected="results on the same queries",
+            fix="score all predictions again with the same benchmark folder",
+        )
 
 
 def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
@@ -79,9 +226,8 @@ def check_same_column(methods: Sequence[Scored], by: str) -> None:
 
 def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
     """Say which packages were of different versions, since a difference may be theirs."""
-    packages = dict.fromkeys(package for result in results for package in result.versions)
     found = []
-    for package in packages:
+    for package in dict.fromkeys(package for result in results for package in result.versions):
         users: dict[str, list[str]] = {}
         for name, result in zip(names, results, strict=True):
             users.setdefault(result.versions.get(package, "unknown"), []).append(name)
@@ -95,77 +241,3 @@ def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
     """Return the first few names, and how many more there are."""
     more = len(names) - shown
     return ", ".join(names[:shown]) + (f" and {more} more" if more > 0 else "")
-
-
-def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
-    """Say in what the settings of two protocols differ, see `Protocol.settings`."""
-    return _first_settings(list(_compare_settings(one, two)))
-
-
-def _check_alike(
-    names: Sequence[str], results: Sequence[Result], what: Literal["protocol", "truth"]
-) -> None:
-    prints = [getattr(result, what).fingerprint for result in results]
-    others = [place for place, found in enumerate(prints) if found != prints[0]]
-    if not others:
-        return
-    first, second = results[0], results[others[0]]
-    if what == "protocol":
-        made, why = "made with different protocols", _explain_protocols(first, second)
-        expected = "one protocol: a difference would be its doing as well as the methods'"
-        fix = "name results of one protocol only"
-        # Of other names, they ask different things: one is no slip for the other.
-        if first.protocol.name == second.protocol.name:
-            fix = f"score all predictions again with the same --protocol, or {fix}"
-        else:
-            fix += "; `airzoo-bench table` takes several"
-    else:
-        made, why = "compared with different truths", _explain_truths(first, second)
-        expected = "one truth: the same queries with the same answers"
-        fix = "score all predictions again with the same benchmark folder"
-    many = first_names([names[place] for place in others])
-    raise ResultError(
-        f"{names[0]} and {names[others[0]]} were {made} "
-        f"({prints[0][:12]} and {prints[others[0]][:12]}): {why}"
-        + f"; {len(others)} of {len(results)} results differ from the first: {many}"
-        * (len(others) > 1),
-        expected=expected,
-        fix=fix,
-    )
-
-
-def _explain_protocols(first: Result, other: Result) -> str:
-    one, two = first.protocol, other.protocol
-    names = f"{one.name} v{one.version} against {two.name} v{two.version}"
-    if one.name != two.name:
-        return names
-    found = list(_compare_settings(one.settings, two.settings))
-    return _first_settings([names, *found] if one.version != two.version else found)
-
-
-def _first_settings(found: Sequence[str]) -> str:
-    more = len(found) - _SHOWN
-    rest = f"; and {counted(more, 'more setting')}" if more > 0 else ""
-    return "; ".join(found[:_SHOWN]) + rest
-
-
-def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
-    """Yield the settings that differ, with both values."""
-    if isinstance(one, dict) and isinstance(two, dict):
-        for name in dict.fromkeys([*one, *two]):
-            inner = f"{key}.{name}" if key else str(name)
-            yield from _compare_settings(one.get(name), two.get(name), inner)
-    elif one != two:
-        texts = ["absent" if value is None else str(value) for value in (one, two)]
-        first, second = (t if len(t) <= _LONGEST else t[: _LONGEST - 3] + "..." for t in texts)
-        yield f"{key} is {first} against {second}"
-
-
-def _explain_truths(first: Result, other: Result) -> str:
-    one, two = (f"{r.truth.benchmark} v{r.truth.version}" for r in (first, other))
-    why = f"benchmark {one}" + (f" against {two}" if one != two else ", prepared anew")
-    for scene in first.truth.scene_titles:
-        counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
-        if len(set(counts)) > 1:
-            return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
-    return why

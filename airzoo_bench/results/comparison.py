@@ -1,37 +1,238 @@
-"""Comparison of methods on the same queries: differences, intervals, tests."""
+"""Methods compared on the same queries: samples, references, the best, differences and tests."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.results.best import family_of, find_one, value_of
-from airzoo_bench.results.comparable import check_same_queries, version_notes
-from airzoo_bench.results.floors import floor_note, notes_of
-from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sampling import is_hit, make_sample
-from airzoo_bench.results.selection import find_scene
-from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.samples import TIE, ResamplingConfig, paired_difference
-from airzoo_bench.statistics.significance import PairedTest, holm, mcnemar, p_floor, paired_tests
+from airzoo_bench.results.comparable import check_same_queries, find_scene, version_notes
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
+from airzoo_bench.statistics.intervals import FEWEST, Interval, SampleIntervals, sample_intervals
+from airzoo_bench.statistics.samples import TIE, ResamplingConfig, Sample, paired_difference
+from airzoo_bench.statistics.shares import Rates, limits_of_rates
+from airzoo_bench.statistics.significance import (
+    LEVEL,
+    PairedTest,
+    holm,
+    mcnemar,
+    p_floor,
+    paired_tests,
+)
 
-__all__ = ["Comparison", "Pair", "compare"]
+if TYPE_CHECKING:  # records need pandas, which tables of results do without
+    from airzoo_bench.results.records import Scored
+
+__all__ = [
+    "FLOOR_MARK",
+    "AgainstBest",
+    "Comparison",
+    "Pair",
+    "against_best",
+    "compare",
+    "find_one",
+    "floor_note",
+    "is_hit",
+    "is_share",
+    "make_sample",
+    "notes_of",
+    "pooled_sample",
+    "score_intervals",
+]
+
+FLOOR_MARK = "‡"
+"""What stands behind the name of a method that is no better than a reference."""
+
+_BEST = "best"
+_CONFIDENCE = 0.95
+# How the columns of scores begin that say of a query whether it is answered well enough.
+_HITS = {"retrieval": ("recall@", "distance<", "ma@"), "matching": ("within_",)}
+
+
+def is_hit(track: str, score: ScoreColumn) -> bool:
+    """Whether a score is 0 or 1 for each query by its definition, whatever its values are."""
+    return score.unit == "share" and score.key.startswith(_HITS.get(track, ()))
+
+
+def is_share(score: ScoreColumn) -> bool:
+    """Whether a score is a mean of shares from 0 to 1."""
+    return score.unit == "share" and score.average == "mean"
+
+
+def make_sample(
+    methods: Sequence[Scored], scores: Sequence[ScoreColumn], scene: str | None = None
+) -> Sample:
+    """Gather variables, score by score and in each method by method."""
+    whole = pooled_sample(methods, scores)
+    [values] = whole.values
+    of_unit = methods[0].records["scene"].to_numpy(str)
+    if whole.unit == "scene":
+        return whole if scene is None else replace(whole, values=(values[:, of_unit == scene],))
+    scenes = tuple(name for name in methods[0].result.scenes if scene in (None, name))
+    parts = tuple(np.ascontiguousarray(values[:, of_unit == name]) for name in scenes)
+    return replace(whole, groups=scenes, values=parts)
+
+
+def pooled_sample(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> Sample:
+    """Gather variables as `make_sample` does, of all records as one group, in their order."""
+    unit = methods[0].result.unit
+    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
+    values = np.array(columns).reshape(len(columns), -1)
+    # One record a scene: their mean over scenes, whatever the average within a scene.
+    medians = [unit == "query" and s.average == "median" for s in scores for _ in methods]
+    shares = [is_share(s) for s in scores for _ in methods]
+    return Sample(unit, ("",), (values,), np.array(medians, np.bool_), np.array(shares, np.bool_))
+
+
+def score_intervals(
+    method: Scored,
+    scores: Sequence[ScoreColumn],
+    resampling: ResamplingConfig,
+    scene: str | None = None,
+) -> SampleIntervals:
+    """Take the interval of every score, of each scene and of the mean over scenes."""
+    sample = make_sample([method], scores, scene)
+    found = sample_intervals(sample, resampling)
+    return found if sample.unit == "query" else replace(found, groups={})
+
+
+def notes_of(result: Result) -> tuple[str, ...]:
+    """Return the notes of a result and `floor_note`, where there is one."""
+    return (*result.notes, *filter(None, [floor_note(result)]))
+
+
+def floor_note(result: Result) -> str:
+    """Name the headline scores by which a method is no better than a reference, such as chance."""
+    parts = []
+    for name, reference in result.references.items():
+        columns = [c for c in result.columns if c.headline and c.key in reference.overall]
+        titles = [c.title for c in columns if _is_no_better(result, reference, c)]
+        if titles:
+            parts.append(f"no better than {name} on {', '.join(titles)}")
+    if not parts:
+        return ""
+    why = ": its 95 % interval reaches that" if result.track == "retrieval" else ""
+    return f"{FLOOR_MARK} {'; '.join(parts)}{why}"
+
+
+def _is_no_better(result: Result, reference: Reference, column: ScoreColumn) -> bool:
+    value, floor = result.overall[column.key], reference.overall[column.key]
+    if result.track != "retrieval":
+        return value <= floor if column.higher_is_better else value >= floor
+    counts = [float(part["queries"]) for part in result.counts.values()]
+    if not is_hit(result.track, column) or min(counts) < FEWEST:
+        return False
+    rates = [
+        Rates(np.array([scores[column.key]]), np.array([count]))
+        for scores, count in zip(result.scenes.values(), counts, strict=True)
+    ]
+    return bool(limits_of_rates(rates, _CONFIDENCE)[0, 0] <= floor)
+
+
+def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:
+    """Return a method's value on a scene, or the unweighted mean over scenes."""
+    values = method.result.overall if scene is None else method.result.scenes[scene]
+    return values[score.key]
+
+
+def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
+    """Return the place of the best method by a score, the first of equals."""
+    sign = 1 if score.higher_is_better else -1
+    return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
+
+
+def find_one(
+    methods: Sequence[Scored],
+    reference: str | None,
+    method: str | None,
+    score: ScoreColumn,
+    scene: str | None = None,
+) -> int:
+    """Return the place of the reference, or of the method that all others are compared with."""
+    if method is not None and reference is not None:
+        raise UsageError(
+            "--method and --reference exclude each other",
+            expected="--method for what NAME is against each other, --reference for what they "
+            "are against NAME",
+            fix="leave one of them out",
+        )
+    wanted = reference if method is None else method
+    names = [one.name for one in methods]
+    if wanted is None:
+        return 0
+    if wanted in names:
+        return names.index(wanted)
+    if wanted == _BEST:
+        return best_place(methods, score, scene)
+    option = "--reference" if method is None else "--method"
+    raise UsageError(
+        f"{option} {wanted[:80]!r} is no method of these results{nearest(wanted[:80], names)}",
+        expected=f"{_BEST}, or one of " + ", ".join(names),
+    )
+
+
+def family_of(names: Sequence[str], reference: str | None) -> int:
+    """Count the comparisons of one score for which p is to be corrected."""
+    others = len(names) - 1
+    is_chosen_by_value = reference == _BEST and _BEST not in names
+    return len(names) * others // 2 if is_chosen_by_value else others
+
+
+@dataclass(frozen=True)
+class AgainstBest:
+    """Every method against the best by a score, the first of equals, at the place `best`.
+
+    p is paired, two-sided, after Holm's correction for all pairs of methods, since the best was
+    chosen for its value; that of the best itself is 1.
+    """
+
+    best: int
+    p_values: tuple[float, ...]
+
+    @property
+    def tied(self) -> tuple[bool, ...]:
+        """Which methods cannot be told from the best at a level of 5 %; the best is one of them."""
+        return tuple(p_value > LEVEL for p_value in self.p_values)
+
+
+def against_best(
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    resampling: ResamplingConfig,
+    scene: str | None = None,
+) -> dict[str, AgainstBest]:
+    """Test every method against the best by each score, as `compare` with the best of it does."""
+    count = len(methods)
+    best = [best_place(methods, score, scene) for score in scores]
+    places = [
+        (number * count + other, number * count + place)
+        for number, place in enumerate(best)
+        for other in range(count)
+        if other != place
+    ]
+    _, tests = paired_tests(make_sample(methods, scores, scene), resampling, places)
+    found = np.array([test.p_value for test in tests]).reshape(len(scores), count - 1)
+    corrected = [holm(row, count * (count - 1) // 2) for row in found]
+    return {
+        score.key: AgainstBest(place, tuple(np.insert(row, place, 1.0).tolist()))
+        for score, place, row in zip(scores, best, corrected, strict=True)
+    }
 
 
 @dataclass(frozen=True)
 class Pair:
     """A method and the reference, by one score.
 
-    Values are of the scene, or the unweighted mean over scenes. The difference is the method's
-    value minus the reference's, and None where both are infinite. `p_holm` is adjusted for
-    `Comparison.family`; `p_mcnemar` is over all queries, whatever their scene, and None where the
-    score is no hit. Wins, ties and losses count the queries, or scenes, on which the method is
-    better, as good, worse.
+    Values are of the scene, or the unweighted mean over scenes; the difference, the method's minus
+    the reference's, is None where both are infinite. `p_holm` is adjusted for `Comparison.family`;
+    `p_mcnemar` is over all queries, and None where the score is no hit. Wins, ties and losses count
+    the queries, or scenes, on which the method is better, as good, worse.
     """
 
     score: ScoreColumn
@@ -57,7 +258,7 @@ class Pair:
 
     @property
     def p_floor(self) -> float:
-        """The least p that any values could have, on as many units as differ here; 0 of a t."""
+        """The least p that any values of these units could have; 0 of Student's t."""
         return 0.0 if self.test.kind == "student" else p_floor(self.wins + self.losses)
 
 
@@ -65,23 +266,10 @@ class Pair:
 class Comparison:
     """All methods against one, score by score, in each the methods in their order.
 
-    Attributes
-    ----------
-    reference : str
-        The one: the `reference` of every pair, or where `of_one` the `method` of every pair.
-    unit : str
-        What was resampled: "query" or "scene".
-    scene : str or None
-        None for all scenes.
-    family : int
-        So many comparisons of a score p was adjusted for: those with the reference, or where the
-        reference was chosen for being the best, those of every method with every other.
-    notes : tuple of str
-        What a reader of the numbers must know, in sentences.
-    of_one : bool
-        Whether differences, verdicts and wins are those of the one, instead of the others'.
-    no_better : frozenset of str
-        The methods that are no better than chance or the prior; see `floor_note`.
+    The reference is that of every pair, or where `of_one` the `method` of every pair; `unit` is
+    what was resampled, "query" or "scene". p was adjusted for `family` comparisons of a score:
+    those with the reference, or where it was chosen for being the best, all pairs of methods. The
+    methods of `no_better` are no better than chance or the prior; see `floor_note`.
     """
 
     reference: str
@@ -96,7 +284,7 @@ class Comparison:
     no_better: frozenset[str] = frozenset()
 
     def other(self, pair: Pair) -> str:
-        """Return who stands in a pair next to the one."""
+        """Return the other method of a pair."""
         return pair.reference if self.of_one else pair.method
 
 
@@ -124,12 +312,10 @@ def compare(
     p_values = np.array([test.p_value for test in tests]).reshape(-1, len(others))
     adjusted = np.array([holm(row, family) for row in p_values]).ravel().tolist()
     pairs = []
-    for (one, other), interval, test, p_holm in zip(
-        places, intervals, tests, adjusted, strict=True
-    ):
+    for (one, other), *found in zip(places, intervals, tests, adjusted, strict=True):
         sides = (methods[one % count], methods[other % count])
         values = [np.concatenate([part[row] for part in sample.values]) for row in (one, other)]
-        pairs.append(_pair(scores[one // count], sides, values, scene, interval, test, p_holm))
+        pairs.append(_pair(scores[one // count], sides, values, scene, *found))
     return Comparison(
         reference=methods[base].name,
         unit=sample.unit,
@@ -145,7 +331,7 @@ def compare(
 
 
 def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
-    """Repeat each method's notes, tell of different versions, and of what is no other method."""
+    """Collect the methods' notes, different versions, and methods of one predictions file."""
     names, results = [m.name for m in methods], [m.result for m in methods]
     notes = [f"{method.name}: {note}" for method in methods for note in notes_of(method.result)]
     by_file: dict[str, list[str]] = {}

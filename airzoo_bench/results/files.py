@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
-from uuid import uuid4
 
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.storage.mirror import Mirror, fetched
+from airzoo_bench.storage.mirror import Mirror, fetched, versions_of
 from airzoo_bench.storage.remote import find, matching
 from airzoo_bench.storage.urls import Url, url_of
 
@@ -41,7 +40,7 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def results_here(given: Sequence[str | Path]) -> list[Path]:
-    """Return results as paths of this machine; of those at URLs there is a mirror."""
+    """Return results as paths of this machine, and copy those at URLs."""
     found: list[Path] = []
     for location in given:
         url = url_of(location)
@@ -63,8 +62,8 @@ def _mirror_result(url: Url) -> Path:
             expected=f"a {_FILE}, or the folder that holds it",
             fix="check bucket and folder; a run that was not uploaded to its end has none",
         )
-    mirror = Mirror.of(file.parent, f"{file.name} {entry.version or uuid4()}")
-    return mirror.fetch(file.name, entry)
+    mirror = Mirror.of(file.parent, versions_of({file.name: entry}))
+    return mirror.fetch(file.name)
 
 
 def records_path(path: Path) -> Path:
@@ -83,7 +82,7 @@ def records_path(path: Path) -> Path:
 def method_names(
     paths: Sequence[Path], results: Sequence[Result], *, by_protocol: bool = True
 ) -> list[str]:
-    """Return the methods' names; where several are alike, with what their files' paths differ in.
+    """Return the methods' names, and add parts of the files' paths where several are alike.
 
     Where `by_protocol`, results that do not measure the same may have the same method's name.
     """

@@ -1,29 +1,59 @@
-"""Records: a row a query or scene, read from next to their result and compared with it."""
+"""Records: a row a query or scene, as CSV next to their result, and checked against it.
+
+Written are the bytes that pandas writes, in a fraction of its time; scores are read to the last
+bit.
+"""
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import math
+import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+from pyarrow import csv as arrow_csv
 
 from airzoo_bench.core.errors import ResultError, counted
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.records_csv import SCORE_AGAIN, column_names, no_number, read_table
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
 from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.storage.mirror import fetched
 
-__all__ = ["Scored", "checked_records", "read_records", "read_scored"]
+__all__ = [
+    "Scored",
+    "checked_records",
+    "column_names",
+    "csv_blocks",
+    "read_records",
+    "read_scored",
+    "write_csv",
+]
+
+SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 
 # Scores are averaged in the order of the rows, which need not be that of the time of writing.
 _ROUNDING = 1e-9
+
+_READ_BYTES = 8 << 20
+_ROWS = 1 << 16  # written at a time
+_PLAIN = (1e-4, 1e9)  # Arrow writes as Python does between these, numbers that are not whole
+
+# As pandas writes numbers. What only looks like one, such as a sequence "007" or "1e5", is a text,
+# and so are integers of which a float64 would lose digits.
+_INTEGER = "^-?(0|[1-9][0-9]*)$"
+_NUMBER = r"^-?((0|[1-9][0-9]{0,14})|(0|[1-9][0-9]*)(\.[0-9]+|(\.[0-9]+)?e[+-][0-9]{2,3})|inf)$"
+_TRUTH = "^(True|False)$"
 
 
 @dataclass(frozen=True)
@@ -49,36 +79,33 @@ def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -
 def read_records(
     path: Path, result: Result | None = None, columns: Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Read the records that stand next to a result, see `airzoo_bench.results.files.records_path`.
+    """Read the records next to a result, sorted by ``query``.
 
-    Of a file's columns are read ``scene``, ``query`` and those of `columns`, or all where left out;
-    the checksum is that of the whole file. Rows are sorted by ``query``, which is the scene where
-    records are of scenes. Scores are float64, the same to the last bit as when they were written,
-    +inf included. Other columns are numbers or booleans where every field is written like one, else
-    texts; an empty field has no value. Refused are records of another checksum, number of queries
-    or average of a score that is read.
+    Of a file's columns are read ``scene``, ``query`` and those of `columns`, or all where left out.
+    Scores are float64, the same to the last bit as when they were written, +inf included. Other
+    columns are numbers or booleans where every field is written like one, else texts; an empty
+    field has no value.
     """
     result = read_result(path) if result is None else result
     file = records_path(path)
     content = _read_content(path, file, result)
     scores = [column.key for column in result.columns]
     names = column_names(file)
-    for name, times in Counter(names).items():
-        if times > 1:
-            raise ResultError(f"has {times} columns {name}", where=file, fix=SCORE_AGAIN)
+    twice = [name for name, times in Counter(names).items() if times > 1]
     lacking = [name for name in ("scene", *scores) if name not in names]
-    if lacking:
-        raise ResultError(f"has no column {', '.join(lacking)}", where=file, fix=SCORE_AGAIN)
+    for fault, odd in (("has twice", twice), ("lacks", lacking)):
+        if odd:
+            raise ResultError(f"{fault} the column {', '.join(odd)}", where=file, fix=SCORE_AGAIN)
     if columns is not None:
         names = [name for name in names if name in ("scene", "query") or name in columns]
-    records: pd.DataFrame = read_table(file, content, names, scores).to_pandas()
+    records: pd.DataFrame = _read_table(file, content, names, scores).to_pandas()
     if "query" not in records:
         records.insert(1, "query", records["scene"])
     return checked_records(records, result, file)
 
 
 def _read_content(path: Path, file: Path, result: Result) -> bytes:
-    """Read the bytes of records and hold them to the checksum that their result states."""
+    """Read the bytes of records and check them against the hash that their result states."""
     if not result.records_sha256:
         raise ResultError("does not say which records belong to it", where=path, fix=SCORE_AGAIN)
     if not file.is_file():
@@ -103,6 +130,58 @@ def _read_content(path: Path, file: Path, result: Result) -> bytes:
     return content
 
 
+def column_names(file: Path) -> list[str]:
+    """Return the columns of a file of records, in their order."""
+    try:
+        with file.open(encoding="utf-8", newline="") as stream:
+            return next(csv.reader(stream), [])
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ResultError(f"not a table: {error}", where=file, fix=SCORE_AGAIN) from error
+
+
+def _read_table(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
+    """Read columns of records as an Arrow table; Arrow rounds to the nearest, as IEEE 754 asks."""
+    types = {name: pa.float64() if name in scores else pa.string() for name in names}
+    try:
+        table = arrow_csv.read_csv(
+            pa.BufferReader(content),
+            read_options=arrow_csv.ReadOptions(block_size=_READ_BYTES),
+            parse_options=arrow_csv.ParseOptions(newlines_in_values=True),
+            convert_options=arrow_csv.ConvertOptions(
+                column_types=types,
+                include_columns=list(types),
+                null_values=[""],
+                strings_can_be_null=True,
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        place = re.search(r"column #(\d+): .*conversion error to double", str(error))
+        if place is not None:
+            raise _no_number(column_names(file)[int(place[1])], file) from error
+        raise ResultError(f"not a table: {error}", where=file, fix=SCORE_AGAIN) from error
+    as_read = (*scores, "scene", "query")
+    return pa.table({n: table[n] if n in as_read else _with_type(table[n]) for n in names})
+
+
+def _with_type(texts: Any) -> Any:
+    """Turn texts into what they were before they were written, where that is beyond doubt."""
+
+    def all_are(pattern: str) -> bool:
+        matches = pc.match_substring_regex(texts, pattern)
+        return bool(pc.all(matches, min_count=0).as_py())
+
+    if texts.null_count == 0 and all_are(_INTEGER):
+        for kind in (pa.int64(), pa.uint64()):
+            with suppress(pa.ArrowInvalid):  # too large
+                return texts.cast(kind)
+        return texts
+    if all_are(_NUMBER):
+        return texts.cast(pa.float64())
+    if texts.null_count == 0 and all_are(_TRUTH):
+        return pc.equal(texts, "True")
+    return texts
+
+
 def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
     """Return records sorted by ``query``, where they give the averages that a result states."""
     columns = [column for column in result.columns if column.key in records]
@@ -123,13 +202,24 @@ def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.D
             raise _unlike(f"scene {scene} has {counted(count, 'query')}", expected, file)
     # Numbers in place of names: a scene's rows are found much faster.
     numbered = records[[column.key for column in columns]].assign(scene=rows)
-    _check_averages(numbered, list(scenes), result, file)
+    scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
+    summary = summarise(numbered, scores, [*range(len(scenes))])
+    parts = [
+        (f"in scene {scene}", values, result.scenes[scene])
+        for scene, values in zip(scenes, summary.scenes.values(), strict=True)
+    ]
+    parts.append(("over scenes", summary.overall, result.overall))
+    parts.append(("over all queries", summary.pooled, result.pooled))
+    for part, values, stated in parts:
+        for key, value in values.items():
+            if not math.isclose(value, stated[key], rel_tol=_ROUNDING):
+                raise _unlike(f"{key} {part} is {value!r}", stated[key], file)
     return records.sort_values("query", ignore_index=True)
 
 
 def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
     if np.isnan(values).any() or np.isneginf(values).any():
-        raise no_number(column.key, file)
+        raise _no_number(column.key, file)
     most = 1.0 + SHARE_SLACK if column.unit == "share" else np.inf
     wrong = values[(values < 0) | (values > most)]
     if wrong.size:
@@ -141,24 +231,8 @@ def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
         )
 
 
-def _check_averages(
-    numbered: pd.DataFrame, scenes: list[str], result: Result, file: object
-) -> None:
-    """Hold the averages of records, with numbers of scenes, against those of their result."""
-    scores = [
-        Score(c.key, c.title, c.unit, c.higher_is_better, c.average)
-        for c in result.columns
-        if c.key in numbered
-    ]
-    summary = summarise(numbered, scores, [*range(len(scenes))])
-    by_scene = zip(scenes, summary.scenes.values(), strict=True)
-    parts = {f"in scene {scene}": (values, result.scenes[scene]) for scene, values in by_scene}
-    parts["over scenes"] = (summary.overall, result.overall)
-    parts["over all queries"] = (summary.pooled, result.pooled)
-    for part, (values, expected) in parts.items():
-        for key, value in values.items():
-            if not math.isclose(value, expected[key], rel_tol=_ROUNDING):
-                raise _unlike(f"{key} {part} is {value!r}", expected[key], file)
+def _no_number(key: str, file: object) -> ResultError:
+    return ResultError("a score is not a number", where=f"{file}, {key}", fix=SCORE_AGAIN)
 
 
 def _unlike(what: str, expected: float, file: object) -> ResultError:
@@ -168,3 +242,81 @@ def _unlike(what: str, expected: float, file: object) -> ResultError:
         expected=f"{expected!r}, as the result has it",
         fix=SCORE_AGAIN,
     )
+
+
+def write_csv(records: pd.DataFrame, path: Path) -> str:
+    """Write a table as CSV, and return its SHA-256."""
+    digest = hashlib.sha256()
+    with path.open("wb") as stream:
+        for block in csv_blocks(records):
+            stream.write(block)
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def csv_blocks(records: pd.DataFrame) -> Iterator[bytes]:
+    """Yield a table as CSV in UTF-8, the titles first."""
+    yield _csv_lines([_quoted(_texts([str(name)])) for name in records.columns])
+    for start in range(0, len(records), _ROWS):
+        block = records.iloc[start : start + _ROWS]
+        yield _csv_lines([_csv_texts(block.iloc[:, place]) for place in range(block.shape[1])])
+
+
+def _csv_lines(columns: list[Any]) -> bytes:
+    return _content(_join([_join(columns, ","), _text("")], "\n"))
+
+
+def _join(columns: list[Any], separator: str) -> Any:
+    return pc.binary_join_element_wise(*columns, _text(separator))
+
+
+def _text(value: str) -> Any:
+    return pa.scalar(value, pa.large_string())
+
+
+def _texts(values: Any) -> Any:
+    found = pa.array(values, pa.large_string(), from_pandas=True)
+    return found.combine_chunks() if isinstance(found, pa.ChunkedArray) else found
+
+
+def _content(texts: Any) -> bytes:
+    """Return an array of texts as one."""
+    _, offsets, content = texts.buffers()
+    first, last = np.frombuffer(offsets, np.int64)[[texts.offset, texts.offset + len(texts)]]
+    return bytes(memoryview(content)[first:last]) if last > first else b""
+
+
+def _csv_texts(column: pd.Series[Any]) -> Any:
+    """Return a column as it is written, an array of large strings."""
+    kind = column.dtype.kind if isinstance(column.dtype, np.dtype) else "O"
+    if column.dtype == np.float64:
+        return _float_texts(column.to_numpy())
+    if kind in "iu":
+        return pa.array(column.to_numpy()).cast(pa.large_string())
+    # pandas writes instants of a day alone without their time, and single precision in few digits.
+    values = column.astype(str if kind in "Mf" else object).where(column.notna(), None)
+    try:
+        texts = _texts(values)
+    except (pa.ArrowTypeError, pa.ArrowInvalid):  # not of texts alone
+        texts = _texts([None if value is None else str(value) for value in values])
+    return _quoted(pc.fill_null(texts, _text("")))
+
+
+def _float_texts(values: Any) -> Any:
+    """Write each different value once, as Python does: scores of queries repeat."""
+    # By their bits, since 0.0 equals -0.0.
+    found = pa.array(values.view(np.int64)).dictionary_encode()
+    different = found.dictionary.to_numpy().view(np.float64)
+    size = np.abs(different)
+    plain = (size >= _PLAIN[0]) & (size < _PLAIN[1]) & (different != np.trunc(different))
+    others = ["" if value != value else repr(value) for value in different[~plain].tolist()]
+    by_arrow = pa.array(different).cast(pa.large_string())
+    return pc.replace_with_mask(by_arrow, pa.array(~plain), _texts(others)).take(found.indices)
+
+
+def _quoted(texts: Any) -> Any:
+    content = _content(texts)
+    if not any(mark in content for mark in (b",", b'"', b"\r", b"\n")):
+        return texts
+    doubled = _join([_text(""), pc.replace_substring(texts, '"', '""'), _text("")], '"')
+    return pc.if_else(pc.match_substring_regex(texts, '[,"\r\n]'), doubled, texts)

@@ -1,4 +1,4 @@
-"""Results: what was scored, with what, and what came out; JSON both ways.
+"""Results of evaluations, written and read as JSON.
 
 Shares are 0 to 1. An infinite error is the text ``Infinity``, since JSON has no number for it. A
 checksum over the content tells a result that was edited by hand.
@@ -8,37 +8,42 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import validation_message
-from airzoo_bench.results.provenance import (
-    Name,
-    PredictionsUsed,
-    ProtocolUsed,
-    ResultModel,
-    TruthUsed,
-)
 from airzoo_bench.results.scores import Score
 
 __all__ = [
     "SHARE_SLACK",
+    "PredictionsUsed",
+    "ProtocolUsed",
+    "ReaderUsed",
     "Reference",
     "Result",
     "ScoreColumn",
+    "TruthUsed",
     "read_result",
     "score_columns",
     "write_result",
 ]
 
-_ROUNDING = 1e-12  # of averages: sums depend on the order of what is added
 SHARE_SLACK = 1e-9
 """By how much rounding may lift a share above 1."""
 
@@ -54,6 +59,67 @@ Value = Annotated[float, AfterValidator(_refuse_nan)]
 Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
 
 
+def _make_printable(name: object) -> object:
+    """Replace what does not print: names of files may hold bytes that are no text."""
+    if not isinstance(name, str):
+        return name
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+
+
+Name = Annotated[str, BeforeValidator(_make_printable)]
+
+
+class ResultModel(BaseModel):
+    """Settings of all parts of a result."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, ser_json_inf_nan="strings", allow_inf_nan=True
+    )
+
+
+class ProtocolUsed(ResultModel):
+    """The protocol that a result was made with."""
+
+    name: str
+    version: int
+    fingerprint: str
+    settings: dict[str, Any]
+
+
+class TruthUsed(ResultModel):
+    """The truth that predictions were compared with."""
+
+    benchmark: str
+    version: int
+    fingerprint: str
+    scene_titles: dict[str, str]
+
+
+class ReaderUsed(ResultModel):
+    """The reader of a method's own files, and the conventions that it assumed."""
+
+    name: Name
+    conventions: tuple[Name, ...]
+
+
+class PredictionsUsed(ResultModel):
+    """The predictions; the name is the file's, without its folder.
+
+    Files of the suite's own layout have no reader, and results of them no such key.
+    """
+
+    file: Name
+    sha256: str
+    kind: str
+    method: Name
+    reader: ReaderUsed | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_reader(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = write(self)
+        return fields if self.reader else {k: v for k, v in fields.items() if k != "reader"}
+
+
 class ScoreColumn(ResultModel):
     """How a score is shown and read."""
 
@@ -66,7 +132,7 @@ class ScoreColumn(ResultModel):
 
 
 class Reference(ResultModel):
-    """What scores without a method at work, such as chance, or the prior pose taken as the answer.
+    """Scores without a method, such as chance, or the prior pose taken as the answer.
 
     `meaning` says in a sentence how it was made, which tables print below the row. Scores are as in
     `Result`; those for which it makes no sense are left out, of all three parts alike.
@@ -119,14 +185,13 @@ class Result(ResultModel):
             raise ValueError("a scene has no count of queries")
         if "airzoo-bench" not in self.versions:
             raise ValueError("the version of airzoo-bench is not given")
-        _check_averages(self, self.columns)
         for name, reference in self.references.items():
             _check_reference(name, reference, columns, set(self.scenes))
         return self
 
     @property
     def unit(self) -> Literal["query", "scene"]:
-        """What a record is of, by the track; a query where the track is not installed."""
+        """The unit of a record, by the track; a query where the track is not installed."""
         return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
     def with_checksum(self) -> Result:
@@ -134,7 +199,7 @@ class Result(ResultModel):
         return self.model_copy(update={"checksum": self._hash_content()})
 
     def with_records(self, sha256: str) -> Result:
-        """Return the same result, with its checksum, for records whose file has that hash."""
+        """Return the same result for records with that hash, with a new checksum."""
         return self.model_copy(update={"records_sha256": sha256}).with_checksum()
 
     def is_intact(self) -> bool:
@@ -165,24 +230,6 @@ def _check_reference(
         if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
             raise ValueError(f"scores of the reference {name!r} do not fit the columns")
         _check_ranges(part, columns)
-    _check_averages(reference, [columns[key] for key in reference.overall])
-
-
-def _check_averages(part: Result | Reference, columns: Collection[ScoreColumn]) -> None:
-    """Hold averages to the scenes that they are of, as far as these tell."""
-    for column in columns:
-        key = column.key
-        values = [scores[key] for scores in part.scenes.values()]
-        mean = sum(values) / len(values)
-        if not math.isclose(part.overall[key], mean, rel_tol=_ROUNDING):
-            raise ValueError(f"overall {key} is {part.overall[key]!r}, its scenes give {mean!r}")
-        low, high, pooled = min(values), max(values), part.pooled[key]
-        if isinstance(part, Result) and column.average == "mean":
-            numbers = [part.counts[scene]["queries"] for scene in part.scenes]
-            sums = (number * value for number, value in zip(numbers, values, strict=True))
-            low = high = sum(sums) / max(sum(numbers), 1)
-        if not low * (1 - _ROUNDING) <= pooled <= high * (1 + _ROUNDING):
-            raise ValueError(f"pooled {key} is {pooled!r}, its scenes give {low!r} to {high!r}")
 
 
 def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:

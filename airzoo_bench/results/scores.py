@@ -1,4 +1,4 @@
-"""What a score is, and how records become one number a scene and one for the benchmark."""
+"""Scores, and the averages of records: one number a scene, and one for the benchmark."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Score:
 
     @classmethod
     def share(cls, column: str, title: str, *, headline: bool = False) -> Score:
-        """Return a score whose rows are shares, the more the better, and averaged by their mean."""
+        """Return a score of shares, where higher is better, averaged by the mean."""
         return cls(column, title, "share", higher_is_better=True, average="mean", headline=headline)
 
 
@@ -50,7 +50,7 @@ class Summary:
 
 
 def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Put the records of scenes under each other; those of a single one are not copied."""
+    """Concatenate the records of scenes; a single scene is not copied."""
     import pandas as pd  # tracks name their scores without it
 
     return parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,9 +58,6 @@ class RetrievalTrack(Track):
     ) -> Assignment:
         """See `Track.assign`."""
         errors = list(validation_errors(predictions))
-        if not (errors or truths):  # ranking, which would find these, needs a gallery
-            metric, scenes = protocol.scores.descriptor_metric, [one.id for one in protocol.scenes]
-            errors += deep_validation_errors(predictions, metric, scenes)
         if errors:
             return Assignment(errors=errors)
         return assign_queries(predictions, truths, protocol)
@@ -78,6 +75,13 @@ class RetrievalTrack(Track):
     ) -> Scored:
         """See `Track.check`."""
         return Scored() if truth is None else _ranked(part, truth, protocol, run)[2]
+
+    def find_faults(
+        self, predictions: RetrievalPredictions, protocol: RetrievalProtocol
+    ) -> Iterator[PredictionError]:
+        """See `Track.find_faults`."""
+        metric, scenes = protocol.scores.descriptor_metric, [one.id for one in protocol.scenes]
+        yield from deep_validation_errors(predictions, metric, scenes)
 
     def scores(self, protocol: RetrievalProtocol) -> list[Score]:
         """See `Track.scores`."""

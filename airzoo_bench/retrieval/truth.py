@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.excluded import read_excluded
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import conditions_of, read_queries
+from airzoo_bench.benchmark.queries import conditions_of, read_excluded, read_queries
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
 from airzoo_bench.core.files import write_npz

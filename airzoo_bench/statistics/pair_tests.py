@@ -1,10 +1,9 @@
-"""Tests and intervals of every two of many variables, from draws that all pairs share.
+"""Tests, intervals and rank ranges of every two of many variables, from draws that all pairs share.
 
-Tests are those of `significance.paired_tests`, intervals those of `sample_intervals`: over scenes
-Student's t, which needs no draws. Of means a change of places turns the sign of a unit's
-difference, and the sum of differences under given signs is the difference of two sums, one of each
-variable; so the sums of N variables hold the draws of all N (N - 1) / 2 pairs. Of medians the
-resamples of a difference are the differences of two medians' resamples.
+Tests are those of `significance.paired_tests`, intervals those of `sample_intervals`. A change of
+places turns the sign of a unit's difference, and the sum of differences under given signs is the
+difference of two sums, one of each variable; so the sums of N variables hold the draws of all
+N (N - 1) / 2 pairs. Of medians the resamples of a difference are the differences of resamples.
 
 Corrected for many pairs, p must be resolved far below one draw. Where fewer than 25 draws are as
 extreme as what was observed, p of a mean is the normal tail with the exact variance of the signed
@@ -22,28 +21,37 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.statistics.bootstrap_limits import percentile_p_values, quantiles
-from airzoo_bench.statistics.intervals import FEWEST
-from airzoo_bench.statistics.resampling import (
+from airzoo_bench.statistics.intervals import FEWEST, percentile_p_values, quantiles, student
+from airzoo_bench.statistics.samples import (
     EXACT_BITS,
+    TIE,
+    ResamplingConfig,
+    Sample,
     blocks,
+    difference,
     exact_products,
+    paired_difference,
     resampled_averages,
     sign_flips,
     stream_key,
 )
-from airzoo_bench.statistics.samples import (
-    TIE,
-    ResamplingConfig,
-    Sample,
-    difference,
-    paired_difference,
+from airzoo_bench.statistics.shares import (
+    combined_limits,
+    difference_limits,
+    reaches_of_hits,
+    squared_reaches,
 )
-from airzoo_bench.statistics.scene_means import student
-from airzoo_bench.statistics.shares import Reaches, difference_limits, put_together, squares_of_hits
-from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
+from airzoo_bench.statistics.significance import LEVEL, holm, mcnemar, p_floor, paired_permutation
 
-__all__ = ["pair_limits", "pair_p_values", "resamples_for"]
+__all__ = [
+    "correct_pairs",
+    "pair_limits",
+    "pair_p_values",
+    "rank_ranges",
+    "resamples_for",
+    "told_apart",
+    "unpaired_p_values",
+]
 
 _FEW, _MANY, _MOST_METHODS = 2_000, 10_000, 224
 _RESOLVED = 25
@@ -57,7 +65,7 @@ Tested = Iterator[tuple[int, Places, Floats]]
 
 
 def resamples_for(count: int) -> int:
-    """Return how many draws all pairs of so many variables can share in seconds."""
+    """Return a number of draws that takes all pairs of these variables some seconds."""
     return _MANY if count <= _MOST_METHODS else _FEW
 
 
@@ -67,13 +75,11 @@ def pair_p_values(sample: Sample, resampling: ResamplingConfig) -> Floats:
     The matrix is symmetric, with 1 on the diagonal. That of a pair is the same to the last bit
     whatever the other variables are.
     """
-    count = len(sample.medians)
-    found, wanted = np.ones((count, count)), np.triu(np.ones((count, count), np.bool_), 1)
-    if wanted.any():
-        of_medians, of_scenes = sample.medians.any(), sample.unit == "scene"
-        tests = _test_medians if of_medians else _test_scenes if of_scenes else _test_means
-        for one, others, p_values in tests(sample, resampling, wanted):
-            found[one, others] = found[others, one] = p_values
+    found = np.ones((len(sample.medians),) * 2)
+    of_medians, of_scenes = sample.medians.any(), sample.unit == "scene"
+    tests = _test_medians if of_medians else _test_scenes if of_scenes else _test_means
+    for one, others, p_values in tests(sample, resampling, np.triu(found, 1) > 0):
+        found[one, others] = found[others, one] = p_values
     return found
 
 
@@ -90,13 +96,17 @@ def signed_sums(sample: Sample, resampling: ResamplingConfig) -> Floats:
     draws = np.zeros((len(sample.medians), resampling.resamples))
     for group, part in zip(sample.groups, sample.values, strict=True):
         units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
-        values = np.where(np.isinf(part), 0.0, part)
+        values = _without_infinite(part)
         whole = exact_products(values, np.ones((units, 1)), units)
         for first, size in blocks(units, resampling.resamples):
             kept = sign_flips(units, first, size, key).astype(np.float64)
             sums = 2 * exact_products(values, kept, units) - whole
             draws[:, first : first + size] += sums / units
     return draws
+
+
+def _without_infinite(values: Floats) -> Floats:
+    return np.where(np.isinf(values), 0.0, values)
 
 
 def mean_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
@@ -129,7 +139,7 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
     for one, others in rows_of(wanted & either, resampling.resamples >> 4):
         yield one, others, _permuted(sample, resampling, one, others)
     draws, most = signed_sums(sample, resampling), int(np.log2(resampling.resamples))
-    parts = [np.where(np.isinf(part), 0.0, part) for part in sample.values]
+    parts = [_without_infinite(part) for part in sample.values]
     codes = tie_codes(np.concatenate(parts, axis=1))
     values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
     sums, products = values.sum(axis=1), _exact_gram(values)
@@ -155,9 +165,8 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
 
 
 def tie_codes(values: Floats) -> Floats:
-    """Round values to 30 binary digits, those of 1 where they are smaller: what is alike, ties."""
-    known = np.where(np.isinf(values), 0.0, np.abs(values))
-    sizes = np.frexp(np.maximum(1.0, known))[1]
+    """Round values to 30 binary digits, as if they were at least 1: equal codes are ties."""
+    sizes = np.frexp(np.maximum(1.0, np.abs(_without_infinite(values))))[1]
     return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
 
 
@@ -210,28 +219,24 @@ def _every_sign(number: int) -> Floats:
 
 
 def _test_medians(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> Tested:
+    """Take the bootstrap's p; where all resamples lie on one side of 0, less than one draw."""
     if sample.fewest[0] < FEWEST:  # no interval, and so no finding
         return
     draws = mean_draws(sample, resampling)
     codes = tie_codes(np.concatenate(sample.values, axis=1))
     floors = np.array([p_floor(unlike) for unlike in range(codes.shape[1] + 1)])
     for one, others in rows_of(wanted, resampling.resamples):
+        found = difference(draws[others], draws[one])
+        low, high = found.min(axis=1), found.max(axis=1)
+        nearest = np.minimum(np.abs(low), np.abs(high))
+        near = TIE * np.maximum(1.0, _without_infinite(nearest))
+        mixed = (low <= near) & (high >= -near)
+        p_values = np.empty(len(others))
+        p_values[mixed] = percentile_p_values(paired_difference(draws[others[mixed]], draws[one]))
+        beyond = _beyond(sample, found[~mixed], one, others[~mixed])
+        p_values[~mixed] = np.minimum(2 / (found.shape[1] + 1), beyond)
         least = floors[(codes[others] != codes[one]).sum(axis=1)]
-        yield one, others, np.maximum(_median_p_values(sample, draws, one, others), least)
-
-
-def _median_p_values(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
-    """Return the bootstrap's p; where all resamples lie on one side of 0, less than one draw."""
-    found = difference(draws[others], draws[one])
-    low, high = found.min(axis=1), found.max(axis=1)
-    nearest = np.minimum(np.abs(low), np.abs(high))
-    near = TIE * np.maximum(1.0, np.where(np.isinf(nearest), 0.0, nearest))
-    mixed = (low <= near) & (high >= -near)
-    p_values = np.empty(len(others))
-    p_values[mixed] = percentile_p_values(paired_difference(draws[others[mixed]], draws[one]))
-    beyond = _beyond(sample, found[~mixed], one, others[~mixed])
-    p_values[~mixed] = np.minimum(2 / (found.shape[1] + 1), beyond)
-    return p_values
+        yield one, others, np.maximum(p_values, least)
 
 
 def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
@@ -261,14 +266,13 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
     limits = np.full((2, count, count), np.nan)
     if sample.fewest[0] < FEWEST:
         return limits
-    wanted = np.triu(np.ones((count, count), np.bool_), 1)
+    wanted, shares = np.triu(np.ones((count, count), np.bool_), 1), sample.are_shares
     if sample.unit == "scene":
         [values] = sample.values
-        shares = np.zeros(count, np.bool_) if sample.shares is None else sample.shares
         for one, others in rows_of(wanted):
             gaps = paired_difference(values[one], values[others])
             limits[:, one, others] = student(gaps, shares[others], confidence)[0].T
-    elif sample.shares is None or not sample.shares.all():
+    elif not shares.all():
         draws = mean_draws(sample, resampling)
         for one, others in rows_of(wanted, resampling.resamples):
             ranked = np.sort(paired_difference(draws[one], draws[others]), axis=1)
@@ -288,11 +292,51 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
 def _limits_of_hits(
     sample: Sample, hits: Sequence[Floats], confidence: float, one: int, others: Places
 ) -> Floats:
-    """Take `difference_limits` from what each wins of another, which products count."""
+    """Take `difference_limits` from the hits that each wins of another, counted by products."""
     squares, sizes = np.zeros((2, len(others))), [part.shape[1] for part in sample.values]
     for part, counts, queries in zip(sample.values, hits, sizes, strict=True):
-        both, reaches = part[others] @ part[one], Reaches.of_hits(queries, confidence)
+        both, reaches = part[others] @ part[one], reaches_of_hits(queries, confidence)
         won, lost = (reaches.at((counts[side] - both).astype(np.intp)) for side in (one, others))
-        squares += squares_of_hits(won, lost, queries)
+        squares += squared_reaches(won, lost, queries)
     means = np.mean([counts / queries for counts, queries in zip(hits, sizes, strict=True)], axis=0)
-    return put_together(means[one] - means[others], squares, len(sizes))
+    return combined_limits(means[one] - means[others], squares, len(sizes))
+
+
+def correct_pairs(p_values: Floats) -> Floats:
+    """Correct the tests (V, V) of every two variables for how many pairs there are, by Holm."""
+    upper = np.triu_indices(len(p_values), 1)
+    corrected = np.ones_like(p_values)
+    corrected[upper] = holm(p_values[upper])
+    return np.minimum(corrected, corrected.T)
+
+
+def told_apart(values: Floats, corrected: Floats) -> Bools:
+    """Return which two variables (V, V) differ significantly; equal values never do."""
+    return np.asarray((corrected <= LEVEL) & (values[:, None] != values))
+
+
+def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) -> NDArray[np.int64]:
+    """Return the range of ranks (V, 2) of variables, by values (V,) and corrected p (V, V).
+
+    Those are 1 + the number of significantly better ones, and V - the number of worse ones. With a
+    chance of at least 95 % all true ranks lie in their ranges, since differences that are all
+    significant together give confidence sets of ranks (Mogstad, Romano, Shaikh and Wilhelm 2024).
+    """
+    signed = values if higher_is_better else -values
+    apart = told_apart(signed, corrected)
+    better, worse = apart & (signed > signed[:, None]), apart & (signed < signed[:, None])
+    return np.stack([1 + better.sum(axis=1), len(signed) - worse.sum(axis=1)], axis=1)
+
+
+def unpaired_p_values(values: Floats, errors: Floats) -> Floats:
+    """Test every two variables by their values and standard errors (V,) alone, (V, V).
+
+    p is that of a normal difference, and 1 of an infinite value or one without standard error. The
+    errors are added: whatever the correlation of two variables, their difference varies no more.
+    """
+    known = np.isfinite(values) & np.isfinite(errors)
+    centre, spread = np.where(known, values, 0.0), np.where(known, errors, 1.0)
+    apart = np.abs(centre[:, None] - centre)
+    scale = spread[:, None] + spread
+    scores = np.divide(apart, scale, out=np.zeros_like(apart), where=scale > 0)
+    return np.where(known & known[:, None], normal_tail(scores), 1.0)

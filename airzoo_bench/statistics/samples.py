@@ -1,29 +1,41 @@
-"""Samples: what is resampled, within what, and how it is averaged."""
+"""Samples: values of units within groups, and averages of many random draws of them.
+
+Draw b is the same whatever was drawn before it: only raw bits of Philox are used, a stream that
+NumPy never changes. Sums must not depend on the order in which a matrix product adds, so values are
+put on a grid of binary fractions that is coarse enough for every sum to be exact in float64: with n
+units, steps of less than n * 2**-51 of the largest value.
+"""
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats
 
-__all__ = ["Method", "ResamplingConfig", "Sample", "difference", "paired_difference"]
+__all__ = ["TIE", "Method", "ResamplingConfig", "Sample", "difference", "paired_difference"]
 
 Method = Literal["bca", "percentile"]
 
 TIE = 1e-9
 """Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
 
+EXACT_BITS = 52
+_CELLS = 1 << 22
+_WORDS_A_STEP = 4  # Philox-4x64 makes four words of 64 bits a step of its counter
+_LOW_BITS, _HALF_WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
+
 
 @dataclass(frozen=True)
 class ResamplingConfig:
-    """How intervals and tests are made.
+    """How intervals and tests are made: draws, their seed, kind and confidence of intervals.
 
-    `resamples` are of the bootstrap and, where not all can be tried, of the permutation test; the
-    seed is of the random draws of both. `interval` is the kind of the bootstrap's intervals, and
-    `confidence` lies between 0 and 1.
+    `resamples` is also the number of patterns of a permutation test that cannot try all of them.
     """
 
     resamples: int = 10_000
@@ -39,23 +51,12 @@ class ResamplingConfig:
 
 @dataclass(frozen=True)
 class Sample:
-    """Variables measured on the same units; units are independent of each other.
+    """Variables measured on the same independent units, which are queries or scenes.
 
-    Attributes
-    ----------
-    unit : str
-        What a unit is: "query" or "scene".
-    groups : tuple of str
-        Within what units are resampled: scenes, or all scenes as one group. All different, since
-        the draws of a group are known by its name.
-    values : tuple of (V, N) arrays
-        For each group, V variables of its N units.
-    medians : (V,) bool
-        Which variables are averaged by the median within a group; the statistic of all groups
-        is the unweighted mean of theirs.
-    shares : (V,) bool, optional
-        Which variables are shares from 0 to 1 of each unit, averaged by their mean, so that their
-        intervals need no resamples; none where left out.
+    Each group, such as a scene, has values (V, N) of V variables and its N units. Variables are
+    averaged by the median within a group where `medians` (V,) says so, else by the mean, and over
+    groups without weights; `shares` (V,) are means of shares from 0 to 1. The draws of a group
+    depend on its name.
     """
 
     unit: str
@@ -70,6 +71,11 @@ class Sample:
         sizes = [part.shape[1] for part in self.values]
         return min(zip(sizes, self.groups, strict=True))
 
+    @property
+    def are_shares(self) -> Bools:
+        """Which variables are shares (V,)."""
+        return np.zeros(len(self.medians), np.bool_) if self.shares is None else self.shares
+
 
 def difference(first: Floats, second: Floats) -> Floats:
     """Subtract arrays that broadcast; two infinite values, which are failures both, differ by 0."""
@@ -80,11 +86,138 @@ def difference(first: Floats, second: Floats) -> Floats:
 def paired_difference(first: Floats, second: Floats) -> Floats:
     """Subtract what two methods have on the same units; 0 where it is at most 1e-9 of their size.
 
-    Sizes count as at least 1. Scores agree between processors to some 12 digits, not to the last,
-    and what is a tie on one of them must be one on the other, since wins, signs and patterns are
-    counted.
+    Sizes count as at least 1. Scores agree between processors to some 12 digits, and what is a tie
+    on one of them must be a tie on the other, since wins, signs and patterns are counted.
     """
     found = difference(first, second)
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
     tied = np.isfinite(found) & (np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes))
     return np.where(tied, 0.0, found)
+
+
+def stream_key(seed: int, purpose: str, group: str) -> int:
+    """Return the 128-bit key of a random stream, the same for a group whatever others there are."""
+    text = f"{seed}\n{purpose}\n{group}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
+
+
+def blocks(units: int, draws: int) -> Iterator[tuple[int, int]]:
+    """Cut draws into blocks of bounded memory: yield the first of each, and how many."""
+    size = max(1, _CELLS // max(units, 1))
+    for first in range(0, draws, size):
+        yield first, min(size, draws - first)
+
+
+def resample_counts(units: int, first: int, count: int, key: int) -> NDArray[np.int64]:
+    """Count how often each unit is drawn, with replacement, in `count` resamples from `first` on.
+
+    Each column of the counts (units, count) sums to `units`, at most 2**32 - 1. The chance of a
+    unit is 1 / units to within 2**-32.
+    """
+    words = _random_words(-(-units // 2), first, count, key)
+    draws = np.concatenate((words & _LOW_BITS, words >> _HALF_WORD), axis=1)[:, :units]
+    picked = ((draws * np.uint64(units)) >> _HALF_WORD).astype(np.int64)
+    cells = picked * count + np.arange(count)[:, None]
+    return np.bincount(cells.ravel(), minlength=units * count).reshape(units, count)
+
+
+def sign_flips(units: int, first: int, count: int, key: int) -> NDArray[np.uint8]:
+    """Toss a fair coin for each unit, (units, count): 1 keeps its sign, 0 turns it."""
+    words = _random_words(-(-units // 64), first, count, key).astype("<u8")
+    bits = np.unpackbits(words.view(np.uint8), axis=1, count=units, bitorder="little")
+    return np.ascontiguousarray(bits.T)
+
+
+def _random_words(needed: int, first: int, count: int, key: int) -> NDArray[np.uint64]:
+    """Return raw bits, (count, at least `needed`); every draw begins on its own step."""
+    steps = -(-needed // _WORDS_A_STEP)
+    source = np.random.Philox(key=key, counter=first * steps)
+    return source.random_raw(count * steps * _WORDS_A_STEP).reshape(count, -1)
+
+
+def resampled_averages(
+    values: Floats, medians: Bools, group: str, seed: int, resamples: int
+) -> Floats:
+    """Average resamples of a group's units, (V, resamples), all variables by the same draws."""
+    units, key = values.shape[1], stream_key(seed, "bootstrap", group)
+    found = np.empty((len(values), resamples))
+    for first, count in blocks(units, resamples):
+        counts = resample_counts(units, first, count, key)
+        found[:, first : first + count] = weighted_averages(values, medians, counts)
+    return found
+
+
+def weighted_averages(values: Floats, medians: Bools, weights: NDArray[np.integer]) -> Floats:
+    """Average values (V, N) by integer weights (N, B) with equal column sums, (V, B).
+
+    The averages are the same to the last bit whatever the number of threads and columns; +inf is a
+    value like any other.
+    """
+    total = int(weights[:, 0].sum())
+    factors = weights.astype(np.float64)
+    averages = np.empty((len(values), weights.shape[1]))
+    averages[~medians] = _weighted_means(values[~medians], factors, total)
+    if medians.any():
+        counts = weights.astype(np.int32)
+        averages[medians] = _weighted_medians(values[medians], factors, counts, total)
+    return averages
+
+
+def _weighted_means(values: Floats, factors: Floats, total: int) -> Floats:
+    infinite = np.isinf(values)
+    means = exact_products(np.where(infinite, 0.0, values), factors, total) / total
+    failing = infinite.any(axis=1)
+    drawn = infinite[failing].astype(np.float64) @ factors
+    means[failing] = np.where(drawn > 0, np.inf, means[failing])
+    return np.asarray(means)
+
+
+def exact_products(values: Floats, factors: Floats, total: int) -> Floats:
+    """Multiply finite values (V, N), rounded to a grid on which no sum is rounded, by (N, B).
+
+    Factors are whole numbers, and no column of them has a larger sum of sizes than `total`.
+    """
+    largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
+    exponents = EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
+    # Two steps: one power of two for tiny values would be infinite.
+    one, other = (np.exp2(half(exponents / 2))[:, None] for half in (np.floor, np.ceil))
+    return np.asarray((np.rint(values * one * other) @ factors) / one / other)
+
+
+def _weighted_medians(
+    values: Floats, factors: Floats, counts: NDArray[np.int32], total: int
+) -> Floats:
+    """Return the median of each resample; only units near the middle are looked at one by one."""
+    units = values.shape[1]
+    order = np.argsort(values, axis=1, kind="stable")
+    reach = int(2.5 * units**0.5) + 2  # five standard deviations of how many are drawn from a half
+    first, last = max(0, units // 2 - reach), min(units, units // 2 + reach)
+    below = np.zeros_like(values)
+    np.put_along_axis(below, order[:, :first], 1.0, axis=1)
+    bases = (below @ factors).astype(np.int32)
+    found = np.empty((len(values), factors.shape[1]))
+    for row, (places, base) in enumerate(zip(order, bases, strict=True)):
+        start, sums = first, base + np.cumsum(counts[places[first:last]], axis=0, dtype=np.int32)
+        if (base > (total - 1) // 2).any() or (sums[-1] <= total // 2).any():
+            start, sums = 0, np.cumsum(counts[places], axis=0, dtype=np.int32)
+        low, high = (start + (sums <= n).sum(axis=0) for n in ((total - 1) // 2, total // 2))
+        found[row] = (values[row, places[low]] + values[row, places[high]]) / 2.0
+    return found
+
+
+def leave_one_out(values: Floats, medians: Bools) -> Floats:
+    """Average all units but one, for each one of at least 2: the jackknife, (V, N)."""
+    averages = np.empty_like(values)
+    failing = np.isinf(values[~medians])
+    finite = np.where(failing, 0.0, values[~medians])
+    rest = (finite.sum(axis=1, keepdims=True) - finite) / (values.shape[1] - 1)
+    others_fail = failing.sum(axis=1, keepdims=True) - failing > 0
+    averages[~medians] = np.where(others_fail, np.inf, rest)
+    order = np.argsort(values[medians], axis=1, kind="stable")
+    ranked = np.take_along_axis(values[medians], order, axis=1)
+    left, gone = values.shape[1] - 1, np.arange(values.shape[1])
+    low, high = (rank + (rank >= gone) for rank in ((left - 1) // 2, left // 2))
+    without = np.empty_like(ranked)
+    np.put_along_axis(without, order, (ranked[:, low] + ranked[:, high]) / 2.0, axis=1)
+    averages[medians] = without
+    return averages

@@ -1,20 +1,17 @@
 """Intervals of mean shares, such as hit rates, that hold where all queries of a scene are alike.
 
-Resamples of a scene in which every query is a hit cannot differ, and so say that its rate is
-known. Here such a scene keeps the uncertainty of its size. One scene has Wilson's interval (1927);
-the average over scenes is put together from the scenes' limits by MOVER, the method of variance
-estimates recovery (Zou and Donner 2008), with Jeffreys' limits (Brown, Cai and DasGupta 2001),
-which cover better than Wilson's where many scenes are added. A paired difference is the share won
-minus the share lost; where it has fractions, as of AP@5, it has Student's limits in each scene.
-Effective sizes are those of Franco, Little, Louis and Slud (2019); docs/statistics.md has figures
-of coverage, and the literature.
+One scene has Wilson's interval (1927). The average over scenes is put together from the limits of
+scenes by MOVER (Zou and Donner 2008), with Jeffreys' limits (Brown, Cai and DasGupta 2001), which
+cover better than Wilson's where many scenes are added. A paired difference is the share won minus
+the share lost; where it has fractions, as of AP@5, it has Student's limits in each scene. Effective
+sizes are those of Franco, Little, Louis and Slud (2019). docs/statistics.md has the coverage.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,45 +25,30 @@ _PRIOR = 0.5  # so many queries more at 0, and at 1, as Jeffreys' prior has it
 _ALIKE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Rates:
-    """Mean shares (R,) of a scene, as if they were hit rates, with effective sizes (R,).
+class Rates(NamedTuple):
+    """Mean shares (R,) of a scene as hit rates, with the sizes (R,) at which those vary as much.
 
-    Of so many hits and misses a rate would vary as much. For hits that is how many queries there
-    are; for shares that vary less, more.
+    The size of hits is the number of queries; of shares that vary less, it is larger.
     """
 
     means: Floats
     sizes: Floats
 
-    @classmethod
-    def of(cls, values: Floats) -> Rates:
-        """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits."""
-        count, means = values.shape[1], values.mean(axis=1)
-        squares = ((values - means[:, None]) ** 2).sum(axis=1)
-        return cls._steadied(count, means, count * means * (1 - means), squares)
 
-    @classmethod
-    def of_hits(cls, count: int) -> Rates:
-        """Return the rates of 0, 1, ..., `count` hits."""
-        means = np.arange(count + 1) / count
-        squares = count * means * (1 - means)
-        return cls._steadied(count, means, squares, squares)
-
-    @property
-    def spread(self) -> Floats:
-        """Standard errors (R,)."""
-        return np.asarray(np.sqrt(self.means * (1 - self.means) / self.sizes))
-
-    @classmethod
-    def _steadied(cls, count: int, means: Floats, most: Floats, squares: Floats) -> Rates:
-        """Take sizes from sums of squares, with the prior's queries added, beside those of hits."""
-        ends = _PRIOR * (means**2 + (1 - means) ** 2)
-        return cls(means, np.maximum(most * (count + 2 * _PRIOR) / (squares + ends), count))
+def effective_rates(values: Floats) -> Rates:
+    """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits."""
+    count, means = values.shape[1], values.mean(axis=1)
+    squares = ((values - means[:, None]) ** 2).sum(axis=1)
+    return _steadied(count, means, count * means * (1 - means), squares)
 
 
-@dataclass(frozen=True, eq=False)
-class Reaches:
+def _steadied(count: int, means: Floats, most: Floats, squares: Floats) -> Rates:
+    """Take sizes from the sums of squares of hits and of values, with the prior's queries added."""
+    ends = _PRIOR * (means**2 + (1 - means) ** 2)
+    return Rates(means, np.maximum(most * (count + 2 * _PRIOR) / (squares + ends), count))
+
+
+class Reaches(NamedTuple):
     """Rates (R,) with standard errors, and how far Jeffreys' limits lie below and above them."""
 
     means: Floats
@@ -74,27 +56,30 @@ class Reaches:
     down: Floats
     up: Floats
 
-    @classmethod
-    def of(cls, rates: Rates, confidence: float) -> Reaches:
-        """Take Jeffreys' limits of rates."""
-        low, high = jeffreys_limits(rates, confidence).T
-        return cls(rates.means, rates.spread, rates.means - low, high - rates.means)
-
-    @classmethod
-    @lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
-    def of_hits(cls, count: int, confidence: float) -> Reaches:
-        """Take those of 0, 1, ..., `count` hits of so many queries."""
-        return cls.of(Rates.of_hits(count), confidence)
-
     def at(self, places: NDArray[np.intp]) -> Reaches:
         """Choose some rates."""
-        return Reaches(*(part[places] for part in (self.means, self.spread, self.down, self.up)))
+        return Reaches(*(part[places] for part in self))
+
+
+def reaches_of(rates: Rates, confidence: float) -> Reaches:
+    """Take Jeffreys' limits of rates."""
+    means, sizes = rates
+    low, high = jeffreys_limits(rates, confidence).T
+    return Reaches(means, np.sqrt(means * (1 - means) / sizes), means - low, high - means)
+
+
+@lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
+def reaches_of_hits(count: int, confidence: float) -> Reaches:
+    """Take Jeffreys' limits of 0, 1, ..., `count` hits of `count` queries."""
+    means = np.arange(count + 1) / count
+    squares = count * means * (1 - means)
+    return reaches_of(_steadied(count, means, squares, squares), confidence)
 
 
 def wilson_limits(rates: Rates, confidence: float) -> Floats:
     """Return Wilson's limits of rates, (R, 2)."""
     squared = float(ndtri((1 + confidence) / 2)) ** 2
-    means, sizes = rates.means, rates.sizes
+    means, sizes = rates
     centre = means + squared / (2 * sizes)
     reach = np.sqrt(squared * (means * (1 - means) / sizes + squared / (4 * sizes**2)))
     limits = np.stack([centre - reach, centre + reach], axis=1) / (1 + squared / sizes)[:, None]
@@ -111,20 +96,20 @@ def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
 
 
 def _around(limits: Floats, means: Floats) -> Floats:
-    """Let no limit, from 0 to 1, lie beyond the mean; those of 0 and 1 then lie on it."""
+    """Let no limit lie beyond the mean; limits of 0 and 1 then lie on it."""
     return np.stack([np.minimum(limits[:, 0], means), np.maximum(limits[:, 1], means)], axis=1)
 
 
 def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     """Take the intervals (R, 2) of mean shares, (R, N) of each scene, averaged without weights."""
-    return limits_of_rates([Rates.of(values) for values in scenes], confidence)
+    return limits_of_rates([effective_rates(values) for values in scenes], confidence)
 
 
 def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
     """Take the intervals (R, 2) of averaged rates: Wilson's of one scene, MOVER's of several."""
     if len(rates) == 1:
         return wilson_limits(rates[0], confidence)
-    reaches = [Reaches.of(rate, confidence) for rate in rates]
+    reaches = [reaches_of(rate, confidence) for rate in rates]
     means = np.mean([rate.means for rate in rates], axis=0)
     down = np.sqrt(sum(reach.down**2 for reach in reaches))
     up = np.sqrt(sum(reach.up**2 for reach in reaches))
@@ -135,8 +120,8 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
     """Take the intervals (R, 2) of paired differences, (R, N) of each scene, averaged over scenes.
 
     Of hits, what is won and what is lost are two shares, whose covariance is known: a query cannot
-    be both. Graded shares, such as AP@5, have Student's limits in each scene, and those of hits
-    where all differences of a scene are alike. MOVER puts together the limits of all scenes.
+    be both. Differences with fractions have Student's limits in each scene, unless all of a scene
+    are alike. MOVER puts together the limits of all scenes.
     """
     means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
     graded = np.any([(values != np.rint(values)).any(axis=1) for values in scenes], axis=0)
@@ -148,26 +133,25 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
         as_hits = ~graded | (np.ptp(values, axis=1) <= _ALIKE)
         if as_hits.any():
             won, lost = (
-                Reaches.of(Rates.of(np.maximum(side, 0.0)), confidence)
+                reaches_of(effective_rates(np.maximum(side, 0.0)), confidence)
                 for side in (values[as_hits], -values[as_hits])
             )
-            of_scene[:, as_hits] = squares_of_hits(won, lost, count)
+            of_scene[:, as_hits] = squared_reaches(won, lost, count)
         squares += of_scene
-    return put_together(means, squares, len(scenes))
+    return combined_limits(means, squares, len(scenes))
 
 
-def squares_of_hits(won: Reaches, lost: Reaches, count: int) -> Floats:
+def squared_reaches(won: Reaches, lost: Reaches, count: int) -> Floats:
     """Return the squared reaches, down and up (2, R), of a scene's share won minus share lost."""
     spread = won.spread * lost.spread * count
-    correlation = np.divide(
-        -won.means * lost.means, spread, out=np.zeros(len(won.means)), where=spread > 0
-    )
+    nothing = np.zeros(len(won.means))
+    correlation = np.divide(-won.means * lost.means, spread, out=nothing, where=spread > 0)
     correlation = np.maximum(correlation, -1.0)
     pairs = ((won.down, lost.up), (won.up, lost.down))
     return np.stack([one**2 + other**2 - 2 * correlation * one * other for one, other in pairs])
 
 
-def put_together(means: Floats, squares: Floats, count: int) -> Floats:
+def combined_limits(means: Floats, squares: Floats, count: int) -> Floats:
     """Put squared reaches (2, R), summed over `count` scenes, around mean differences, (R, 2)."""
     down, up = np.sqrt(np.maximum(squares, 0.0)) / count
     return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)

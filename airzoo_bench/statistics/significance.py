@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from scipy.special import bdtr
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.statistics.resampling import blocks, sign_flips, stream_key, weighted_averages
-from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.intervals import Interval, Pairs, sample_intervals
 from airzoo_bench.statistics.samples import (
     TIE,
     ResamplingConfig,
     Sample,
+    blocks,
     difference,
     paired_difference,
+    sign_flips,
+    stream_key,
+    weighted_averages,
 )
 
 __all__ = [
@@ -44,9 +46,8 @@ _Flips = Callable[[int, int, int], NDArray[np.uint8]]
 class PairedTest:
     """A two-sided p-value, above 0 and at most 1, and how it was found.
 
-    Exact is a test that tried every pattern; else `patterns` random ones were, or as many resamples
-    or scenes; 0 where there was nothing to try, and p is 1. Medians are tested by bootstrap, since
-    their interval is of the same resamples; scenes by Student's t, as their interval.
+    A test is exact that tried every pattern; else `patterns` random ones were tried, or as many
+    resamples or scenes; 0 where there was nothing to try, and p is 1.
     """
 
     p_value: float
@@ -56,13 +57,13 @@ class PairedTest:
 
 
 def paired_tests(
-    sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]]
+    sample: Sample, resampling: ResamplingConfig, places: Pairs
 ) -> tuple[list[Interval], list[PairedTest]]:
     """Take the interval of each pair's difference, and test whether it is 0.
 
-    Means by permutation, medians by the interval itself: p of a median is that of the bootstrap's
-    percentile interval, but never below what any test could find on as many units as differ. Where
-    scenes are the units p is that of the interval's t, and by permutation without an interval.
+    Means are tested by permutation. p of a median is that of its percentile interval, but never
+    below what any test could find on as many units as differ. Where scenes are the units p is that
+    of the interval's t, and by permutation without an interval.
     """
     found = sample_intervals(sample, resampling, places, groups=False)
     known = list(zip(places, found.p_values, strict=True))
@@ -84,18 +85,16 @@ def paired_tests(
 
 
 def paired_permutation(
-    sample: Sample, resampling: ResamplingConfig, pairs: Sequence[tuple[int, int]]
+    sample: Sample, resampling: ResamplingConfig, pairs: Pairs
 ) -> list[PairedTest]:
     """Test whether two means differ, for each pair: values change places, unit by unit.
 
-    The statistic is the difference of the averages over groups. Where units are exchangeable
-    between the two, each of the 2**k patterns of the k units that differ is as likely as the one
-    observed; p is the share of patterns that differ at least as much, either way. All are tried
-    where they are no more than `resampling.resamples`; else that many random ones are, the same for
-    all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010), which is never 0. Where one
-    side's average is infinite, patterns that make it so too are ordered by wins minus losses. Of
-    medians this would test whether units are exchangeable, which they are not where one method's
-    errors spread more: `paired_tests` takes theirs from the bootstrap.
+    The statistic is the difference of the averages over groups. Each of the 2**k patterns of the k
+    units that differ is as likely as the one observed; p is the share of patterns that differ at
+    least as much, either way. All are tried where they are no more than `resampling.resamples`;
+    else that many random ones are, the same for all pairs, and p = (b + 1) / (m + 1) (Phipson and
+    Smyth 2010), which is never 0. Where one side's average is infinite, patterns that make it so
+    too are ordered by wins minus losses.
     """
     exact: dict[int, PairedTest] = {}
     for index, pair in enumerate(pairs):
@@ -130,7 +129,6 @@ def _every_pattern(unlike: Sequence[Bools]) -> _Flips:
 
 
 def _random_patterns(sample: Sample, seed: int) -> _Flips:
-    """Toss coins by the seed and the group's name."""
     keys = [stream_key(seed, "permutation", group) for group in sample.groups]
 
     def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
@@ -139,29 +137,24 @@ def _random_patterns(sample: Sample, seed: int) -> _Flips:
     return flips
 
 
-def _count_extreme(
-    sample: Sample, pairs: Sequence[tuple[int, int]], patterns: int, flips: _Flips
-) -> NDArray[np.int64]:
+def _count_extreme(sample: Sample, pairs: Pairs, patterns: int, flips: _Flips) -> NDArray[np.int64]:
     """Count, for each pair, the patterns that differ at least as much as what was observed."""
     chosen = np.array(pairs, np.intp).reshape(-1, 2)
     finite = np.all([np.isfinite(values).all(axis=1) for values in sample.values], axis=0)
-    simple = ~sample.medians[chosen[:, 0]] & finite[chosen].all(axis=1)
+    simple = finite[chosen].all(axis=1)
     counts = np.zeros(len(chosen), np.int64)
     if simple.any():
         observed, found = _signed_means(_differences(sample, chosen[simple]), patterns, flips)
         counts[simple] = (found >= observed[:, None]).sum(axis=1)
     if not simple.all():
-        counts[~simple] = _by_swaps(sample, chosen[~simple], patterns, flips)
+        counts[~simple] = _count_by_swaps(sample, chosen[~simple], patterns, flips)
     return counts
 
 
 def _signed_means(
     differences: Sequence[Floats], patterns: int, flips: _Flips
 ) -> tuple[Floats, Floats]:
-    """Sum the groups' means, up to the sign: as they are (C,), and by pattern (C, patterns).
-
-    A change of places turns the sign of a unit's difference.
-    """
+    """Sum the groups' means, up to the sign: as they are (C,), and by pattern (C, patterns)."""
     count = len(differences[0])
     observed, largest, found = np.zeros(count), np.zeros(count), np.zeros((count, patterns))
     for group, values in enumerate(differences):
@@ -174,19 +167,23 @@ def _signed_means(
     return np.abs(observed) - TIE * largest, np.abs(found)
 
 
-def _by_swaps(
+def _count_by_swaps(
     sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: _Flips
 ) -> NDArray[np.int64]:
-    """Count for medians, and means with infinite values: average what each side then has."""
-    medians = sample.medians[pairs[:, 0]]
+    """Count for means with infinite values: average what each side then has."""
+
+    def both_sides(pooled: Floats, kept: NDArray[np.uint8]) -> Floats:
+        first, no_median = np.concatenate([kept, 1 - kept]), np.zeros(len(pairs), np.bool_)
+        return np.stack([weighted_averages(pooled, no_median, side) for side in (first, 1 - first)])
+
     sides, before = np.zeros((2, len(pairs), patterns)), np.zeros((2, len(pairs), 1))
     for group, values in enumerate(sample.values):
         pooled = np.concatenate([values[pairs[:, 0]], values[pairs[:, 1]]], axis=1)
         units = values.shape[1]
-        before += _both_sides(pooled, medians, np.ones((units, 1), np.uint8))
+        before += both_sides(pooled, np.ones((units, 1), np.uint8))
         for first, count in blocks(2 * units, patterns):
             block = flips(group, first, count)
-            sides[:, :, first : first + count] += _both_sides(pooled, medians, block)
+            sides[:, :, first : first + count] += both_sides(pooled, block)
     observed = np.abs(difference(before[0], before[1]))
     extreme = np.abs(difference(sides[0], sides[1])) >= (1 - TIE) * observed
     boundless = np.isinf(observed[:, 0])
@@ -197,13 +194,8 @@ def _by_swaps(
     return np.asarray(extreme.sum(axis=1))
 
 
-def _both_sides(pooled: Floats, medians: Bools, kept: NDArray[np.uint8]) -> Floats:
-    first = np.concatenate([kept, 1 - kept])
-    return np.stack([weighted_averages(pooled, medians, side) for side in (first, 1 - first)])
-
-
 def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have, on as many units as differ."""
+    """Return the least p that any values could have on this number of units that differ."""
     return min(1.0, 2.0 ** (1 - unlike))
 
 
@@ -221,7 +213,7 @@ def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
 def holm(p_values: Floats, family: int | None = None) -> Floats:
     """Adjust p-values (M,) so that the chance of any false finding stays below a level (Holm 1979).
 
-    `family` is how many comparisons were looked at, at least M. Those that are not given count as
+    `family` is how many comparisons were looked at, at least M; those that are not given count as
     1, so that the given ones come out as large as they can.
     """
     order = np.argsort(p_values, kind="stable")

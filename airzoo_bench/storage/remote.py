@@ -1,133 +1,187 @@
-"""What a storage holds, through fsspec; clients are imported when a URL is first asked for."""
+"""What lies at URLs, asked for through fsspec: one message for what a storage refuses."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
+import errno
 import importlib
 import os
-from collections.abc import Iterator, Mapping
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from functools import partial
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 from urllib.parse import unquote
-from uuid import uuid4
 
-from airzoo_bench.core.errors import StorageError, UsageError
-from airzoo_bench.storage.faults import ShortAnswerError, tried
+from airzoo_bench.core.errors import StorageError, UsageError, UserError
 from airzoo_bench.storage.urls import Url
 
 __all__ = [
+    "ABSENT",
     "AT_ONCE",
+    "CACHE_VARIABLE",
     "Entry",
+    "absent_is_absent",
+    "cache_folder",
     "client_of",
-    "download",
+    "disk_fault",
     "files",
     "find",
     "matching",
     "names",
-    "sha256_at",
     "stat",
+    "tried",
 ]
 
+T = TypeVar("T")
+
+CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
+"""The variable of the environment that names the folder of all mirrors."""
+PAUSES_S = (0.2, 0.5, 1.0, 2.0)
+"""Before each further try."""
 AT_ONCE = 8
-"""Requests under way at one time."""
-_MOST_FOLDERS = 1_000
 _CONNECT_S, _READ_S = 5, 60
-_PIECE_BYTES = 16 << 20
-_PACKAGES = {
-    "s3": ("fsspec", "s3fs"),
-    "gs": ("fsspec", "gcsfs"),
-    "hf": ("fsspec", "huggingface_hub"),
-    "https": ("fsspec", "aiohttp"),
-}
+_PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "hf": "huggingface_hub", "https": "aiohttp"}
+_CLIENTS = ("aiohttp", "botocore", "gcsfs", "google", "httpx", "huggingface_hub", "s3fs")
+_PASSING = (408, 425, 429, 500, 502, 503, 504)
+# Errors of an answer that breaks off, the 400 of which is aiohttp's own.
+_BROKEN_OFF = ("ClientPayloadError", "IncompleteRead", "ResponseStreamingError")
+_DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.ENAMETOOLONG, errno.EROFS)
+ABSENT = "no such file or folder"
 # What tells one content of a name from another, by the words of each client.
 _VERSIONS = ("ETag", "etag", "generation", "blob_id", "md5Hash", "Last-Modified")
+_LOGIN = re.compile(r"//[^/\s]*@")
+_CREDENTIALS = {
+    "s3": "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE, of somebody who may; "
+    "AWS_NO_SIGN_REQUEST=YES for a public bucket",
+    "gs": "GOOGLE_APPLICATION_CREDENTIALS, the key file of somebody who may",
+    "hf": "HF_TOKEN, or log in with `hf auth login`; for gated data, ask for access on its page",
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """What a storage says of a name.
-
-    Attributes
-    ----------
-    size : int or None
-        Bytes, where it says so.
-    version : str
-        The same only where the content is the same; empty where the storage states none.
-    is_folder : bool
-    sha256 : str or None
-        Of the content, where the storage has computed it.
-    """
+class Entry(NamedTuple):
+    """What a storage says of a name; an empty version is that of a storage that states none."""
 
     size: int | None
     version: str
-    is_folder: bool = False
-    sha256: str | None = None
+    is_folder: bool
+    sha256: str | None
+
+
+def cache_folder() -> Path:
+    """Return the folder of all mirrors: AIRZOO_BENCH_CACHE, else one of the user's cache."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(named).expanduser().absolute()
+    from platformdirs import user_cache_path
+
+    return user_cache_path("airzoo-bench") / "mirrors"
 
 
 def client_of(url: Url) -> Any:
-    """Return fsspec's file system of a URL."""
+    """Return fsspec's file system of a URL, with short timeouts."""
     scheme = "https" if url.read_only else url.scheme
-    for name in _PACKAGES[scheme]:
-        try:
-            importlib.import_module(name)
-        except ImportError as error:
-            raise UsageError(
-                f"{url.scheme}:// needs the package {name}",
-                where=url,
-                fix="pip install 'airzoo-bench[storage"
-                + (",download]'" if url.scheme == "hf" else "]'"),
-            ) from error
-    import fsspec
-
-    return fsspec.filesystem(url.scheme, **_settings(scheme))
-
-
-def _settings(scheme: str) -> dict[str, Any]:
-    """Return short timeouts, and no tries but `tried`'s."""
+    try:
+        fsspec = importlib.import_module("fsspec")
+        importlib.import_module(_PACKAGES[scheme])
+    except ImportError as error:
+        extras = "storage,download" if scheme == "hf" else "storage"
+        raise UsageError(
+            f"{url.scheme}:// needs the package {error.name}",
+            where=url,
+            fix=f"pip install 'airzoo-bench[{extras}]'",
+        ) from error
+    settings: dict[str, Any] = {"use_listings_cache": False}
     if scheme == "s3":
         timeouts = {"connect_timeout": _CONNECT_S, "read_timeout": _READ_S}
-        return {
-            "config_kwargs": timeouts | {"retries": {"total_max_attempts": 1}},
-            "use_listings_cache": False,
-            "anon": os.environ.get("AWS_NO_SIGN_REQUEST", "").upper() in ("YES", "TRUE", "1"),
-        }
-    if scheme == "https":
+        settings["config_kwargs"] = timeouts | {"retries": {"total_max_attempts": 1}}
+        settings["anon"] = os.environ.get("AWS_NO_SIGN_REQUEST", "").upper() in ("YES", "TRUE", "1")
+    elif scheme == "https":
         import aiohttp
 
         timeout = aiohttp.ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
         headers = {"Accept-Encoding": "identity"}  # sizes are those of the files
-        return {"client_kwargs": {"timeout": timeout, "trust_env": True, "headers": headers}}
-    return {"use_listings_cache": False}
+        settings["client_kwargs"] = {"timeout": timeout, "trust_env": True, "headers": headers}
+    client = fsspec.filesystem(url.scheme, **settings)
+    client.invalidate_cache()
+    return client
+
+
+def tried(url: Url, call: Callable[[], T]) -> T:
+    """Call a client, again where its storage is busy or out of reach for a moment."""
+    for pause in (*PAUSES_S, None):
+        try:
+            return call()
+        except Exception as error:
+            known = isinstance(error, OSError) or type(error).__module__.startswith(_CLIENTS)
+            if not known or isinstance(error, UserError):
+                raise
+            if pause is None or not _may_pass(error):
+                raise _explained(url, error) from error
+        time.sleep(pause)
+    raise AssertionError("the last try returns or raises")  # pragma: no cover
+
+
+def _status(error: BaseException) -> int | None:
+    """Return the HTTP status that an error states, or what caused it."""
+    if type(error).__name__ in _BROKEN_OFF:
+        return None
+    response: Any = getattr(error, "response", None)
+    if isinstance(response, dict):  # botocore
+        stated = response.get("ResponseMetadata", {}).get("HTTPStatusCode")
+    else:
+        stated = getattr(error, "status", getattr(response, "status_code", None))
+    stated = stated or getattr(error, "code", None)
+    if str(stated).isdigit():
+        return int(str(stated))
+    return None if error.__cause__ is None else _status(error.__cause__)
+
+
+def _may_pass(error: Exception) -> bool:
+    status = _status(error)
+    lacking = "Credential" in type(error).__name__ or getattr(error, "errno", 0) in _DISK_FAULTS
+    final = lacking or isinstance(error, FileNotFoundError | PermissionError)
+    return not final if status is None else status in _PASSING
+
+
+def _explained(url: Url, error: Exception) -> UserError:
+    """Return the message of what a client raised."""
+    credentials = _CREDENTIALS.get(
+        url.scheme, "use an address that needs no login, or a signed one"
+    )
+    if getattr(error, "errno", None) in _DISK_FAULTS:
+        return disk_fault(error)
+    status = _status(error)
+    if status == 404 or (status is None and isinstance(error, FileNotFoundError)):
+        return StorageError(ABSENT, where=url, fix="check bucket, name, and the endpoint if any")
+    if status in (401, 403) or isinstance(error, PermissionError):
+        return StorageError("access is denied", where=url, fix=credentials)
+    if _may_pass(error):
+        what = f"cannot be reached, tried {len(PAUSES_S) + 1} times ({status or 'no answer'})"
+        fix = "run this again later; where it stays so, check the network and AWS_ENDPOINT_URL"
+    else:
+        what, fix = "the storage refuses", credentials
+    # Of a client's words neither passwords nor signatures are shown.
+    said = " ".join(_LOGIN.sub("//", str(error).split("?")[0]).split())[:200]
+    return StorageError(f"{what}: {said or type(error).__name__}", where=url, fix=fix)
+
+
+def disk_fault(error: Exception) -> UserError:
+    """Return the message of what the disk of this machine refuses."""
+    return UserError(
+        f"cannot be written: {getattr(error, 'strerror', None) or error}",
+        where=cache_folder(),
+        fix="make room, or remove mirrors in it that no run is using, "
+        f"or set {CACHE_VARIABLE} to a folder on another disk",
+    )
 
 
 def stat(url: Url) -> Entry:
     """Ask what lies at a URL."""
     client = client_of(url)
-    try:
-        return entry_of(tried(url, lambda: client.info(url.address, **_fresh(client, url))))
-    except StorageError as error:
-        unclear = error.what.startswith(("access is denied", "the storage refuses"))
-        if unclear and url.scheme == "s3" and "/" in url.path:
-            # The answer to HEAD has no text; that to GET says why.
-            tried(url, lambda: client.cat_file(url.address, start=0, end=1))
-        raise
-
-
-def _refreshed(url: Url) -> dict[str, bool]:
-    return {"refresh": True} if url.scheme in ("s3", "hf") else {}
-
-
-def _fresh(client: Any, url: Url) -> dict[str, bool]:
-    if url.scheme != "hf":
-        return _refreshed(url)
-    # Unless it is asked for more, this client lists the whole folder that a file lies in.
-    below = getattr(client.resolve_path(url.address), "path_in_repo", "")
-    return {"refresh": True, "expand_info": bool(below)}
+    return _entry(tried(url, lambda: client.info(url.address)))
 
 
 def find(url: Url) -> Entry | None:
@@ -135,92 +189,54 @@ def find(url: Url) -> Entry | None:
     try:
         return stat(url)
     except StorageError as error:
-        if error.what.startswith("no such"):
-            return None
-        raise
+        if error.what != ABSENT:
+            raise
+        return None
 
 
-def entry_of(info: Mapping[str, Any]) -> Entry:
-    """Return an entry by what a client says."""
+@contextmanager
+def absent_is_absent() -> Iterator[None]:
+    """Go on where a storage does not have what was asked for."""
+    try:
+        yield
+    except StorageError as error:
+        if error.what != ABSENT:
+            raise
+
+
+def _entry(info: Mapping[str, Any]) -> Entry:
     stated = [f"{key}={info[key]}" for key in _VERSIONS if info.get(key)]
-    lfs = info.get("lfs") or {}
     size = info.get("size")
-    return Entry(
-        None if size is None else int(size),
-        " ".join([*stated, f"size={size}"]) if stated else "",
-        # A web server shows a folder as a page.
-        info.get("type") == "directory" or info.get("mimetype") == "text/html",
-        lfs.get("sha256"),
-    )
+    # A web server shows a folder as a page.
+    is_folder = info.get("type") == "directory" or info.get("mimetype") == "text/html"
+    version = " ".join([*stated, f"size={size}"]) if stated else ""
+    return Entry(size, version, is_folder, (info.get("lfs") or {}).get("sha256"))
 
 
 def files(url: Url) -> dict[str, Entry]:
     """List all files below a folder by their relative names, in their order."""
-    if url.read_only:  # the page of a folder says no more than names
-        listed = sorted(_web_files(url))
-        with ThreadPoolExecutor(AT_ONCE) as pool:
-            entries = pool.map(lambda name: stat(url.child(name)), listed)
-            return dict(zip(listed, entries, strict=True))
     client = client_of(url)
-    found = tried(url, lambda: client.find(url.address, detail=True, **_refreshed(url)))
-    below = {_relative(url, path): entry_of(info) for path, info in found.items()}
-    return {name: below[name] for name in sorted(below) if name and not name.endswith("/")}
+    address = f"{url.address}/" if url.read_only else url.address
+    found = tried(url, lambda: client.find(address, detail=True))
+    below = {_relative(url, path): _entry(info) for path, info in found.items()}
+    listed = sorted(name for name in below if name and not name.endswith("/"))
+    if not url.read_only:
+        return {name: below[name] for name in listed}
+    with ThreadPoolExecutor(AT_ONCE) as pool:  # the page of a folder says no more than names
+        entries = pool.map(lambda name: stat(url.child(name)), listed)
+        return dict(zip(listed, entries, strict=True))
 
 
 def names(url: Url, *, folders: bool = False) -> list[str]:
     """List what lies in a folder, one level deep; nothing where there is no such folder."""
     client = client_of(url)
     address = f"{url.address}/" if url.read_only else url.address
-    try:
-        listed = tried(url, lambda: client.ls(address, detail=True, **_refreshed(url)))
-    except StorageError as error:
-        if error.what.startswith("no such"):
-            return []
-        raise
-    found = {_relative(url, one["name"]).rstrip("/"): one["type"] for one in listed}
-    return sorted(
-        name
-        for name, kind in found.items()
-        if name not in ("", ".") and "/" not in name and (kind == "directory" or not folders)
-    )
-
-
-def matching(url: Url) -> list[Url]:
-    """Return the places that a URL with ``*`` in its names means; of any other, itself."""
-    if "*" not in url.path:
-        return [url]
-    first, *rest = url.path.split("/")
-    found = [replace(url, path=first)]
-    for part in rest:
-        if "*" in part:
-            found = [
-                one.child(name) for one in found for name in names(one) if fnmatchcase(name, part)
-            ]
-        else:
-            found = [replace(one, path=f"{one.path}/{part}") for one in found]
-    if not found:
-        raise StorageError("no such file or folder", where=url)
-    return found
-
-
-def _web_files(url: Url) -> Iterator[str]:
-    """Follow the pages of folders on a web server, downwards only."""
-    client = client_of(url)
-    waiting = [url]
-    for count, folder in enumerate(waiting):
-        if count == _MOST_FOLDERS:
-            raise StorageError(
-                f"shows more than {_MOST_FOLDERS:,} folders",
-                where=url,
-                expected="a folder of files, listed as nginx and Apache do",
-                fix="name the folder that holds what is meant",
-            )
-        shown = tried(url, partial(client.ls, f"{folder.address}/", detail=False))
-        for name in {_relative(url, one) for one in shown if not one.endswith("/./")} - {""}:
-            if not name.endswith("/"):
-                yield name
-            elif url.child(name[:-1]) not in waiting:
-                waiting.append(url.child(name[:-1]))
+    listed: list[dict[str, Any]] = []
+    with absent_is_absent():
+        listed = tried(url, lambda: client.ls(address, detail=True))
+    kinds = {_relative(url, one["name"]).rstrip("/"): one["type"] for one in listed}
+    found = [name for name in kinds if name not in ("", ".") and "/" not in name]
+    return sorted(name for name in found if not folders or kinds[name] == "directory")
 
 
 def _relative(url: Url, listed: str) -> str:
@@ -233,47 +249,12 @@ def _relative(url: Url, listed: str) -> str:
     return listed[len(base) + 1 :] if listed.startswith(f"{base}/") else ""
 
 
-def download(url: Url, entry: Entry, target: Path) -> None:
-    """Fetch a file whole; `target` appears when all of it is there."""
+def matching(url: Url) -> list[Url]:
+    """Return the places that a URL with ``*`` in its names means; of any other, itself."""
+    if "*" not in url.path:
+        return [url]
     client = client_of(url)
-    part = target.with_name(f".{uuid4().hex[:12]}.partial")
-
-    def fetch() -> None:
-        client.get_file(url.address, str(part))
-        size = part.stat().st_size
-        if entry.size not in (None, size):
-            raise ShortAnswerError(f"{size:,} of {entry.size:,} bytes came")
-
-    try:
-        tried(url, fetch)
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def sha256_at(url: Url) -> str:
-    """Return a file's SHA-256: as the storage has computed it, else by reading it through."""
-    return _sha256_stated(url) or tried(url, partial(_sha256_read, url))
-
-
-def _sha256_read(url: Url) -> str:
-    digest = hashlib.sha256()
-    with client_of(url).open(url.address, "rb", block_size=_PIECE_BYTES) as stream:
-        while piece := stream.read(_PIECE_BYTES):
-            digest.update(piece)
-    return digest.hexdigest()
-
-
-def _sha256_stated(url: Url) -> str | None:
-    """Return the SHA-256 that a storage itself has computed, if any."""
-    if url.scheme != "s3":
-        return stat(url).sha256
-    client = client_of(url)
-    bucket, key, _ = client.split_path(url.path)
-    head = tried(
-        url, lambda: client.call_s3("head_object", Bucket=bucket, Key=key, ChecksumMode="ENABLED")
-    )
-    stated = head.get("ChecksumSHA256")
-    if stated is None or "-" in stated:  # of several parts it is a checksum of checksums
-        return None
-    return base64.b64decode(stated).hex()
+    found = sorted(tried(url, lambda: client.glob(url.address)))
+    if not found:
+        raise StorageError(ABSENT, where=url)
+    return [replace(url, path=one.rpartition("://")[2].rstrip("/")) for one in found]

@@ -5,15 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from urllib.parse import SplitResult, quote, unquote, urlsplit
+from urllib.parse import quote, unquote
 
 from airzoo_bench.core.errors import UsageError
 
 __all__ = ["SCHEMES", "Url", "is_url", "safe_name", "url_of"]
 
 SCHEMES = ("s3", "gs", "hf", "https", "http")
-_WEB = ("https", "http")
-_VERSION = re.compile(r"\?versionId=[^/]*$")
 _BEGIN = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 
 
@@ -58,12 +56,11 @@ class Url:
     @property
     def read_only(self) -> bool:
         """Whether nothing can be written there."""
-        return self.scheme in _WEB
+        return self.scheme.startswith("http")
 
     def child(self, relative: str) -> Url:
         """Return the place of a file below."""
-        parts = relative.split("/")
-        if any(part in ("", ".", "..") for part in parts) or "\\" in relative or "\0" in relative:
+        if {"", ".", ".."} & set(relative.split("/")) or {"\\", "\0"} & set(relative):
             raise UsageError(
                 f"has a file that would not lie in its folder: {relative[:80]!r}",
                 where=self,
@@ -89,42 +86,18 @@ def url_of(location: str | Path) -> Url | None:
     found = _BEGIN.match(text)
     if found is None:
         return None
-    scheme = found[1].lower()
-    if scheme not in SCHEMES:
+    scheme, path, query = found[1].lower(), text[found.end() :], ""
+    if scheme.startswith("http"):
+        path, _, query = path.partition("#")[0].partition("?")
+    host = path.partition("/")[0]
+    if scheme not in SCHEMES or not host or "?versionId=" in path:
         raise UsageError(
-            f"the scheme {scheme}:// is not supported",
+            "is no URL that is read here",
             where=f"{scheme}://…",  # what follows may hold a password
-            expected="a path, or a URL of " + ", ".join(f"{one}://" for one in SCHEMES),
+            expected=f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and a "
+            "folder or file, of which the newest version is read",
         )
-    path, query = text[found.end() :], ""
-    if scheme in _WEB:
-        split = _split(text)
-        path, query = split.netloc + split.path, split.query
-    url = Url(scheme, path.rstrip("/"), query, says_folder=path.endswith("/"))
-    if not url.path or url.path.startswith("/"):
-        raise UsageError(
-            "names no bucket" if scheme not in _WEB else "names no host",
-            where=url,
-            expected=f"such as {scheme}://name/folder",
-        )
-    if _VERSION.search(path) and scheme == "s3":
-        raise UsageError(
-            "names a version of an object, and only the newest is read",
-            where=url,
-            fix="copy that version to a name of its own, and leave ?versionId=… out",
-        )
-    return url
-
-
-def _split(text: str) -> SplitResult:
-    try:
-        return urlsplit(text)
-    except ValueError:  # the URL may hold a password, and so may what is said of it
-        raise UsageError(
-            "is no URL that can be understood",
-            where=f"{text.partition('://')[0]}://…",
-            expected="https://host/…",
-        ) from None
+    return Url(scheme, path.rstrip("/"), query, says_folder=path.endswith("/"))
 
 
 def safe_name(url: Url) -> str:

@@ -1,10 +1,10 @@
-"""Breakdowns: scores by a condition, a column of the records or bins of a number."""
+"""Breakdowns: scores by a condition, a column of the records or bins of a number, as a table."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache
 from itertools import pairwise
@@ -13,11 +13,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.results.comparable import check_same_column
+from airzoo_bench.results.comparison import pooled_sample
 from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.tables.intervals import brackets_note, notes_by_reason, score_cell, score_title
+from airzoo_bench.tables.marks import mark_best
+from airzoo_bench.tables.method_table import UNITS
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,11 +34,13 @@ if TYPE_CHECKING:
 __all__ = [
     "UNKNOWN",
     "Grouping",
+    "breakdown_table",
     "check_column",
     "condition_names",
     "condition_title",
     "even_edges",
     "group_averages",
+    "group_intervals",
     "group_records",
     "is_condition",
     "number_texts",
@@ -49,19 +60,10 @@ _MOST_WHOLE = 10**15  # integers below are written in full
 
 @dataclass(frozen=True, eq=False)
 class Grouping:
-    """Queries by group.
+    """Queries by group of a column.
 
-    Attributes
-    ----------
-    by : str
-        The column.
-    labels : tuple of G str
-        All different. In order: of numbers ascending, of texts alphabetical; `UNKNOWN` last, which
-        is also that of the text ``unknown``.
-    codes : (Q,) int64
-        The group of each record.
-    edges : tuple of float
-        Where a number was cut into bins; empty for categories.
+    The labels (G) are in order, of numbers ascending, of texts alphabetical, `UNKNOWN` last; codes
+    (Q,) are the group of each record. Edges are those between which a number was cut into bins.
     """
 
     by: str
@@ -73,6 +75,12 @@ class Grouping:
     def counts(self) -> NDArray[np.int64]:
         """How many records each group has (G,)."""
         return np.bincount(self.codes, minlength=len(self.labels))
+
+    def without_empty(self, kept: int = 0) -> Grouping:
+        """Leave out the groups without records, except the first `kept`."""
+        left = np.flatnonzero((self.counts > 0) | (np.arange(len(self.labels)) < kept))
+        codes = np.searchsorted(left, self.codes).astype(np.int64)
+        return Grouping(self.by, tuple(self.labels[k] for k in left), codes, self.edges)
 
 
 def is_condition(name: str, track: str) -> bool:
@@ -110,19 +118,9 @@ def condition_title(name: str) -> str:
 
 
 def even_edges(values: Floats, most: int = _MOST_BINS) -> tuple[float, ...]:
-    """Choose round edges (multiples of 1, 2 or 5 times a power of ten) that cut values into bins.
+    """Choose round edges, multiples of 1, 2 or 5 times a power of ten, for at most so many bins.
 
-    Parameters
-    ----------
-    values : (N,) array
-        Finite.
-    most : int
-        How many bins at most.
-
-    Returns
-    -------
-    tuple of float
-        Inner edges, ascending; none where all values are alike.
+    The edges ascend; there are none where all values, which are finite, are alike.
     """
     low, high = float(values.min()), float(values.max())
     if not high > low:
@@ -183,30 +181,20 @@ def _binned(
     by: str, column: pd.Series[str], edges: tuple[float, ...], keep_empty: bool = False
 ) -> Grouping:
     values = column.to_numpy(np.float64)
-    missing = np.isnan(values)
     codes = np.searchsorted(np.array(edges), values, side="right").astype(np.int64)
-    codes[missing] = len(edges) + 1
-    found = Grouping(by, (*_bin_labels(edges), UNKNOWN), codes, edges)
-    return _without_empty(found, kept=len(edges) + 1 if keep_empty else 0)
-
-
-def _bin_labels(edges: tuple[float, ...]) -> list[str]:
-    if not edges:
-        return ["all"]
-    texts = number_texts(edges)
-    between = [f"{low} to {high}" for low, high in pairwise(texts)]
-    return [f"below {texts[0]}", *between, f"{texts[-1]} and more"]
+    codes[np.isnan(values)] = len(edges) + 1
+    labels = ["all"]
+    if edges:
+        texts = number_texts(edges)
+        between = [f"{low} to {high}" for low, high in pairwise(texts)]
+        labels = [f"below {texts[0]}", *between, f"{texts[-1]} and more"]
+    found = Grouping(by, (*labels, UNKNOWN), codes, edges)
+    return found.without_empty(kept=len(labels) if keep_empty else 0)
 
 
 def number_texts(values: Sequence[float]) -> list[str]:
-    """Write numbers in as few digits, six or more, as tell them apart; integers in all of theirs.
-
-    Parameters
-    ----------
-    values : sequence of float or int
-        Not NaN.
-    """
-    if all(_is_whole(value) for value in values):
+    """Write numbers in as few digits, six or more, as tell them apart; whole ones in all."""
+    if all(isinstance(v, int) or (v.is_integer() and abs(v) < _MOST_WHOLE) for v in values):
         return [str(int(value)) for value in values]
     for digits in range(_LEAST_DIGITS, _ALL_DIGITS):
         texts = [f"{value:.{digits}g}" for value in values]
@@ -215,13 +203,8 @@ def number_texts(values: Sequence[float]) -> list[str]:
     return [str(value) for value in values]
 
 
-def _is_whole(value: float) -> bool:
-    return isinstance(value, int) or (value.is_integer() and abs(value) < _MOST_WHOLE)
-
-
 def _by_category(by: str, column: pd.Series[str]) -> Grouping:
-    missing = column.isna().to_numpy(bool)
-    numbers = _is_number(column)
+    missing, numbers = column.isna().to_numpy(bool), _is_number(column)
     shown = column.to_numpy() if numbers else column.astype(str).to_numpy(object)
     if not numbers:
         missing = missing | (shown == UNKNOWN)  # who writes it means what an empty field does
@@ -233,21 +216,13 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
     codes = np.full(len(column), len(values), np.int64)
     codes[~missing] = [places[value] for value in shown[~missing].tolist()]
     labels = number_texts(values) if numbers else values
-    return _without_empty(Grouping(by, (*labels, UNKNOWN), codes))
-
-
-def _without_empty(grouping: Grouping, kept: int = 0) -> Grouping:
-    counts = grouping.counts
-    counts[:kept] = 1  # these stay, empty or not
-    left = np.flatnonzero(counts)
-    codes = np.searchsorted(left, grouping.codes).astype(np.int64)
-    return Grouping(grouping.by, tuple(grouping.labels[k] for k in left), codes, grouping.edges)
+    return Grouping(by, (*labels, UNKNOWN), codes).without_empty()
 
 
 def group_averages(
     values: Floats, medians: NDArray[np.bool_], codes: NDArray[np.int64], groups: int
 ) -> Floats:
-    """Average variables within groups."""
+    """Average variables (V, Q) within groups, (V, G); NaN in empty ones."""
     order = np.argsort(codes, kind="stable")
     counts = np.bincount(codes, minlength=groups)
     parts = np.split(values[:, order], np.cumsum(counts)[:-1], axis=1)
@@ -257,3 +232,124 @@ def group_averages(
             averages[~medians, group] = part[~medians].mean(axis=1)
             averages[medians, group] = np.median(part[medians], axis=1)
     return averages
+
+
+def group_intervals(
+    sample: Sample, grouping: Grouping, resampling: ResamplingConfig
+) -> list[list[Interval]]:
+    """Take the intervals of averages within groups, resampled within each group."""
+    values, unit = sample.values[0], sample.unit
+    counts = dict(zip(grouping.labels, grouping.counts.tolist(), strict=True))
+    filled = [group for group, count in enumerate(counts.values()) if count]
+    parts = tuple(np.ascontiguousarray(values[:, grouping.codes == group]) for group in filled)
+    named = tuple(grouping.labels[group] for group in filled)
+    found = sample_intervals(replace(sample, groups=named, values=parts), resampling).groups
+    few = f"fewer than {FEWEST} {plural(unit)}"
+    nothing = [Interval(None, None, "")] * len(values)
+    return [
+        [replace(i, reason=few) if 0 < count < FEWEST else i for i in found.get(label, nothing)]
+        for label, count in counts.items()
+    ]
+
+
+def breakdown_table(
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    by: str,
+    *,
+    bins: Sequence[float] | None = None,
+    resampling: ResamplingConfig | None = None,
+) -> Table:
+    """Lay out scores by group: over all queries of the group, whatever their scene."""
+    check_same_column(methods, by)
+    grouping = group_records(methods[0].records, by, bins, keep_empty=True)
+    shown = [(score, method) for score in scores for method in methods]
+    sample, result = pooled_sample(methods, scores), methods[0].result
+    averages = group_averages(
+        sample.values[0], sample.medians, grouping.codes, len(grouping.labels)
+    )
+    intervals = [] if resampling is None else group_intervals(sample, grouping, resampling)
+    titles = result.truth.scene_titles if by == "scene" else {}
+    labels = [titles.get(label, label) for label in grouping.labels]
+    rows = []
+    for place, (label, count) in enumerate(zip(labels, grouping.counts.tolist(), strict=True)):
+        found = intervals[place] if intervals else [None] * len(shown)
+        values = averages[:, place].tolist() if count else [None] * len(shown)
+        cells = [score_cell(s, *pair) for (s, _), *pair in zip(shown, values, found, strict=True)]
+        rows.append(Row((Cell(label), Cell(count), *cells)))
+    units = plural(result.unit)
+    notes = _notes(methods[0], grouping, sample, averages)
+    if resampling is not None:
+        reasons = [
+            (interval.reason, score, label if len(methods) == 1 else f"{label} ({method.name})")
+            for label, part in zip(labels, intervals, strict=True)
+            for interval, (score, method) in zip(part, shown, strict=True)
+        ]
+        listed = [interval for part in intervals for interval in part]
+        notes += notes_by_reason(reasons, "no interval; ")
+        notes += brackets_note(listed, resampling, f"{units} within each group")
+    table = Table(
+        _title(methods, scores, by),
+        (Column(condition_title(by)), Column(units.capitalize()), *_columns(methods, scores)),
+        tuple(rows),
+        tuple(notes),
+        leading=2,
+        groups_per_block=len(scores),  # where a page takes them
+    )
+    return table if len(methods) == 1 else _best_of_rows(table, scores, len(methods))
+
+
+def _columns(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> list[Column]:
+    several = len(methods) > 1
+    return [
+        Column(
+            method.name if several else score.title,
+            UNITS[score.unit],
+            score.higher_is_better,
+            group=score_title(score) if several and len(scores) > 1 else "",
+        )
+        for score in scores
+        for method in methods
+    ]
+
+
+def _title(methods: Sequence[Scored], scores: Sequence[ScoreColumn], by: str) -> str:
+    protocol, what = methods[0].result.protocol, methods[0].name
+    if len(methods) > 1:
+        what = f"{', '.join(score.title for score in scores)} of {len(methods)} methods"
+    return f"{what} by {condition_title(by)}, {protocol.name} v{protocol.version}"
+
+
+def _notes(method: Scored, grouping: Grouping, sample: Sample, averages: Floats) -> list[str]:
+    """Say over what values are, between which numbers there is something, why some are infinite."""
+    notes, values = [], method.records[grouping.by]
+    if grouping.by != "scene":
+        notes.append(
+            "each value is the mean over the scenes of its group"
+            if sample.unit == "scene"
+            else "each value over all queries of its group, whatever their scene"
+        )
+    if not grouping.counts.all() and not values.isna().all():
+        low, high = number_texts([float(values.min()), float(values.max())])
+        title, units = condition_title(grouping.by), plural(sample.unit)
+        notes.append(f"bins without {units}: {title} is from {low} to {high}")
+    infinite = np.isinf(averages).any(axis=1)
+    if (infinite & sample.medians).any():
+        notes.append("inf: half of the group or more failed, so its median is infinite")
+    if (infinite & ~sample.medians).any():
+        notes.append("inf: one of the group or more failed, so its mean is infinite")
+    return notes
+
+
+def _best_of_rows(table: Table, scores: Sequence[ScoreColumn], count: int) -> Table:
+    """Mark the best method of each group: a score's cells are turned, marked, and put back."""
+    rows = []
+    for row in table.rows:
+        cells = list(row.cells[:2])
+        for number, score in enumerate(scores):
+            column = Column("", "", score.higher_is_better)
+            part = row.cells[2 + number * count : 2 + (number + 1) * count]
+            turned = mark_best(Table("", (column,), tuple(Row((cell,)) for cell in part)))
+            cells += [marked.cells[0] for marked in turned.rows]
+        rows.append(replace(row, cells=tuple(cells)))
+    return replace(table, rows=tuple(rows))

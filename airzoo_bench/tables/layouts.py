@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.results.floors import FLOOR_MARK, floor_note, notes_of
-from airzoo_bench.results.result import Reference, Result, ScoreColumn
-from airzoo_bench.results.selection import find_scene
-from airzoo_bench.tables.best_marks import mark_best
+from airzoo_bench.results.comparable import find_scene
+from airzoo_bench.results.comparison import FLOOR_MARK, floor_note, notes_of
+from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.tables.marks import mark_best
 from airzoo_bench.tables.method_table import (
     OVERALL,
+    UNITS,
     MethodRow,
     MethodTable,
     as_shown,
@@ -20,8 +21,7 @@ from airzoo_bench.tables.method_table import (
     score_column,
     shown_values,
 )
-from airzoo_bench.tables.model import Cell, Column, Row, Table, Uncertainty
-from airzoo_bench.tables.wording import units_note
+from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 
 __all__ = [
     "AVERAGE",
@@ -39,7 +39,28 @@ AVERAGE = "Average"
 POOLED = "Pooled"
 """The row of means over all queries, whatever their scene."""
 
-_Key = tuple[str, bool, bool, int]  # name, whether reported, whether a floor, number of that kind
+
+def _cells(row: MethodRow, scenes: Sequence[str], scores: Sequence[ScoreColumn]) -> list[Cell]:
+    return [row.cell(scene, score) for scene in scenes for score in scores]
+
+
+def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
+    return tuple(
+        Row(
+            (Cell(row.method, mark=row.mark), *_cells(row, scenes, methods.scores)),
+            summary=row.floor,
+            reported=row.reported,
+            floor=row.floor,
+        )
+        for row in methods.rows
+    )
+
+
+def methods_table(
+    results: Sequence[Result], *, every_score: bool = False, scene: str | None = None
+) -> Table:
+    """Lay out several results of one protocol: a row a method, the best marked."""
+    return mark_best(methods_layout(method_table(results, every_score=every_score), scene))
 
 
 def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
@@ -67,24 +88,22 @@ def scenes_layout(methods: MethodTable, *, average: bool = True, queries: bool =
         f"{methods.title}, by scene",
         (Column("Method"), *columns),
         _rows(methods, list(titles)),
-        (units_note(methods.scores), *methods.all_notes),
+        (_units_note(methods.scores), *methods.all_notes),
         legend=methods.whole_legend,
     )
 
 
-def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
-    return tuple(
-        Row(
-            (
-                Cell(row.method, mark=row.mark),
-                *(c for s in scenes for c in _cells(row, s, methods.scores)),
-            ),
-            summary=row.floor,
-            reported=row.reported,
-            floor=row.floor,
-        )
-        for row in methods.rows
-    )
+def _units_note(scores: Sequence[ScoreColumn]) -> str:
+    """Say the units of scores, whose columns stand under other titles."""
+    by_unit: dict[str, dict[str, None]] = {}
+    for score in scores:
+        by_unit.setdefault(UNITS[score.unit], {})[score.title] = None
+    most = max(by_unit, key=lambda unit: len(by_unit[unit]))
+    rest = by_unit.pop(most)
+    named = [f"{', '.join(titles)} in {unit}" for unit, titles in by_unit.items()]
+    # Where units differ, naming those of the fewer scores is enough.
+    others = "all other scores" if named else ", ".join(rest)
+    return "; ".join([*named, f"{others} in {most}"])
 
 
 def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
@@ -99,13 +118,24 @@ def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
         for part, title in zip(parts, titles, strict=True)
         for score in part.scores
     ]
+    rows = []
+    for key in keys:
+        entries = [found.get(key, MethodRow("", {})) for found in numbered]
+        cells = [
+            cell
+            for part, entry in zip(parts, entries, strict=True)
+            for cell in _cells(entry, [OVERALL], part.scores)
+        ]
+        reported = "; ".join(filter(None, dict.fromkeys(entry.reported for entry in entries)))
+        name, _, is_floor, _ = key
+        rows.append(Row((Cell(name), *cells), is_floor, reported=reported, floor=is_floor))
     notes = _notes(parts, titles)
     made_by = [f"{part.title}: {part.identity}" for part in parts if part.identity]
     return Table(
         "Averages over scenes: " + ", ".join(part.title for part in parts),
         (Column("Method"), *columns),
-        tuple(_across(key, parts, numbered) for key in keys),
-        (units_note([s for part in parts for s in part.scores]), *notes.values(), *made_by),
+        tuple(rows),
+        (_units_note([s for part in parts for s in part.scores]), *notes.values(), *made_by),
         groups_per_block=4,
         legend=tuple(dict.fromkeys(notes[note] for part in parts for note in part.whole_legend)),
     )
@@ -122,7 +152,7 @@ def _notes(parts: Sequence[MethodTable], titles: Sequence[str]) -> dict[str, str
     return {n: n if n in of_all else f"{', '.join(those)}: {n}" for n, those in benchmarks.items()}
 
 
-def _numbered(rows: Sequence[MethodRow]) -> dict[_Key, MethodRow]:
+def _numbered(rows: Sequence[MethodRow]) -> dict[tuple[str, bool, bool, int], MethodRow]:
     """Return rows by what makes them one across benchmarks: two of one name stay two."""
     seen: Counter[tuple[str, bool, bool]] = Counter()
     found = {}
@@ -131,21 +161,6 @@ def _numbered(rows: Sequence[MethodRow]) -> dict[_Key, MethodRow]:
         found[(*name, seen[name])] = row
         seen[name] += 1
     return found
-
-
-def _across(
-    key: _Key, parts: Sequence[MethodTable], numbered: Sequence[dict[_Key, MethodRow]]
-) -> Row:
-    name, _, is_floor, _ = key
-    empty = MethodRow(name, {})
-    cells = [
-        found.get(key, empty).cell(OVERALL, score)
-        for part, found in zip(parts, numbered, strict=True)
-        for score in part.scores
-    ]
-    sources = dict.fromkeys(found[key].reported for found in numbered if key in found)
-    reported = "; ".join(filter(None, sources))
-    return Row((Cell(name), *cells), summary=is_floor, reported=reported, floor=is_floor)
 
 
 def _benchmark_titles(parts: Sequence[MethodTable]) -> list[str]:
@@ -166,7 +181,7 @@ def scenes_table(
     *,
     every_score: bool = False,
     scores: Sequence[ScoreColumn] | None = None,
-    uncertainties: Mapping[str, Mapping[str, Uncertainty]] | None = None,
+    uncertainties: Mapping[str, Mapping[str, Between]] | None = None,
     floors: bool = False,
 ) -> Table:
     """Lay out one result: a row a scene, the average over scenes, the mean over all queries."""
@@ -177,49 +192,31 @@ def scenes_table(
     counted = "points" if result.unit == "scene" else "queries"
     titles = result.truth.scene_titles
     rows = [
-        Row((Cell(titles[s]), Cell(result.counts[s].get(counted)), *_cells(own, s, scores)))
+        Row((Cell(titles[s]), Cell(result.counts[s].get(counted)), *_cells(own, [s], scores)))
         for s in result.scenes
     ]
-    mark = FLOOR_MARK * bool(floor_note(result))
-    average = Cell(AVERAGE, mark=mark)
-    rows.append(Row((average, Cell(None), *_cells(own, OVERALL, scores)), summary=True))
+    floor = floor_note(result)
+    average = Cell(AVERAGE, mark=FLOOR_MARK * bool(floor))
+    rows.append(Row((average, Cell(None), *_cells(own, [OVERALL], scores)), summary=True))
     total = sum(counts["queries"] for counts in result.counts.values())
     if total > len(result.scenes):
         pooled = [Cell(as_shown(score, result.pooled[score.key])) for score in scores]
         rows.append(Row((Cell(POOLED), Cell(total), *pooled), summary=True))
     references = result.references if floors else {}
     for name, reference in references.items():
-        rows += _floor_rows(name, reference, result, scores)
+        row = MethodRow(name, shown_values(result.columns, reference), floor=True)
+        # The average first: the name alone is short, and of one scene it is all there is to say.
+        parts = {OVERALL: name}
+        if len(reference.scenes) > 1:
+            parts |= {scene: f"in {titles[scene]}" for scene in result.scenes}
+        for scene, title in parts.items():
+            cells = (Cell(title), Cell(None), *_cells(row, [scene], scores))
+            rows.append(Row(cells, summary=True, floor=True))
     meanings = [f"{name}: {reference.meaning}" for name, reference in references.items()]
     return Table(
         f"{result.predictions.method} on {result.protocol.name} v{result.protocol.version}",
         (Column("Scene"), Column(counted.capitalize()), *map(score_column, scores)),
         tuple(rows),
         (*meanings, *notes_of(result), identity(result)),
-        legend=(*meanings, *filter(None, [floor_note(result)])),
+        legend=(*meanings, *filter(None, [floor])),
     )
-
-
-def _floor_rows(
-    name: str, reference: Reference, result: Result, scores: Sequence[ScoreColumn]
-) -> list[Row]:
-    row = MethodRow(name, shown_values(result.columns, reference), floor=True)
-    # The average first: the name alone is short, and of one scene it is all there is to say.
-    parts = {OVERALL: name}
-    if len(reference.scenes) > 1:
-        parts |= {scene: f"in {result.truth.scene_titles[scene]}" for scene in result.scenes}
-    return [
-        Row((Cell(title), Cell(None), *_cells(row, scene, scores)), summary=True, floor=True)
-        for scene, title in parts.items()
-    ]
-
-
-def methods_table(
-    results: Sequence[Result], *, every_score: bool = False, scene: str | None = None
-) -> Table:
-    """Lay out several results of one protocol: a row a method, the best marked."""
-    return mark_best(methods_layout(method_table(results, every_score=every_score), scene))
-
-
-def _cells(row: MethodRow, scene: str, scores: Sequence[ScoreColumn]) -> list[Cell]:
-    return [row.cell(scene, score) for score in scores]

@@ -1,19 +1,18 @@
-"""What stands in tables of methods: numbers as they are shown, whether scored here or reported."""
+"""Tables of methods: numbers scored here, numbers reported by papers, and floors."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from airzoo_bench.results.comparable import check_comparable, version_notes
+from airzoo_bench.results.comparison import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.files import method_names
-from airzoo_bench.results.floors import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
-from airzoo_bench.tables.model import Cell, Column, Uncertainty, share_to_percent
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from airzoo_bench.tables.model import Between, Cell, Column, share_to_percent
+from airzoo_bench.tables.published import OVERALL, PublishedTable
 
 __all__ = [
     "OVERALL",
@@ -24,37 +23,30 @@ __all__ = [
     "identity",
     "method_table",
     "score_column",
+    "shared_references",
     "shown_values",
+    "with_floors",
+    "with_published",
 ]
-
-OVERALL = ""
-"""The key of the average over scenes, which no scene has."""
 
 UNITS = {"share": "%", "m": "m", "deg": "deg"}
 """What tables show for the unit of a score."""
+
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class MethodRow:
     """A method's numbers: percent, metres, degrees.
 
-    Attributes
-    ----------
-    values : mapping of str to mapping of str to float
-        By scene, with `OVERALL` for the average, then by score.
-    uncertainties : mapping of str to mapping of str to Between or PlusMinus
-        In the same order, where there are any.
-    reported : str
-        Where the numbers were printed; empty for those that were scored here.
-    floor : bool
-        Whether it is no method, but what scores without one.
-    mark : str
-        Stands behind the method's name; a note says what it means.
+    Values and uncertainties are by scene, with `OVERALL` for the average, then by score. `reported`
+    says where the numbers were printed; a floor is what scores without a method; a note says what
+    the mark means.
     """
 
     method: str
     values: Mapping[str, Mapping[str, float]]
-    uncertainties: Mapping[str, Mapping[str, Uncertainty]] = field(default_factory=dict)
+    uncertainties: Mapping[str, Mapping[str, Between]] = field(default_factory=dict)
     reported: str = ""
     floor: bool = False
     mark: str = ""
@@ -69,24 +61,11 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class MethodTable:
-    """Entries that may stand in one table: of one protocol and truth, or reported for them.
+    """Entries of one table: of one protocol and truth, or reported for them.
 
-    Attributes
-    ----------
-    scenes : mapping of str to str
-        Titles by id.
-    queries : mapping of str to int
-        How many each scene has, where that is known.
-    method_notes : tuple of str
-        Of the results themselves; each says whose it is.
-    notes : tuple of str
-        Of all together.
-    legend : tuple of str
-        Those of the notes without which reported numbers mislead.
-    about_intervals : tuple of str
-        Those that say how intervals were made, and where there is none; of the legend too.
-    identity : str
-        What the numbers depend on; see `identity`.
+    `scenes` and `queries` are titles, and known numbers of queries, by scene. A method note names
+    its methods. LaTeX prints the notes in `legend` and `about_intervals` under the table, since
+    numbers mislead without them. The numbers depend on `identity`.
     """
 
     title: str
@@ -131,7 +110,11 @@ def method_table(
     # One that a method has no score for stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
     floors = [floor_note(result) for result in results]
-    by_note = _by_note(names, results)
+    by_note: dict[str, list[str]] = {}
+    for name, result in zip(names, results, strict=True):
+        for note in dict.fromkeys(notes_of(result)):
+            by_note.setdefault(note, []).append(name)
+    noted = {note: f"{', '.join(who)}: {note}" for note, who in by_note.items()}
     return MethodTable(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
@@ -143,20 +126,11 @@ def method_table(
             MethodRow(name, shown_values(result.columns, result), mark=FLOOR_MARK * bool(floor))
             for name, result, floor in zip(names, results, floors, strict=True)
         ),
-        method_notes=tuple(f"{who}: {note}" for note, who in by_note.items()),
-        legend=tuple(f"{by_note[floor]}: {floor}" for floor in dict.fromkeys(floors) if floor),
+        method_notes=tuple(noted.values()),
+        legend=tuple(noted[floor] for floor in dict.fromkeys(floors) if floor),
         notes=tuple(version_notes(names, results)),
         identity=identity(first),
     )
-
-
-def _by_note(names: Sequence[str], results: Sequence[Result]) -> dict[str, str]:
-    """Return the names of all that note the same, by what they note."""
-    methods: dict[str, list[str]] = {}
-    for name, result in zip(names, results, strict=True):
-        for note in dict.fromkeys(notes_of(result)):
-            methods.setdefault(note, []).append(name)
-    return {note: ", ".join(who) for note, who in methods.items()}
 
 
 def shown_values(
@@ -187,4 +161,110 @@ def identity(result: Result) -> str:
     return (
         f"protocol {result.protocol.fingerprint[:12]}, truth {result.truth.fingerprint[:12]}, "
         f"airzoo-bench {result.versions['airzoo-bench']}"
+    )
+
+
+def with_published(
+    methods: MethodTable,
+    tables: Sequence[PublishedTable],
+    *,
+    by_scene: bool,
+    average: bool = True,
+    elsewhere: Sequence[str] = (),
+) -> MethodTable:
+    """Put the rows of published tables before the methods scored here."""
+    scenic = [table for table in tables if table.has_scenes]
+    plain = [table for table in tables if not table.has_scenes]
+    chosen = scenic if by_scene else plain or scenic
+    if not chosen:
+        what = "by scene " if by_scene else ""
+        note = f"nothing is published {what}on {methods.benchmark} ({methods.track})"
+        others = [name for name in elsewhere if name != methods.benchmark]
+        return methods.noted(note + (f", but on {', '.join(others)}" if others else ""))
+    rows = [row for table in chosen for row in _reported(methods, table)]
+    if by_scene and average:
+        averages = {
+            row.method: row for table in reversed(plain) for row in _reported(methods, table)[::-1]
+        }
+        rows = [_with_average(row, averages.get(row.method)) for row in rows]
+    pairs = [(table, other) for table in chosen for other in tables] if average else []
+    notes = [_disagreement(methods, table, other) for table, other in pairs]
+    methods = replace(methods, rows=(*rows, *methods.rows))
+    return methods.noted(*filter(None, notes), legend=True)
+
+
+def _with_average(row: MethodRow, other: MethodRow | None) -> MethodRow:
+    """Fill in an average that the tables by scene do not print, and say from where it is."""
+    if OVERALL in row.values or other is None:
+        return row
+    values = {**row.values, OVERALL: other.values[OVERALL]}
+    return replace(row, values=values, reported=f"{row.reported}; average: {other.reported}")
+
+
+def _reported(methods: MethodTable, table: PublishedTable) -> list[MethodRow]:
+    keys = {title: key for key, title in methods.scenes.items()} | {OVERALL: OVERALL}
+    known = {score.key for score in methods.scores}
+    return [
+        MethodRow(
+            method,
+            {
+                keys[title]: {key: value for key, value in values.items() if key in known}
+                for title, values in scenes.items()
+                if title in keys
+            },
+            reported=f"{table.source}, {table.label}",
+        )
+        for method, scenes in table.values.items()
+    ]
+
+
+def _disagreement(methods: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
+    shown = [score.key for score in methods.scores]
+    differ = [
+        method
+        for method, scenes in table.values.items()
+        for here, there in [(scenes.get(OVERALL, {}), other.average_of(method))]
+        if any(key in here and there.get(key, here[key]) != here[key] for key in shown)
+    ]
+    if not differ:
+        return ""
+    return f"{other.label} of the same source prints another average of {', '.join(differ)}"
+
+
+def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:
+    """Put what scores without a method behind the rows of methods, and say what it is."""
+    references, notes = shared_references(results)
+    columns = [column for result in results for column in result.columns]
+    rows = tuple(
+        MethodRow(name, shown_values(columns, found), floor=True)
+        for name, found in references.items()
+    )
+    meanings = [f"{name}: {found.meaning}" for name, found in references.items()]
+    noted = methods.noted(*notes).noted(*meanings, legend=True)
+    return replace(noted, rows=(*methods.rows, *rows))
+
+
+def shared_references(results: Sequence[Result]) -> tuple[dict[str, Reference], list[str]]:
+    """Return the references of results by name, the first of each name, and what must be said."""
+    found: dict[str, Reference] = {}
+    for result in results:
+        for name, reference in result.references.items():
+            found.setdefault(name, reference)
+    if not found:
+        return {}, ["no floors: these results hold none, as those of older versions"]
+    odd = [
+        f"{name} of {result.predictions.method} differs from the one that is shown"
+        for name, reference in found.items()
+        for result in results
+        if name in result.references and not _alike(result.references[name], reference)
+    ]
+    return found, list(dict.fromkeys(odd))
+
+
+def _alike(one: Reference, other: Reference) -> bool:
+    parts = [{OVERALL: r.overall, "pooled": r.pooled} | r.scenes for r in (one, other)]
+    return parts[0].keys() == parts[1].keys() and all(
+        part.keys() == parts[1][scene].keys()
+        and all(math.isclose(v, parts[1][scene][k], rel_tol=_ROUNDING) for k, v in part.items())
+        for scene, part in parts[0].items()
     )

@@ -1,9 +1,11 @@
-"""The one table model: values apart from how they are shown."""
+"""The one table model: values apart from how they are shown; wide tables in pieces."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Literal
 
 __all__ = [
@@ -12,24 +14,29 @@ __all__ = [
     "Between",
     "Cell",
     "Column",
-    "PlusMinus",
     "Row",
     "Table",
-    "Uncertainty",
-    "is_wide",
+    "as_asked",
+    "by_block",
+    "by_count",
+    "by_width",
     "plain",
     "share_to_percent",
     "show_number",
 ]
 
-_LARGEST = 1e9  # shown with all its digits
 REPORTED = "reported, not re-scored"
-"""What every row says whose numbers somebody else has printed."""
+"""The mark of rows with numbers that somebody else has printed."""
 
 FLOOR = "what scores without a method"
-"""What rows are called that are of no method."""
+"""The mark of rows without a method."""
 
 _DAGGER = "†"
+_LARGEST = 1e9  # shown with all its digits
+_WIDEST = 12  # columns of scores
+_PAPERS = 2  # groups abreast that a paper shrinks to its page
+_PAGE = 50.0  # width of a page of two columns, in em
+_LETTER, _GAP = 0.5, 1.2  # of a table on it
 
 
 def share_to_percent(value: float) -> float:
@@ -37,16 +44,18 @@ def share_to_percent(value: float) -> float:
     return 100.0 * value
 
 
-def is_wide(value: float | int | str | None) -> bool:
-    """Whether a number is so large that only powers of ten keep its width bounded."""
-    return isinstance(value, float) and abs(value) >= _LARGEST
-
-
 def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
-    """Return a number with so many digits after the point, an infinite one as ``inf``."""
+    """Return a number with `decimals` digits after the point, an infinite one as ``inf``."""
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
-    return f"{value:{sign}z.{decimals}{'e' if is_wide(value) else 'f'}}"
+    # Powers of ten keep the width of a large number bounded.
+    return f"{value:{sign}z.{decimals}{'e' if abs(value) >= _LARGEST else 'f'}}"
+
+
+def plain(text: str) -> str:
+    """Put a text on one line and replace what does not print."""
+    line = " ".join(text.split())
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
 
 
 @dataclass(frozen=True)
@@ -56,42 +65,14 @@ class Between:
     low: float
     high: float
 
-    def text(self, decimals: int) -> str:
-        """Return what is shown after the value."""
-        return f"[{show_number(self.low, decimals)}, {show_number(self.high, decimals)}]"
-
-
-@dataclass(frozen=True)
-class PlusMinus:
-    """Half the width of a symmetrical interval, or a standard error, shown as ``± h``."""
-
-    half: float
-
-    def text(self, decimals: int) -> str:
-        """Return what is shown after the value."""
-        return f"± {show_number(self.half, decimals)}"
-
-
-Uncertainty = Between | PlusMinus
-
 
 @dataclass(frozen=True)
 class Column:
     """A column's title and how its numbers are shown.
 
-    Attributes
-    ----------
-    unit : str
-        Shown after the title; empty for none.
-    higher_is_better : bool or None
-        None for what is not a score.
-    decimals : int
-        How many digits follow the point.
-    group : str
-        What stands above neighbouring columns of one group, such as a scene; empty for none.
-    block : str
-        Columns of different blocks, such as tracks, never stand side by side where a format
-        breaks a table.
+    `higher_is_better` is None for what is not a score. `group` stands above neighbouring columns,
+    such as a scene. Columns of different blocks, such as tracks, never stand side by side where a
+    format breaks a table.
     """
 
     title: str
@@ -103,10 +84,9 @@ class Column:
 
     @property
     def title_suffix(self) -> str:
-        """What follows the title: unit and direction; the unit of grouped columns is a note's."""
+        """The unit and direction behind the title; a note has the unit of grouped columns."""
         unit = f" [{self.unit}]" if self.unit and not self.group else ""
-        arrow = {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
-        return f"{unit}{arrow}"
+        return unit + {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
 
     @property
     def heading(self) -> str:
@@ -118,27 +98,16 @@ class Column:
 class Cell:
     """A value, its rank in the column, and what follows it.
 
-    Attributes
-    ----------
-    best, second : bool
-        Whether it is the best or the second best of its column.
-    gain : float, optional
-        The difference from the baseline's printed value.
-    uncertainty : Between or PlusMinus, optional
-        In the unit of the value.
-    mark : str
-        Stands behind the value; a note says what it means.
-    cite : str
-        Keys of a bibliography, for LaTeX.
-    least : float
-        A number below it is shown as less than it: a p-value is never 0.0000.
+    `gain` is the difference from the baseline's printed value; a note says what `mark` means;
+    `cite` are keys of a bibliography, for LaTeX. A number below `least` is shown as less than it: a
+    p-value is never 0.0000.
     """
 
     value: float | int | str | None
     best: bool = False
     second: bool = False
     gain: float | None = None
-    uncertainty: Uncertainty | None = None
+    uncertainty: Between | None = None
     mark: str = ""
     cite: str = ""
     least: float = 0.0
@@ -161,27 +130,21 @@ class Cell:
     def suffix(self, decimals: int) -> list[str]:
         """Return what follows the value: mark, uncertainty, then gain."""
         parts = [self.mark] * bool(self.mark)
-        parts += [] if self.uncertainty is None else [self.uncertainty.text(decimals)]
-        return (
-            parts if self.gain is None else [*parts, f"({show_number(self.gain, decimals, '+')})"]
-        )
+        if self.uncertainty is not None:
+            limits = (self.uncertainty.low, self.uncertainty.high)
+            parts.append("[" + ", ".join(show_number(limit, decimals) for limit in limits) + "]")
+        if self.gain is not None:
+            parts.append(f"({show_number(self.gain, decimals, '+')})")
+        return parts
 
 
 @dataclass(frozen=True)
 class Row:
     """A row's cells.
 
-    Attributes
-    ----------
-    summary : bool
-        Set apart from the rows above it.
-    highlighted : bool
-        On a coloured ground where the format has one.
-    reported : str
-        Where the numbers were printed, if they were not scored here; such a row is marked with a
-        dagger, and the table says what that means.
-    floor : bool
-        What scores without a method, such as chance: set apart, and never the best.
+    A `summary` is set apart from the rows above it. `reported` says where the numbers were printed,
+    if they were not scored here; such a row is marked with a dagger. A `floor` is what scores
+    without a method, such as chance: set apart, and never the best.
     """
 
     cells: tuple[Cell, ...]
@@ -192,11 +155,16 @@ class Row:
 
     @property
     def is_own(self) -> bool:
-        """Whether it is of a method that was scored here."""
+        """Whether its method was scored here."""
         return not (self.reported or self.floor)
 
+    @property
+    def name(self) -> str:
+        """The text of the first column."""
+        return str(self.cells[0].value)
+
     def is_apart(self, above: Row | None) -> bool:
-        """Whether a rule stands between it and the row above."""
+        """Whether there is a rule between it and the row above."""
         kind = (self.summary, self.floor)
         return any(kind) and (above is None or kind != (above.summary, above.floor))
 
@@ -205,18 +173,10 @@ class Row:
 class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
-    Attributes
-    ----------
-    groups_per_block : int
-        How many groups of columns stand side by side where a format breaks a wide table.
-    fixed : bool
-        Whether so many do whatever their width, and no more on a terminal and in HTML either.
-    legend : tuple of str
-        Those of the notes without which the numbers mislead: LaTeX prints them under the table,
-        and the others as comments.
-    leading : int, optional
-        How many columns say what a row is, which every block repeats; where it is not given, all
-        before the first score.
+    A format that breaks a wide table puts `groups_per_block` groups of columns side by side, fewer
+    where they are too wide unless the number is `fixed`. Every piece repeats the `leading` columns,
+    by default all before the first score. LaTeX prints the notes in `legend` under the table, since
+    numbers mislead without them, and the others as comments.
     """
 
     title: str
@@ -229,7 +189,7 @@ class Table:
     legend: tuple[str, ...] = ()
 
     def texts(self) -> list[list[str]]:
-        """Return every cell as it is shown, with what follows its value."""
+        """Return the text of every cell, with its mark, interval and gain."""
         return [
             [
                 " ".join([cell.text(column.decimals), *cell.suffix(column.decimals)])
@@ -241,7 +201,7 @@ class Table:
 
     @property
     def dagger_note(self) -> tuple[str, ...]:
-        """What the dagger of reported rows means, where there are any."""
+        """The note that explains the dagger of reported rows, where there are any."""
         parts = [part for row in self.rows for part in row.reported.split("; ") if part]
         sources = "; ".join(dict.fromkeys(parts))
         return (f"{_DAGGER} {REPORTED}: {sources}",) if sources else ()
@@ -251,14 +211,115 @@ class Table:
         """The notes, after what the dagger of reported rows means."""
         return (*self.dagger_note, *self.notes)
 
+    @property
+    def has_groups(self) -> bool:
+        """Whether some columns have a title above theirs."""
+        return any(column.group for column in self.columns)
+
+    @property
+    def leading_columns(self) -> int:
+        """How many columns say what a row is."""
+        if self.leading is not None:
+            return self.leading
+        scores = (i for i, column in enumerate(self.columns) if column.higher_is_better is not None)
+        return next(scores, len(self.columns))
+
     def is_text(self, column: int) -> bool:
-        """Whether a column holds words, which stand at its left, and not numbers."""
+        """Whether a column holds words, aligned to the left, and not numbers."""
         return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
 
+    def units(self) -> list[list[int]]:
+        """Return the columns that stay together: neighbours of one group, else each by itself."""
+        rest = range(self.leading_columns, len(self.columns))
+        return [
+            unit
+            for group, indices in groupby(rest, key=lambda index: self.columns[index].group)
+            for unit in ([list(indices)] if group else [[index] for index in indices])
+        ]
 
-def plain(text: str) -> str:
-    """Put a text on one line and replace what does not print."""
-    printed = (
-        c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
-    )
-    return "".join(printed)
+
+def by_block(table: Table) -> list[Table]:
+    """Split a table between columns of different blocks; leave any other whole."""
+    runs = groupby(table.units(), key=lambda unit: table.columns[unit[0]].block)
+    return _pieces(table, [list(members) for _, members in runs])
+
+
+def by_count(table: Table) -> list[Table]:
+    """Split a table with groups of columns into pieces that fit a page."""
+    return [piece for part in by_block(table) for piece in _counted(part)]
+
+
+def _counted(table: Table) -> list[Table]:
+    found, step = table.units(), table.groups_per_block
+    if not table.has_groups:
+        return [table]
+    if not table.fixed:
+        step = max(1, min(step, _WIDEST // max(map(len, found))))
+        while step > _PAPERS and max(map(_page_width, _abreast(table, found, step))) > _PAGE:
+            step -= 1
+    return _abreast(table, found, step)
+
+
+def _abreast(table: Table, found: list[list[int]], step: int) -> list[Table]:
+    return _pieces(table, [found[at : at + step] for at in range(0, len(found), step)])
+
+
+def _page_width(table: Table) -> float:
+    """Estimate the width of a table on a page, in em."""
+    headings = [column.heading for column in table.columns]
+    widest = [max(map(len, texts)) for texts in zip(headings, *table.texts(), strict=True)]
+    return sum(_LETTER * width + _GAP for width in widest)
+
+
+def as_asked(table: Table) -> list[Table]:
+    """Split a table only where it must be: between blocks, and by a count that is fixed."""
+    return by_count(table) if table.fixed else by_block(table)
+
+
+def by_width(
+    table: Table, measure: Callable[[list[int]], int], room: int, space: int
+) -> list[Table]:
+    """Split a table into pieces that fit a width, wherever a single score does."""
+    taken = sum(measure([index]) + space for index in range(table.leading_columns))
+    # A very long name shall not put every score into a piece of its own.
+    left = max(room - taken, room // 2)
+    pieces: list[list[list[int]]] = []
+    used = 0
+    for unit in [part for whole in table.units() for part in _halved(whole, measure, left)]:
+        width = measure(unit)
+        used += space + width
+        if not pieces or used > left:
+            pieces.append([])
+            used = width
+        pieces[-1].append(unit)
+    return _pieces(table, pieces)
+
+
+def _halved(unit: list[int], measure: Callable[[list[int]], int], left: int) -> list[list[int]]:
+    if len(unit) == 1 or measure(unit) <= left:
+        return [unit]
+    middle = (len(unit) + 1) // 2
+    return [*_halved(unit[:middle], measure, left), *_halved(unit[middle:], measure, left)]
+
+
+def _pieces(table: Table, pieces: list[list[list[int]]]) -> list[Table]:
+    """Take columns, with the leading ones; leave out the methods that have nothing in a piece."""
+    if len(pieces) < 2:
+        return [table]
+    leading = table.leading_columns
+    made = []
+    for piece in pieces:
+        indices = [*range(leading), *(i for unit in piece for i in unit)]
+        rows = [replace(row, cells=tuple(row.cells[i] for i in indices)) for row in table.rows]
+        filled = [
+            row
+            for whole, row in zip(table.rows, rows, strict=True)
+            if not table.has_groups or _is_filled(row, leading) or not _is_filled(whole, leading)
+        ]
+        columns = tuple(table.columns[i] for i in indices)
+        made.append(replace(table, columns=columns, rows=tuple(filled or rows)))
+    return made
+
+
+def _is_filled(row: Row, leading: int) -> bool:
+    return any(cell.value is not None for cell in row.cells[leading:])

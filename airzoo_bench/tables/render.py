@@ -11,17 +11,15 @@ import re
 from collections.abc import Callable
 from itertools import groupby
 
-from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.model import (
     FLOOR,
     REPORTED,
-    Between,
     Cell,
     Column,
     Row,
     Table,
-    Uncertainty,
+    by_count,
     plain,
     show_number,
 )
@@ -29,19 +27,12 @@ from airzoo_bench.tables.terminal import TERMINAL_WIDTH, terminal
 
 __all__ = ["FORMATS", "render"]
 
-_GROUND = "#fff3bf"
 # Scores are called such as "@5m,10°": there is no operator in it and no function, thus no formula.
-_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?")
-_THRESHOLD = re.compile(r"@[0-9][\w.,° ±]*")
+_HARMLESS = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?|-inf|@[0-9][\w.,° ±]*")
 
 
 def render(
-    table: Table,
-    form: str,
-    *,
-    width: int = TERMINAL_WIDTH,
-    styled: bool = False,
-    fit: bool = False,
+    table: Table, form: str, *, width: int = TERMINAL_WIDTH, styled: bool = False, fit: bool = False
 ) -> str:
     """Render a table as text that ends with a newline."""
     if form == "terminal":
@@ -51,78 +42,52 @@ def render(
     return _RENDERERS[form](table)
 
 
+def _standing(row: Row) -> str:
+    """Return the mark of reported rows and floors; empty for methods scored here."""
+    return FLOOR if row.floor else f"{REPORTED}: {row.reported}" if row.reported else ""
+
+
 def _csv(table: Table) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    kinds = [_suffixes_in_csv(table, index) for index in range(len(table.columns))]
+    """Write a value a field: limits and gains have columns of their own."""
+    cells = [cell for row in table.rows for cell in row.cells]
+    count = len(table.columns)
+    kinds = [
+        [" from", " to"] * any(cell.uncertainty for cell in cells[place::count])
+        + [" gain"] * any(cell.gain is not None for cell in cells[place::count])
+        for place in range(count)
+    ]
     marked = not all(row.is_own for row in table.rows)
     titles = [
         plain(f"{column.group} {column.title}{kind}")
         for column, suffixes in zip(table.columns, kinds, strict=True)
         for kind in ("", *suffixes)
     ]
-    writer.writerow([_defused(text) for text in [*titles, *["Marked"] * marked]])
+    lines = [[*titles, *["Marked"] * marked]]
     for row in table.rows:
-        cells = zip(row.cells, table.columns, kinds, strict=True)
-        texts = [text for given in cells for text in _csv_cells(*given)]
-        mark = [plain(_standing(row))] * marked
-        writer.writerow([_defused(text) for text in [*texts, *mark]])
+        given = zip(row.cells, table.columns, kinds, strict=True)
+        texts = [text for one in given for text in _csv_cells(*one)]
+        lines.append([*texts, *[plain(_standing(row))] * marked])
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([map(_defused, line) for line in lines])
     return out.getvalue()
 
 
-def _standing(row: Row) -> str:
-    """Say what a row is that is of no method scored here; empty for one that is."""
-    return FLOOR if row.floor else f"{REPORTED}: {row.reported}" if row.reported else ""
-
-
-def _suffixes_in_csv(table: Table, index: int) -> list[str]:
-    """Return the endings of the further columns that keep each cell one number."""
-    cells = [row.cells[index] for row in table.rows]
-    uncertainties = [cell.uncertainty for cell in cells if cell.uncertainty]
-    found = [" from", " to"] if any(isinstance(u, Between) for u in uncertainties) else []
-    found += [" ±"] if any(not isinstance(u, Between) for u in uncertainties) else []
-    return found + ([" gain"] if any(cell.gain is not None for cell in cells) else [])
-
-
-def _csv_cells(cell: Cell, column: Column, suffixes: list[str]) -> list[str]:
-    numbers = _suffix_numbers(cell)
-    further = [numbers.get(kind.strip()) for kind in suffixes]
+def _csv_cells(cell: Cell, column: Column, kinds: list[str]) -> list[str]:
+    span = cell.uncertainty
+    numbers = {
+        " from": span.low if span else None,
+        " to": span.high if span else None,
+        " gain": cell.gain,
+    }
+    further = [numbers[kind] for kind in kinds]
     texts = ["" if n is None else show_number(n, column.decimals) for n in further]
     return [repr(cell.value) if cell.is_too_small else cell.text(column.decimals), *texts]
 
 
-def _suffix_numbers(cell: Cell) -> dict[str, float]:
-    found = {} if cell.gain is None else {"gain": cell.gain}
-    if isinstance(cell.uncertainty, Between):
-        return found | {"from": cell.uncertainty.low, "to": cell.uncertainty.high}
-    return found if cell.uncertainty is None else found | {"±": cell.uncertainty.half}
-
-
 def _defused(text: str) -> str:
     # A spreadsheet would run a method's name that begins like a formula.
-    is_number = _NUMBER.fullmatch(text) or text == "-inf"
-    is_harmless = is_number or _THRESHOLD.fullmatch(text)
-    return "'" + text if text[:1] in ("=", "+", "-", "@") and not is_harmless else text
-
-
-def _markdown(table: Table) -> str:
-    # Tables here have one line of titles: each says its group.
-    blocks = "\n".join(_markdown_block(piece) for piece in by_count(table))
-    notes = [f"\n{_escape_markdown(plain(note))}\n" for note in table.all_notes]
-    return blocks + "".join(notes)
-
-
-def _markdown_block(table: Table) -> str:
-    def line(cells: list[str]) -> str:
-        return "| " + " | ".join(cells) + " |\n"
-
-    rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
-    titles = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
-    rows = (
-        line([_markdown_cell(*pair, row) for pair in zip(row.cells, texts, strict=True)])
-        for row, texts in zip(table.rows, _values_apart(table), strict=True)
-    )
-    return "".join([line(titles), line(rule), *rows])
+    is_formula = text[:1] in ("=", "+", "-", "@") and not _HARMLESS.fullmatch(text)
+    return "'" + text if is_formula else text
 
 
 def _values_apart(table: Table) -> list[list[tuple[str, str]]]:
@@ -137,11 +102,27 @@ def _values_apart(table: Table) -> list[list[tuple[str, str]]]:
     ]
 
 
-def _markdown_cell(cell: Cell, text: tuple[str, str], row: Row) -> str:
-    value = _escape_markdown(text[0])
+def _markdown(table: Table) -> str:
+    # Tables here have one line of titles: each says its group.
+    blocks = "\n".join(map(_markdown_block, by_count(table)))
+    return blocks + "".join(f"\n{_escape_markdown(plain(note))}\n" for note in table.all_notes)
+
+
+def _markdown_block(table: Table) -> str:
+    rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
+    titles = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
+    rows = [
+        [_markdown_cell(cell, *text, row) for cell, text in zip(row.cells, texts, strict=True)]
+        for row, texts in zip(table.rows, _values_apart(table), strict=True)
+    ]
+    return "".join("| " + " | ".join(line) + " |\n" for line in [titles, rule, *rows])
+
+
+def _markdown_cell(cell: Cell, value: str, suffix: str, row: Row) -> str:
+    value = _escape_markdown(value)
     shown = f"**{value}**" if cell.best else f"<u>{value}</u>" if cell.second else value
     shown = f"*{value}*" if row.floor else shown
-    return f"{shown} {_escape_markdown(text[1])}".rstrip()
+    return f"{shown} {_escape_markdown(suffix)}".rstrip()
 
 
 def _escape_markdown(text: str) -> str:
@@ -150,113 +131,87 @@ def _escape_markdown(text: str) -> str:
 
 
 def _html(table: Table) -> str:
-    blocks = by_count(table)
-    shown = "".join(_html_block(piece, captioned=piece is blocks[0]) for piece in blocks)
-    return shown + "".join(_tag("p", plain(note)) for note in table.all_notes) + "\n"
+    blocks = [_html_block(piece) for piece in by_count(table)]
+    caption = f"<table>\n<caption>{html.escape(plain(table.title))}</caption>\n"
+    blocks[0] = blocks[0].replace("<table>\n", caption, 1)
+    notes = [f"<p>{html.escape(plain(note))}</p>" for note in table.all_notes]
+    return "".join([*blocks, *notes]) + "\n"
 
 
-def _tag(name: str, text: str) -> str:
-    return f"<{name}>{html.escape(text)}</{name}>"
-
-
-def _html_block(table: Table, *, captioned: bool) -> str:
-    caption = f"{_tag('caption', plain(table.title))}\n" if captioned else ""
-    titles = "".join(
-        f'<th scope="col"{_side(table, i)}>{html.escape(plain(column.heading))}</th>'
-        for i, column in enumerate(table.columns)
-    )
-    rows = "".join(
-        _html_row(table, row, texts)
-        for row, texts in zip(table.rows, _values_apart(table), strict=True)
-    )
-    return (
-        f"<table>\n{caption}<thead>{_html_groups(table)}<tr>{titles}</tr></thead>\n"
-        f"<tbody>\n{rows}</tbody>\n</table>\n"
-    )
-
-
-def _html_groups(table: Table) -> str:
-    if not any(column.group for column in table.columns):
-        return ""
-    counted = [
-        (group, len(list(members)))
-        for group, members in groupby(table.columns, key=lambda column: column.group)
+def _html_block(table: Table) -> str:
+    # Attributes, since pages and sites that take in a table may allow no styles.
+    sides = ["left" if table.is_text(i) else "right" for i in range(len(table.columns))]
+    titles = [
+        f'<th scope="col" align="{side}">{html.escape(plain(column.heading))}</th>'
+        for column, side in zip(table.columns, sides, strict=True)
     ]
-    cells = (
-        f'<th colspan="{number}" scope="colgroup">{html.escape(plain(group))}</th>'
-        if group
-        else f'<td colspan="{number}"></td>'
-        for group, number in counted
-    )
-    return f"<tr>{''.join(cells)}</tr>"
+    groups = []
+    for group, members in groupby(table.columns, key=lambda column: column.group):
+        span, title = len(list(members)), html.escape(plain(group))
+        groups.append(
+            f'<th colspan="{span}" scope="colgroup">{title}</th>'
+            if group
+            else f'<td colspan="{span}"></td>'
+        )
+    head = f"<tr>{''.join(groups)}</tr>" * table.has_groups + f"<tr>{''.join(titles)}</tr>"
+    rows = [
+        _html_row(row, texts, sides)
+        for row, texts in zip(table.rows, _values_apart(table), strict=True)
+    ]
+    body = "".join(rows)
+    return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}</tbody>\n</table>\n"
 
 
-def _side(table: Table, column: int) -> str:
-    # An attribute, since pages and sites that take in a table may allow no styles.
-    return ' align="left"' if table.is_text(column) else ' align="right"'
+def _html_row(row: Row, texts: list[tuple[str, str]], sides: list[str]) -> str:
+    cells = [
+        f'<td align="{side}">{_html_cell(cell, *text, row)}</td>'
+        for cell, text, side in zip(row.cells, texts, sides, strict=True)
+    ]
+    kinds = {"highlighted": row.highlighted, "reported": row.reported, "floor": row.floor}
+    named = " ".join(kind for kind, has in kinds.items() if has)
+    attributes = (f' class="{named}"' if named else "") + ' bgcolor="#fff3bf"' * row.highlighted
+    return f"<tr{attributes}>{''.join(cells)}</tr>\n"
 
 
-def _html_row(table: Table, row: Row, texts: list[tuple[str, str]]) -> str:
-    cells = (
-        f"<td{_side(table, i)}>{_html_cell(cell, text, row)}</td>"
-        for i, (cell, text) in enumerate(zip(row.cells, texts, strict=True))
-    )
-    kinds = ["highlighted"] * row.highlighted + ["reported"] * bool(row.reported)
-    kinds += ["floor"] * row.floor
-    attribute = f' class="{" ".join(kinds)}"' if kinds else ""
-    ground = f' bgcolor="{_GROUND}"' if row.highlighted else ""
-    return f"<tr{attribute}{ground}>{''.join(cells)}</tr>\n"
-
-
-def _html_cell(cell: Cell, text: tuple[str, str], row: Row) -> str:
-    value = html.escape(text[0])
-    tags = ["em"] * (not row.is_own) + ["strong"] * cell.best + ["u"] * cell.second
-    for tag in reversed(tags):
+def _html_cell(cell: Cell, text: str, suffix: str, row: Row) -> str:
+    value = html.escape(text)
+    tags = ["u"] * cell.second + ["strong"] * cell.best + ["em"] * (not row.is_own)
+    for tag in tags:
         value = f"<{tag}>{value}</{tag}>"
-    return value + (f" {_tag('small', text[1].strip())}" if text[1] else "")
+    return value + (f" <small>{html.escape(suffix.strip())}</small>" if suffix else "")
 
 
 def _json(table: Table) -> str:
+    """Write values in the shape of the rows, and in the same shape what some cells have beside."""
+    cells = [cell for row in table.rows for cell in row.cells]
     content: dict[str, object] = {
         "title": table.title,
         "columns": [_json_column(column) for column in table.columns],
         "rows": [[_json_value(cell.value) for cell in row.cells] for row in table.rows],
         "notes": list(table.all_notes),
     }
-    content |= _json_suffixes(table)
+    if any(cell.gain is not None for cell in cells):
+        content["gains"] = [[cell.gain for cell in row.cells] for row in table.rows]
+    if any(cell.uncertainty for cell in cells):
+        content["uncertainties"] = [
+            [
+                (span := cell.uncertainty)
+                and {"low": _json_value(span.low), "high": _json_value(span.high)}
+                for cell in row.cells
+            ]
+            for row in table.rows
+        ]
+    if any(row.reported for row in table.rows):
+        content["reported"] = [_standing(row) if row.reported else None for row in table.rows]
+    if any(row.floor for row in table.rows):
+        content["floors"] = [row.floor for row in table.rows]
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def _json_column(column: Column) -> dict[str, object]:
     group = {"group": column.group} if column.group else {}
-    return {
-        "title": column.title,
-        "unit": column.unit,
-        "higher_is_better": column.higher_is_better,
-        **group,
-    }
-
-
-def _json_suffixes(table: Table) -> dict[str, object]:
-    """Return what some cells or rows have next to their values, each in the shape of the rows."""
-    found: dict[str, object] = {}
-    if any(cell.gain is not None for row in table.rows for cell in row.cells):
-        found["gains"] = [[cell.gain for cell in row.cells] for row in table.rows]
-    if any(cell.uncertainty for row in table.rows for cell in row.cells):
-        found["uncertainties"] = [
-            [_json_uncertainty(cell.uncertainty) for cell in row.cells] for row in table.rows
-        ]
-    if any(row.reported for row in table.rows):
-        found["reported"] = [_standing(row) if row.reported else None for row in table.rows]
-    if any(row.floor for row in table.rows):
-        found["floors"] = [row.floor for row in table.rows]
-    return found
-
-
-def _json_uncertainty(uncertainty: Uncertainty | None) -> object:
-    if isinstance(uncertainty, Between):
-        return {"low": _json_value(uncertainty.low), "high": _json_value(uncertainty.high)}
-    return uncertainty and {"half": _json_value(uncertainty.half)}
+    kept = {"title": column.title, "unit": column.unit, "higher_is_better": column.higher_is_better}
+    return {**kept, **group}
 
 
 def _json_value(value: float | int | str | None) -> object:

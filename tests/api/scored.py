@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import check
 from tests.support import run_main
 
 

@@ -15,8 +15,8 @@ from scipy import stats
 from typer.testing import Result as Run
 
 import airzoo_bench as ab
+from airzoo_bench.results.comparable import choose_scores
 from airzoo_bench.results.result import Reference
-from airzoo_bench.results.selection import choose_scores
 from tests.api.support import refused
 from tests.statistics.support import ERROR, HIT, SOFT, random_methods, write_method
 

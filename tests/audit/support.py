@@ -8,9 +8,10 @@ from fractions import Fraction
 from pathlib import Path
 
 from airzoo_bench.audit.audit import audit
+from airzoo_bench.audit.counts import decimal_text
 from airzoo_bench.audit.findings import Audit, Finding
-from airzoo_bench.tables.printed_numbers import Rounded, decimal_text, parse_number
-from airzoo_bench.tables.printed_values import Published, read_published
+from airzoo_bench.tables.printed import Rounded, parse_number
+from airzoo_bench.tables.published import Published, read_published
 
 Rows = list[dict[str, object]]
 

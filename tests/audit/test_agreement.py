@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.audit.support import Rows, audited, row, rows_of, rows_of_wide, told
+from tests.audit.support import Rows, audited, row, rows_of, told
 
 
 class TestAgreement:
@@ -34,30 +34,10 @@ class TestAgreement:
             "both say the same: 1 differ, each found by the check average"
         )
 
-    def test_a_wrong_average_hides_no_other_number_of_its_line(self, tmp_path: Path) -> None:
-        text = """table,method,scene,R@1,R@5
-T0,A,S0,10.00,30.00
-T0,A,S1,20.00,
-T0,A,Average,17.00,50.00
-T1,A,Average,15.00,60.00
-"""
-        found = audited(tmp_path, rows_of_wide(text), S0=10, S1=10)
-        assert ("inconsistent", "agreement", "A", "R@5") in told(found)
-        assert ("inconsistent", "average", "A", "R@1") in told(found)
-
     @pytest.mark.parametrize("fewer", [("96.21", "96.2"), ("50.00", "50.0")])
     def test_fewer_digits_say_the_same(self, tmp_path: Path, fewer: tuple[str, str]) -> None:
         assert not audited(tmp_path, self.made(*fewer)).findings
         assert audited(tmp_path, self.made("96.21", "96.1")).findings
-
-    def test_methods_that_tie_are_not_each_other(self, tmp_path: Path) -> None:
-        scores = {"R@1": "10.0", "R@3": "20.0", "R@5": "30.0"}
-        rows = [
-            row
-            for table in ("T0", "T1")
-            for row in rows_of({"A": {"East": scores}, "B": {"East": scores}}, table=table)
-        ]
-        assert not audited(tmp_path, rows).findings
 
     def test_a_row_under_another_name(self, tmp_path: Path) -> None:
         first = rows_of(

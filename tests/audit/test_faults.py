@@ -90,7 +90,6 @@ FAULTS: dict[str, tuple[Fault, float, float]] = {
     "a digit of AP@5 in a scene": (digit_of("AP@5", "S1"), 0.9, 0.9),
     "a digit of a recall's average": (digit_of("R@3", "Average"), 0.99, 0.99),
     "a digit of F1": (digit_of("F1", "S2"), 0.95, 0.95),
-    "a digit of Chamfer distance": (digit_of("Chamfer", "S2"), 0.93, 0.93),
     "a digit of a median's average": (digit_of("median error", "Average"), 0.95, 0.95),
     "a digit of a gain": (wrong_gain, 0.99, 0.99),
     "bold that is not the best": (wrong_bold, 0.99, 0.99),
@@ -128,7 +127,12 @@ def detection_rate(fault: Fault, *, with_counts: bool, trials: int = TRIALS) -> 
     return seen / trials
 
 
-@pytest.mark.parametrize("name", FAULTS)
+USUAL = ("a digit of R@3 in a scene", "a digit of a recall's average", "a digit of a gain")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in USUAL else pytest.mark.slow) for name in FAULTS]
+)
 def test_a_fault_is_found(name: str) -> None:
     fault, given, alone = FAULTS[name]
     assert detection_rate(fault, with_counts=True, trials=8) >= given - 0.13

@@ -46,13 +46,6 @@ def test_an_honest_table_has_no_grave_findings(manner: Manner, with_counts: bool
     assert not grave(audited(manner, with_counts=with_counts))
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 25))]
-)
-def test_an_honest_table_of_the_usual_size(seed: int) -> None:
-    assert not grave(audited(drawn(seed), with_counts=False))
-
-
 @pytest.mark.parametrize("rounding", [ROUND_HALF_UP, ROUND_HALF_EVEN])
 @pytest.mark.parametrize("seed", range(6))
 def test_averages_over_scenes(seed: int, rounding: str) -> None:

@@ -107,16 +107,6 @@ def test_check_of_a_good_file_exits_0(
     assert "nothing wrong was found" in capsys.readouterr().out
 
 
-def test_check_says_which_benchmark_the_ids_look_like(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ids = [f"City/{i}" for i in range(3)]
-    ranked = [[f"City/t{k}" for k in range(5)]] * 3
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked)
-    assert run_main("check", path) == 1
-    assert "they look like those of airzoo-real-" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("ids", [["east/nobody"], ["east/q00000.JPG"]])
 def test_check_refuses_what_eval_refuses(
     ids: list[str], data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -14,9 +14,7 @@ import tomli_w
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.generate import run_baseline
+from airzoo_bench.evaluation.evaluate import check, evaluate, run_baseline
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.queries import QueryPredictions, assign_queries
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track

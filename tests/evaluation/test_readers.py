@@ -14,7 +14,6 @@ from typer.testing import Result
 import airzoo_bench as ab
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.near_places import place_meant
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.retrieval.predictions import RankedIds
@@ -65,7 +64,7 @@ def test_without_a_protocol_those_of_prepared_folders_are_offered(
     assert run_main("check", ranked) == 2
     said = capsys.readouterr().err
     assert "what was read as ranked lists of Toy" in said
-    assert "--protocol made-retrieval; `airzoo-bench protocols` lists them all" in said
+    assert "--protocol made-retrieval" in said
 
 
 def test_a_method_file_is_recognised_and_scored(
@@ -104,7 +103,7 @@ def test_a_damaged_benchmark_is_not_called_missing(
 def test_check_says_what_it_is(ranked: Path, command: Callable[..., Result]) -> None:
     ran = command("check", ranked, "--protocol", "made-retrieval")
     assert ran.exit_code == 0
-    assert "ranked lists of Toy, as Toy writes it: retrieval predictions for" in ran.stdout
+    assert "ranked lists of Toy (Toy): retrieval predictions for" in ran.stdout
     assert "read by --reader toy" in ran.stdout
     assert "taken to be so: best first" in ran.stdout
     assert "answers 10 of 10 queries" in ran.stdout
@@ -162,72 +161,14 @@ def test_what_a_reader_refuses_is_an_error_of_the_check(
     ranked.write_text(MAGIC)
     found = ab.check(ranked, protocol="made-retrieval")
     assert [error.what for error in found.errors] == ["is empty"]
-    ran = command("check", ranked, "--protocol", "made-retrieval")
-    assert ran.exit_code == 1
-    assert "ranked lists of Toy, as Toy writes it: read by --reader toy" in ran.stderr
+    assert command("check", ranked, "--protocol", "made-retrieval").exit_code == 1
 
 
 def test_names_are_refused_where_images_have_names(ranked: Path) -> None:
-    with pytest.raises(UserError, match="ranked lists of Toy, where images have names"):
-        ab.evaluate(ranked, protocol="made-retrieval", names=ranked)
-
-
-def test_names_are_offered_only_where_they_are_taken(
-    ranked: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_: Any) -> ReadPredictions:
-        raise PredictionError("no such query", fix="write it again, or name it with --names")
-
-    monkeypatch.setattr(Toy, "read", refused)
-    with pytest.raises(PredictionError) as caught:
-        ab.evaluate(ranked, protocol="made-retrieval")
-    assert caught.value.fix == "write it again"
-    monkeypatch.setattr(Toy, "takes_names", True)
-    with pytest.raises(PredictionError, match="--names"):
+    with pytest.raises(UserError, match=r"ranked lists of Toy, .*--names"):
         ab.evaluate(ranked, protocol="made-retrieval", names=ranked)
 
 
 def test_readers_are_listed(toy: None, command: Callable[..., Result]) -> None:
     ran = command("readers", "--format", "json")
     assert "ranked lists of Toy" in ran.stdout
-
-
-class FolderToy(Toy):
-    title = "a folder of Toy"
-
-    def recognise(self, path: Path) -> float:
-        return 0.9 * (path / "toy.txt").is_file()
-
-
-class TestFoldersNearby:
-    """A folder that holds no predictions: the message names the one that was meant."""
-
-    @pytest.fixture
-    def run(self, tmp_path: Path) -> Iterator[Path]:
-        run = tmp_path / "home" / "runs" / "first"
-        (run / "images").mkdir(parents=True)
-        (run / "toy.txt").touch()
-        (tmp_path / "home" / "aside").mkdir()
-        (tmp_path / "home" / "aside" / "loop").symlink_to(tmp_path / "home")
-        READERS.add("folder-toy", FolderToy())
-        yield run
-        READERS.remove("folder-toy")
-
-    @pytest.mark.parametrize("given", ["..", "../..", "images"])
-    @pytest.mark.parametrize("command", [["check"], ["eval", "retrieval"]])
-    def test_one_above_or_below(
-        self,
-        run: Path,
-        given: str,
-        command: list[str],
-        data: Path,
-        capsys: pytest.CaptureFixture[str],
-    ) -> None:
-        place = (run / given).resolve()
-        assert run_main(*command, place, "--protocol", "made-retrieval") == 2
-        assert f"fix:      {run} holds a folder of Toy: name that" in capsys.readouterr().err
-
-    def test_of_another_track_is_none(self, run: Path) -> None:
-        assert place_meant(run.parent, "retrieval") is not None
-        assert place_meant(run.parent, "matching") is None
-        assert place_meant(run.parents[1] / "aside", "retrieval") is None

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.generate import write_template
+from airzoo_bench.evaluation.evaluate import evaluate, write_template
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.results.result import Result, read_result, write_result
 from tests.evaluation.scored import score

@@ -12,8 +12,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.sandbox import Limits
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.evaluate import check, evaluate
 from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
 from tests.readers.samples import cut3r
@@ -69,3 +68,16 @@ def test_checking_under_limits_refuses_what_it_cannot_read(data: Path, tmp_path:
     (tmp_path / "p.npz").write_bytes(b"PK\x03\x04" + bytes(100))
     with pytest.raises(PredictionError, match="not an npz file"):
         check(tmp_path / "p.npz", data=data, run=Run(MEMORY, limits=Limits(MEMORY)))
+
+
+def test_a_system_without_limits_is_refused_with_the_reason(
+    data: Path,
+    tmp_path: Path,
+    perfect: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    monkeypatch.setattr("airzoo_bench.core.sandbox.sys.platform", "darwin")
+    assert run_main("eval", "retrieval", path, "--data", data, "--untrusted") == 2
+    assert "--untrusted: reading under limits needs Linux" in capsys.readouterr().err

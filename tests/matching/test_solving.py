@@ -19,7 +19,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import solving
 from airzoo_bench.matching.settings import Solver
 from airzoo_bench.matching.solving import PoseEstimate, Status, solve_pose, solve_queries
-from airzoo_bench.results.records_csv import csv_blocks
+from airzoo_bench.results.records import csv_blocks
 from tests.engines.scattered import Scattered
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import (

@@ -23,20 +23,17 @@ from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
-from airzoo_bench.tables.best_marks import mark_best
-from airzoo_bench.tables.blocks import by_count
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
-from airzoo_bench.tables.method_table import MethodTable
-from airzoo_bench.tables.model import Cell, Table
+from airzoo_bench.tables.marks import add_gains, cite, highlight, mark_best, parse_baselines
+from airzoo_bench.tables.method_table import MethodTable, with_published
+from airzoo_bench.tables.model import Cell, Table, by_count
 from airzoo_bench.tables.published import (
     PublishedTable,
     published_sources,
     read_source,
     read_source_file,
 )
-from airzoo_bench.tables.reported_rows import with_published
 from tests.support import PAPER
 from tests.tables.typeset import MINUS, bold_words, document, typeset
 

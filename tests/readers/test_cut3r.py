@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.given import open_predictions
+from airzoo_bench.evaluation.opening import open_predictions
 from airzoo_bench.evaluation.reader import find_reader
-from airzoo_bench.evaluation.track import Run
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import cut3r, vggt
 from tests.readers.samples.true_views import true_views
@@ -141,7 +140,7 @@ def test_the_pickle_of_its_evaluation_is_answered_with_the_lines(
     saved = {"images_all": points, "pts_all": points, "pts_gt_all": points, "masks_all": points}
     np.save(tmp_path / "yard.npy", saved, allow_pickle=True)  # type: ignore[arg-type]
     assert find_reader(tmp_path / "yard.npy") == "cut3r"
-    given = open_predictions(tmp_path, None, PROTOCOL, world.root, Run())
+    given = open_predictions(tmp_path, protocol=PROTOCOL, data=world.root)
     assert given.reader is not None
     assert not given.reader.conventions
     with pytest.raises(PredictionError, match="is a pickle of CUT3R") as caught:

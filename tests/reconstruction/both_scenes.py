@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.evaluation.check import check
+from airzoo_bench.evaluation.evaluate import check
 from tests.reconstruction.world import (
     PROTOCOL,
     World,

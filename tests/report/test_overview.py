@@ -14,7 +14,7 @@ from airzoo_bench.report.figures import figure_bytes
 from airzoo_bench.report.overview import draw_heat_map, draw_intervals
 from airzoo_bench.report.sheet import Sheet, check_room
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.breakdown_layout import breakdown_table
+from airzoo_bench.tables.breakdown import breakdown_table
 from tests.report.made import HOSTILE, reconstruction_method, retrieval_method
 from tests.statistics.support import ERROR, HIT
 

@@ -64,7 +64,7 @@ def test_breakdowns_are_of_all_scenes_and_of_each(tmp_path: Path) -> None:
 
 
 def test_intervals_are_those_of_compare(tmp_path: Path) -> None:
-    from airzoo_bench.results.sampling import score_intervals
+    from airzoo_bench.results.comparison import score_intervals
     from airzoo_bench.statistics.samples import ResamplingConfig
 
     methods = [retrieval_method("a", 1), retrieval_method("b", 0)]

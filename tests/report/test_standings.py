@@ -13,9 +13,9 @@ from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference
 from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.comparison import verdict
 from airzoo_bench.tables.layouts import methods_table
 from airzoo_bench.tables.model import show_number
-from airzoo_bench.tables.verdicts import verdict
 from tests.report.made import made_page, reconstruction_method, retrieval_method, write_methods
 from tests.statistics.support import ERROR, HIT, made_result
 

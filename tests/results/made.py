@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import math
 
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    ScoreColumn,
+    TruthUsed,
+)
 
 
 def result(method: str = "Method", **overall: float) -> Result:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from airzoo_bench.results.best import against_best
-from airzoo_bench.results.comparison import compare
+from airzoo_bench.results.comparison import against_best, compare
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.statistics.support import ERROR, HIT, made_method, random_methods
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.results.comparable import check_comparable, first_names, version_notes
+from airzoo_bench.results.comparable import check_comparable, find_scene, version_notes
 from airzoo_bench.results.result import Result
-from airzoo_bench.results.selection import find_scene
 from tests.statistics.support import made_method
 
 
@@ -38,42 +37,12 @@ def test_settings_that_differ_are_named() -> None:
     assert "--protocol" in (found.fix or "")
 
 
-def test_many_settings_are_counted() -> None:
-    settings = [{str(key): value for key in range(9)} for value in (1, "x" * 100)]
-    found = refusal(result(settings=settings[0]), result(settings=settings[1], protocol="q" * 64))
-    assert "; and 6 more settings" in found.what
-    assert len(found.what) < 500
-
-
-def test_twenty_results() -> None:
-    results = [result() for _ in range(12)] + [result(protocol="q" * 64) for _ in range(8)]
-    found = refusal(*results)
-    assert found.what.startswith("m0 and m12 were made with different protocols")
-    assert found.what.endswith("8 of 20 results differ from the first: m12, m13, m14 and 5 more")
-    assert len(str(found)) < 600
-
-
-def test_other_names_say_enough() -> None:
-    one, two = result(), result(protocol="q" * 64)
-    other = two.protocol.model_copy(update={"name": "else", "settings": {"k": 1}})
-    found = refusal(one, two.model_copy(update={"protocol": other}))
-    assert found.what.endswith(": made v1 against else v1")
-    # Nothing that was scored by one name can be scored again to be of the other.
-    assert found.fix == "name results of one protocol only; `airzoo-bench table` takes several"
-
-
 def test_truth() -> None:
     found = refusal(result(), result(), result([1.0, 0.0], truth="u" * 64))
     assert found.what == (
         "m0 and m2 were compared with different truths (tttttttttttt and uuuuuuuuuuuu): "
         "benchmark made v1, prepared anew; scene s: 1 against 2 queries"
     )
-
-
-def test_first_names() -> None:
-    assert first_names(["a"]) == "a"
-    assert first_names(["a", "b", "c"]) == "a, b, c"
-    assert first_names(["a", "b", "c", "d"]) == "a, b, c and 1 more"
 
 
 def test_versions_that_differ_are_named_once() -> None:

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.results.comparison import compare
-from airzoo_bench.results.records import Scored
-from airzoo_bench.results.sampling import make_sample, score_intervals
-from airzoo_bench.results.selection import choose_scores
+from airzoo_bench.results.comparable import choose_scores
+from airzoo_bench.results.comparison import compare, make_sample, score_intervals
 from airzoo_bench.statistics.significance import holm
-from airzoo_bench.tables.comparison_layout import comparison_table
-from airzoo_bench.tables.interval_layout import intervals_table
+from airzoo_bench.tables.comparison import comparison_table
 from tests.results.compared import EAST, FAST, WEST, against, hits
 from tests.statistics.support import CHAMFER, ERROR, HIT, made_method, random_methods
 
@@ -44,13 +41,6 @@ def test_which_side_wins_where_lower_is_better():
     assert pair.p_mcnemar is None
 
 
-def test_one_scene_only():
-    comparison = against(hits("a", EAST, WEST), hits("b", EAST[::-1], WEST), scene="East")
-    assert comparison.scene == "east"
-    assert comparison.units == 8
-    assert comparison.pairs[0].wins == comparison.pairs[0].losses
-
-
 def test_reference_by_name_and_best():
     methods = random_methods(4, {"east": 40, "west": 30}, (HIT, ERROR))
     assert against(*methods).reference == "method00"
@@ -60,15 +50,6 @@ def test_reference_by_name_and_best():
     assert compare(methods, scores, reference="best", resampling=FAST).reference == "method03"
     with pytest.raises(UsageError, match="'evil' is no method"):
         against(*methods, reference="evil")
-
-
-def test_the_best_of_a_scene_is_not_that_of_all():
-    strong_in_the_east = hits("a", [1.0] * 8, [0.0] * 5)
-    strong_on_average = hits("b", [1.0] * 4 + [0.0] * 4, [1.0] * 5)
-    pair = strong_in_the_east, strong_on_average
-    assert against(*pair, reference="best").reference == "b"
-    found = against(*pair, reference="best", scene="East")
-    assert (found.reference, found.pairs[0].reference_value) == ("a", 1.0)
 
 
 def test_who_takes_the_best_has_looked_at_every_pair():
@@ -112,22 +93,6 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     assert table.notes[0].startswith(said)
 
 
-def test_an_infinite_difference_is_not_nothing():
-    scenes = [{"s": {"error_m": values}} for values in ([1.0, 2, 3], [1.0, np.inf, np.inf])]
-    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-    assert against(*methods).pairs[0].difference == np.inf
-    assert against(*methods[::-1]).pairs[0].difference == -np.inf
-
-
-def test_the_same_predictions_are_told():
-    methods = [
-        made_method({"s": {"recall@1": WEST}}, name=name, sha256=sha256)
-        for name, sha256 in (("a", "x"), ("b", "y"), ("c", "x"), ("d", "z"))
-    ]
-    assert against(*methods).notes == ("a, c: the same predictions file",)
-    assert against(*methods[:2]).notes == ()
-
-
 def test_holm_goes_over_the_methods_of_a_score():
     methods = random_methods(4, {"east": 60, "west": 60}, (HIT, ERROR))
     pairs = against(*methods).pairs
@@ -137,25 +102,6 @@ def test_holm_goes_over_the_methods_of_a_score():
         assert ordered[0].p_holm == pytest.approx(min(1, 3 * ordered[0].test.p_value))
     single = against(*methods[:2]).pairs[0]
     assert single.p_holm == single.test.p_value
-
-
-def test_other_methods_change_nothing_but_holm():
-    methods = random_methods(4, {"east": 40, "west": 30}, (HIT, ERROR))
-    few = against(methods[0], methods[2]).pairs
-    many = [pair for pair in against(*methods).pairs if pair.method == "method02"]
-    for one, other in zip(few, many, strict=True):
-        assert (one.interval, one.test, one.wins) == (other.interval, other.test, other.wins)
-
-
-def test_the_order_of_rows_changes_nothing():
-    random = np.random.default_rng(0)
-    methods = random_methods(2, {"east": 40, "west": 30}, (HIT, ERROR))
-    order = random.permutation(70)
-    mixed = [
-        Scored(m.name, m.result, m.records.iloc[order].sort_values("query", ignore_index=True))
-        for m in methods
-    ]
-    assert against(*mixed) == against(*methods)
 
 
 def test_scenes_are_resampled_where_they_have_one_record_each():
@@ -178,31 +124,3 @@ def test_scenes_are_resampled_where_they_have_one_record_each():
     table = comparison_table(comparison)
     assert table.title == "Against a, 6 scenes"
     assert table.notes[-1].startswith("p: paired permutation, two-sided, all patterns;")
-
-
-def test_too_few_scenes():
-    methods = [
-        made_method(
-            {s: {"chamfer_m": [v]} for s, v in zip("abcd", values, strict=True)}, (CHAMFER,), n
-        )
-        for n, values in (("m", [1.0, 2, 3, 4]), ("n", [2.0, 4, 5, 9]))
-    ]
-    pair = against(*methods).pairs[0]
-    assert pair.interval.reason == "only 4 scenes: an interval needs 5"
-    assert pair.test.p_value == 2 / 16
-    table = intervals_table(
-        methods[0], [CHAMFER], score_intervals(methods[0], [CHAMFER], FAST), FAST
-    )
-    assert table.texts() == [["Average", "Chamfer [m]", "2.50", "–"]]
-    assert table.notes == (f"Chamfer: no interval; {pair.interval.reason}",)
-
-
-def test_the_average_stands_apart_from_scenes():
-    method = hits("a", EAST, WEST)
-    for scene, titles in (
-        (None, [("East", False), ("West", False), ("Average", True)]),
-        ("west", [("West", False)]),
-    ):
-        found = score_intervals(method, [HIT], FAST, scene)
-        rows = intervals_table(method, [HIT], found, FAST, scene).rows
-        assert [(row.cells[0].value, row.summary) for row in rows] == titles

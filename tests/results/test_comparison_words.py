@@ -2,84 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.results.comparable import check_same_queries
-from airzoo_bench.results.selection import choose_scores
-from airzoo_bench.tables.verdicts import sentence
-from tests.results.compared import EAST, FAST, WEST, against, hits
-from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods
-
-
-class TestSentence:
-    def test_better(self):
-        methods = random_methods(2, {"east": 300, "west": 200}, (HIT, ERROR))
-        pairs = against(*methods).pairs
-        said = sentence(pairs[0], FAST)
-        assert said.startswith("method01 is better than method00 on R@1 by ")
-        assert f"by {100 * (pairs[0].difference or 0):.2f} points (95 % interval " in said
-        assert "p = 0.0010" in said
-        assert "Holm" not in said
-        assert "McNemar" in said
-        swapped = sentence(against(*methods[::-1]).pairs[0], FAST)
-        assert swapped == said
-        error = sentence(pairs[1], FAST)
-        assert error.startswith("method01 is better than method00 on Median by ")
-        assert " m (95 % interval " in error
-
-    def test_not_told_apart(self):
-        pair = against(hits("a", EAST, WEST), hits("b", [*EAST[1:], 1.0], WEST)).pairs[0]
-        said = "Too few to tell b and a apart on R@1: both have the same value (95 % interval"
-        assert sentence(pair, FAST).startswith(said)
-        pair = against(hits("a", EAST, WEST), hits("b", [0.0, *EAST[1:]], WEST)).pairs[0]
-        said = sentence(pair, FAST)
-        assert said.startswith("Too few to tell b and a apart on R@1: a is ahead by 6.25 points")
-        assert "p = 1.0000" in said
-
-    def test_equal(self):
-        pair = against(hits("a", EAST, WEST), hits("b", EAST, WEST)).pairs[0]
-        assert sentence(pair, FAST) == "b and a are equal on R@1 everywhere."
-        assert pair.difference == 0.0
-        assert pair.test.p_value == pair.p_mcnemar == 1.0
-        # Without one query that differs, the rates may still differ by what so few cannot show.
-        assert pair.interval.method == "mover"
-        assert pair.interval.low == -(pair.interval.high or 0.0)
-
-    def test_both_infinite(self):
-        scenes = (
-            {"s": {"error_m": [np.inf] * 5 + [1.0, 2.0]}},
-            {"s": {"error_m": [np.inf] * 4 + [1.0] * 0 + [np.inf, 3.0, 4.0]}},
-        )
-        pair = against(
-            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
-        ).pairs[0]
-        assert pair.difference is None
-        assert pair.interval.reason == "both are infinite"
-        said = "Too few to tell b and a apart on Median: both are infinite."
-        assert sentence(pair, FAST) == said
-
-    def test_one_infinite(self):
-        scenes = {"s": {"error_m": [np.inf] * 8}}, {"s": {"error_m": [1.0] * 8}}
-        pair = against(
-            *(made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
-        ).pairs[0]
-        assert pair.difference == -np.inf
-        assert pair.test.p_value == 2 / 256
-        assert sentence(pair, FAST).startswith(
-            "b is better than a on Median by an infinite amount (no"
-        )
-
-
-def test_one_query():
-    methods = [
-        made_method({"s": {"recall@1": [value]}}, name=n) for value, n in ((1.0, "a"), (0.0, "b"))
-    ]
-    pair = against(*methods).pairs[0]
-    assert pair.difference == -1.0
-    assert "only 1 query" in pair.interval.reason
-    assert pair.test.p_value == pair.p_mcnemar == 1.0
+from airzoo_bench.results.comparable import check_same_queries, choose_scores
+from tests.results.compared import EAST, WEST, against, hits
+from tests.statistics.support import HIT, SOFT, made_method, random_methods
 
 
 class TestRefusals:

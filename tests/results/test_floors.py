@@ -8,13 +8,11 @@ import pytest
 
 from airzoo_bench.report.parts import _method, _notes
 from airzoo_bench.report.sections import Section
-from airzoo_bench.results.comparison import compare
-from airzoo_bench.results.floors import FLOOR_MARK, floor_note
+from airzoo_bench.results.comparison import FLOOR_MARK, compare, floor_note, score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference, ScoreColumn
-from airzoo_bench.results.sampling import score_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.comparison import comparison_table
 from airzoo_bench.tables.layouts import methods_table, scenes_table
 from airzoo_bench.tables.render import render
 from tests.statistics.support import ERROR, HIT, made_method

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
 import tempfile
 from pathlib import Path
@@ -14,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.records import Scored, read_records, read_scored
 from airzoo_bench.results.result import read_result, write_result
 from tests.statistics.support import ERROR, HIT, made_method, made_records, write_method, write_run
@@ -72,20 +71,6 @@ def test_edited_records_are_refused(path):
         read_records(path)
 
 
-def test_records_of_another_result_are_refused(path, tmp_path):
-    other = write_method(tmp_path / "b", made_method({"east": {"recall@1": [1.0]}}))
-    path.with_name("records.csv").write_bytes(other.with_name("records.csv").read_bytes())
-    with pytest.raises(ResultError, match="not the records of the result"):
-        read_records(path)
-
-
-def test_an_edited_hash_is_refused(path):
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(content | {"records_sha256": "0" * 64}))
-    with pytest.raises(ResultError, match="its content was changed"):
-        read_records(path)
-
-
 def test_missing_records(path):
     path.with_name("records.csv").unlink()
     with pytest.raises(ResultError, match=r"records\.csv: no such file"):
@@ -101,8 +86,8 @@ def test_a_result_without_records(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: r.drop(columns="error_m"), "has no column error_m"),
-        (lambda r: r.drop(columns="scene"), "has no column scene"),
+        (lambda r: r.drop(columns="error_m"), "lacks the column error_m"),
+        (lambda r: r.drop(columns="scene"), "lacks the column scene"),
         (lambda r: r.assign(error_m=[1.0, np.nan, 2.0, 3.0]), "error_m: a score is not a number"),
         (lambda r: r.assign(error_m=list("abcd")), "error_m: a score is not a number"),
         (lambda r: r.assign(scene="east"), "its scenes are not those"),
@@ -141,13 +126,6 @@ def test_a_result_with_a_new_checksum_is_held_to_its_records(path):
     assert read_records(path, columns=["scene"])["query"].is_unique
 
 
-def test_rounding_is_no_difference(path):
-    result = read_result(path)
-    overall = {key: value * (1 + 1e-13) for key, value in result.overall.items()}
-    write_result(path, result.model_copy(update={"overall": overall}).with_checksum())
-    assert len(read_records(path)) == 4
-
-
 def test_methods_of_the_same_name_get_their_file_s(tmp_path):
     files = [write_method(tmp_path / name, made_method(SCENES, COLUMNS)) for name in "ab"]
     other = write_method(tmp_path / "c", made_method(SCENES, COLUMNS, "Other"))
@@ -169,17 +147,6 @@ def test_records_beside_a_result_of_another_name(tmp_path):
     pd.testing.assert_frame_equal(read_records(renamed), wanted)
 
 
-def test_the_same_file_twice(path):
-    with pytest.raises(UsageError, match="named twice"):
-        read_scored([path, path.parent / ".." / "out" / "result.json"])
-
-
-def test_a_saved_result_is_intact_and_knows_its_records(path):
-    saved = read_result(path)
-    assert len(saved.records_sha256) == 64
-    assert saved.scenes == made_method(SCENES, COLUMNS).result.scenes
-
-
 @pytest.mark.parametrize("columns", [(), ("error_m",), ("error_m", "weather", "absent")])
 def test_only_the_columns_that_are_wanted(columns, tmp_path):
     records = made_records(SCENES).assign(weather="fog", pitch=1.0)
@@ -188,13 +155,6 @@ def test_only_the_columns_that_are_wanted(columns, tmp_path):
     read = read_records(path, columns=columns)
     assert [*read] == ["scene", "query", *(c for c in columns if c != "absent")]
     pd.testing.assert_frame_equal(read, read_records(path)[[*read]], check_exact=True)
-
-
-def test_what_is_not_wanted_must_be_there_and_unchanged(path):
-    file = path.with_name("records.csv")
-    file.write_text(file.read_text().replace("inf", "1.0"))
-    with pytest.raises(ResultError, match="checksum"):
-        read_records(path, columns=["recall@1"])
 
 
 @pytest.mark.parametrize(
@@ -254,10 +214,10 @@ HEAD = "scene,query,recall@1"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "has no column scene, recall@1"),
+        ("", "lacks the column scene, recall@1"),
         (f"{HEAD}\n", "its scenes are not those"),
-        (f"{HEAD},scene\ns,s/a,1,t\ns,s/b,0,t\n", "has 2 columns scene"),
-        (f"{HEAD},recall@1\ns,s/a,1,0\ns,s/b,0,1\n", "has 2 columns recall@1"),
+        (f"{HEAD},scene\ns,s/a,1,t\ns,s/b,0,t\n", "has twice the column scene"),
+        (f"{HEAD},recall@1\ns,s/a,1,0\ns,s/b,0,1\n", "has twice the column recall@1"),
         (f"{HEAD}\ns,s/a,1,9\ns,s/b,0\n", "not a table"),
         (f"{HEAD}\ns,s/a\ns,s/b,0\n", "not a table"),
         (f"{HEAD}\ns,s/a,1\ns,s/b,\n", "recall@1: a score is not a number"),
@@ -276,14 +236,6 @@ HEAD = "scene,query,recall@1"
 def test_hostile_files(text, message, tmp_path):
     with pytest.raises(ResultError, match=message):
         read_records(written(tmp_path, text))
-
-
-def test_odd_files_that_are_tables(tmp_path):
-    long = "x" * 2_000_000
-    text = f'{HEAD},"a\nb"\r\ns,"s/""q""\n1",1.0,{long}\r\ns,s/2,0,\r\n'
-    read = read_records(written(tmp_path, text))
-    assert read["query"].tolist() == ['s/"q"\n1', "s/2"]
-    assert read["a\nb"].tolist()[0] == long
 
 
 @settings(deadline=None, max_examples=50)

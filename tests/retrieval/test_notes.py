@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.evaluate import check, evaluate
 from airzoo_bench.retrieval.chance import chance_scores
 from tests.support import MadeScene, made_protocol, run_main, write_benchmark, write_predictions
 

@@ -12,9 +12,8 @@ import numpy as np
 from scipy.stats import binom
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.pair_tests import pair_p_values
-from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges
-from airzoo_bench.statistics.sample_intervals import sample_intervals
+from airzoo_bench.statistics.intervals import sample_intervals
+from airzoo_bench.statistics.pair_tests import correct_pairs, pair_p_values, rank_ranges
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.shares import average_limits, difference_limits
 

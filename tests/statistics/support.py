@@ -13,9 +13,14 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.results.provenance import PredictionsUsed, ProtocolUsed, TruthUsed
 from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.result import (
+    PredictionsUsed,
+    ProtocolUsed,
+    Result,
+    ScoreColumn,
+    TruthUsed,
+)
 from airzoo_bench.results.scores import Score, summarise
 
 HIT = ScoreColumn(
@@ -115,7 +120,7 @@ def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     """Write result and records as `eval` does."""
     track = SimpleNamespace(files={})
     given = SimpleNamespace(track=track, predictions=SimpleNamespace(path=folder.parent / "p.npz"))
-    run: Any = SimpleNamespace(result=result, records=records, given=given)
+    run: Any = SimpleNamespace(result=result, records=records, given=given, scored={})
     save(run, folder)
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from airzoo_bench.results.best import family_of
+from airzoo_bench.results.comparison import family_of
 from airzoo_bench.statistics.significance import holm
 
 

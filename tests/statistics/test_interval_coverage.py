@@ -10,6 +10,7 @@ from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.statistics.interval_support import limits, sample
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["bca", "percentile"])
 @pytest.mark.parametrize(("rate", "size"), [(0.3, 264), (0.5, 161), (0.9, 400)])
 def test_coverage_of_a_binomial_score(method, rate, size):
@@ -21,6 +22,7 @@ def test_coverage_of_a_binomial_score(method, rate, size):
     assert 0.93 <= covered <= 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["bca", "percentile"])
 def test_coverage_of_the_mean_over_scenes_and_of_differences(method):
     # The second method answers 70 % of what the first does, and 30 % of the rest.
@@ -43,6 +45,7 @@ def test_coverage_of_the_mean_over_scenes_and_of_differences(method):
         assert 0.93 <= ((low[rows] <= true) & (true <= high[rows])).mean() <= 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["bca", "percentile"])
 def test_coverage_of_paired_differences_of_medians(method):
     # Errors of two methods on two scenes; their logarithms are correlated by 0.7.

@@ -10,16 +10,14 @@ from hypothesis.extra import numpy as hnp
 
 from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.bootstrap_limits import interval_limits, percentile_p_values, quantiles
+from airzoo_bench.statistics.intervals import interval_limits, percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.comparison_layout import comparison_table
-from airzoo_bench.tables.verdicts import verdict
+from airzoo_bench.tables.comparison import verdict
 from tests.statistics.coverage import documented, standard_error
 from tests.statistics.simulations import (
     OTHERS,
     STATED,
     WITH_FAILURES,
-    Errors,
     findings,
     findings_of_permutation,
 )
@@ -48,11 +46,6 @@ def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
     for p_value, left_out in zip(p_values, (low > 0) | (high < 0), strict=True):
         if p_value > least and abs(p_value - (1 - confidence)) > 1e-9:
             assert (p_value < 1 - confidence) == left_out
-
-
-@given(RESAMPLES)
-def test_p_is_the_same_from_either_side(resamples: np.ndarray) -> None:
-    assert percentile_p_values(-resamples).tolist() == percentile_p_values(resamples).tolist()
 
 
 def test_p_by_hand() -> None:
@@ -100,17 +93,14 @@ def test_quantiles_by_hand() -> None:
     assert quantiles(np.array([[-inf, inf]]), np.array([[0.49, 0.5]])).tolist() == [[-inf, inf]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STATED | WITH_FAILURES)
 def test_equal_medians_are_found_different_in_5_of_100(name: str) -> None:
     errors, _ = (STATED | WITH_FAILURES)[name]
     assert 0.03 <= findings(errors, 600, FAST) <= 0.07
 
 
-def test_the_permutation_of_values_finds_what_is_no_difference_of_medians() -> None:
-    errors, _ = STATED["100 queries, spreads 0.3 and 2"]
-    assert findings_of_permutation(errors, 200, FAST) > 0.4
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STATED)
 def test_a_real_shift_is_found_as_often_as_documented(name: str) -> None:
     errors, shift = STATED[name]
@@ -133,73 +123,6 @@ def test_false_findings_and_power_are_as_documented(name: str) -> None:
         assert share == pytest.approx(printed, abs=3 * standard_error(printed, 1_000, 2_000))
     error = 2 * standard_error(0.05, 1_000)
     assert (0.0 if name in OTHERS else 0.03 - error) <= found[1] <= 0.07 + error
-
-
-def test_medians_of_ties_are_no_findings() -> None:
-    # Errors in steps of half a metre: medians are equal, or a whole step apart.
-    drawn = Errors((161,), (0.5, 1.5), 0.3).drawn(2, 0.0, 1).values[0]
-    one, other = np.round(2 * drawn[:2]) / 2
-    methods = [
-        made_method({"s": {"error_m": v.tolist()}}, (ERROR,), n)
-        for v, n in ((one, "a"), (other, "b"))
-    ]
-    pair = compare(methods, [ERROR], resampling=FAST).pairs[0]
-    assert (pair.test.kind, pair.test.p_value) == ("bootstrap", 1.0)
-
-
-def test_verdict_and_interval_of_medians_agree() -> None:
-    random = np.random.default_rng(0)
-    for number in range(40):
-        scenes = [
-            {s: {"error_m": random.exponential(scale, 40).tolist()} for s in ("east", "west")}
-            for scale in (1.0, 1.0 + number / 40)
-        ]
-        methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-        pair = compare(methods, [ERROR], resampling=FAST).pairs[0]
-        holds_0 = (pair.interval.low or 0.0) <= 0 <= (pair.interval.high or 0.0)
-        assert (verdict(pair) == "unclear") == holds_0
-
-
-def test_medians_with_a_scene_too_small_to_resample_are_not_tested() -> None:
-    random = np.random.default_rng(0)
-    scenes = [
-        {"east": {"error_m": [1.0, 2.0]}, "west": {"error_m": (random.random(30) + shift).tolist()}}
-        for shift in (0.0, 5.0)
-    ]
-    methods = [made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True)]
-    comparison = compare(methods, [ERROR], resampling=FAST)
-    pair = comparison.pairs[0]
-    assert (pair.test.p_value, pair.test.patterns, verdict(pair)) == (1.0, 0, "too few")
-    assert (
-        "Median: too few to tell; only 2 queries in scene east: an interval needs 5, and medians "
-        "are tested by theirs" in comparison_table(comparison).notes
-    )
-
-
-def test_the_table_says_which_test_was_made() -> None:
-    random = np.random.default_rng(0)
-    methods = [
-        made_method(
-            {
-                "s": {
-                    "recall@1": random.integers(0, 2, 30).tolist(),
-                    "error_m": random.random(30).tolist(),
-                }
-            },
-            (HIT, ERROR),
-            name,
-        )
-        for name in "ab"
-    ]
-    both, one = (
-        comparison_table(compare(methods, scores, resampling=FAST)).notes[-1]
-        for scores in ([HIT, ERROR], [ERROR])
-    )
-    assert both.startswith(
-        "p: paired permutation, two-sided, 600 random patterns, seed 0; of medians paired "
-        "bootstrap, two-sided, 600 resamples, seed 0; corrected by Holm"
-    )
-    assert one.startswith("p: paired bootstrap, two-sided, 600 resamples, seed 0; corrected")
 
 
 @pytest.mark.parametrize("column", [HIT, ERROR])

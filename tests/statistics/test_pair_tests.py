@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from airzoo_bench.statistics.pair_tests import (
-    mean_draws,
+    correct_pairs,
     pair_limits,
     pair_p_values,
-    resamples_for,
-    signed_sums,
+    rank_ranges,
+    unpaired_p_values,
 )
-from airzoo_bench.statistics.rank_ranges import correct_pairs, rank_ranges, unpaired_p_values
-from airzoo_bench.statistics.resampling import exact_products
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, exact_products
 from airzoo_bench.statistics.significance import holm, paired_permutation, paired_tests
 from tests.statistics.coverage import coverage_of_ranks
 
@@ -65,16 +63,6 @@ def test_few_queries_are_tested_exactly(kind: str, sizes: tuple[int, ...]) -> No
     assert found[exact] == pytest.approx(expected[exact], rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["hits", "graded"])
-def test_what_draws_resolve_is_as_compare_has_it(kind: str) -> None:
-    sample = made(kind, 8, (80, 50), seed=3)
-    expected, exact = own_tests(sample)
-    found = upper(pair_p_values(sample, CONFIG))
-    resolved = ~exact & (expected > 27 / 2001)
-    assert resolved.sum() > 1
-    assert found[resolved] == pytest.approx(expected[resolved], rel=1e-12)
-
-
 @pytest.mark.parametrize("kind", ["hits", "graded", "medians"])
 @pytest.mark.parametrize("seed", range(4))
 def test_decisions_after_holm_are_those_of_the_paired_tests(kind: str, seed: int) -> None:
@@ -94,12 +82,6 @@ def test_medians_are_tested_as_compare_does() -> None:
     assert (found[~resolved] <= expected[~resolved]).all()
 
 
-def test_p_of_medians_is_never_below_what_five_queries_allow() -> None:
-    values = np.array([[1.0, 2.0, 3.0, 4.0, 5.0]]) + np.array([[0.0], [100.0]])
-    sample = Sample("query", ("a",), (values,), np.ones(2, bool))
-    assert pair_p_values(sample, CONFIG)[0, 1] == 2 / 2**5
-
-
 def test_the_tail_is_near_what_very_many_patterns_give() -> None:
     random = np.random.default_rng(1)
     hits = (random.random((2, 120)) < np.array([[0.72], [0.42]])).astype(float)
@@ -110,32 +92,6 @@ def test_the_tail_is_near_what_very_many_patterns_give() -> None:
     assert test.p_value / 2 < found < 3 * test.p_value
 
 
-def test_nothing_is_found_that_no_test_could_find() -> None:
-    # 14 wins of 14: no pattern of signs is as extreme but two of 2**14.
-    hits = np.zeros((2, 40))
-    hits[1, :14] = 1
-    sample = Sample("query", ("a",), (hits,), np.zeros(2, bool), np.ones(2, bool))
-    assert 2.0**-13 <= pair_p_values(sample, CONFIG)[0, 1] < 4 * 2.0**-13
-
-
-def test_identical_methods_are_never_told_apart() -> None:
-    for kind in ("hits", "graded", "medians"):
-        one = made(kind, 1, (30, 20))
-        values = tuple(np.repeat(part, 4, axis=0) for part in one.values)
-        sample = Sample(one.unit, one.groups, values, np.full(4, kind == "medians"))
-        p_values = pair_p_values(sample, CONFIG)
-        assert (p_values == 1).all()
-        ranges = rank_ranges(np.ones(4), correct_pairs(p_values), higher_is_better=True)
-        assert ranges.tolist() == [[1, 4]] * 4
-
-
-def test_values_that_differ_by_rounding_are_ties() -> None:
-    values = np.random.default_rng(0).random((1, 30))
-    both = np.concatenate([values, values * (1 + 1e-13)])
-    sample = Sample("query", ("a",), (both,), np.zeros(2, bool), np.ones(2, bool))
-    assert pair_p_values(sample, CONFIG)[0, 1] == 1
-
-
 def test_means_with_infinite_values_are_tested_by_the_own_test() -> None:
     random = np.random.default_rng(2)
     values = random.random((4, 12))
@@ -143,44 +99,6 @@ def test_means_with_infinite_values_are_tested_by_the_own_test() -> None:
     sample = Sample("scene", ("",), (values,), np.zeros(4, bool))
     expected, _ = own_tests(sample)
     assert upper(pair_p_values(sample, CONFIG)) == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_median_that_is_infinite_is_worse_beyond_doubt() -> None:
-    random = np.random.default_rng(4)
-    values = random.random((3, 200))
-    values[2, :190] = np.inf
-    sample = Sample("query", ("a",), (values,), np.ones(3, bool))
-    p_values = pair_p_values(sample, CONFIG)
-    assert p_values[0, 2] < 1e-20
-    medians = np.median(values, axis=1)
-    ranges = rank_ranges(medians, correct_pairs(p_values), higher_is_better=False)
-    assert ranges[2].tolist() == [3, 3]
-    assert ranges[0].tolist() == [1, 2]
-
-
-def test_one_scene_with_one_query() -> None:
-    for medians in (False, True):
-        sample = Sample("query", ("a",), (np.array([[0.0], [1.0]]),), np.full(2, medians))
-        assert pair_p_values(sample, CONFIG)[0, 1] == 1
-        assert np.isnan(pair_limits(sample, CONFIG)).all()
-
-
-def test_one_method_has_the_first_rank() -> None:
-    sample = made("hits", 1, (5,))
-    p_values = pair_p_values(sample, CONFIG)
-    assert p_values.tolist() == [[1.0]]
-    assert rank_ranges(np.ones(1), p_values, higher_is_better=True).tolist() == [[1, 1]]
-
-
-@pytest.mark.parametrize("kind", ["hits", "graded", "medians"])
-def test_draws_do_not_depend_on_the_other_methods(kind: str) -> None:
-    sample = made(kind, 9, (33, 21))
-    some = [6, 2]
-    alone = Sample(
-        "query", sample.groups, tuple(part[some] for part in sample.values), sample.medians[some]
-    )
-    draws = mean_draws if kind == "medians" else signed_sums
-    assert (draws(alone, CONFIG) == draws(sample, CONFIG)[some]).all()
 
 
 @pytest.mark.parametrize("kind", ["hits", "graded", "medians", "errors"])
@@ -233,36 +151,12 @@ def test_ranges_by_hand() -> None:
     assert lower.tolist() == [[3, 4], [3, 4], [1, 2], [1, 2]]
 
 
-def test_p_at_the_level_is_a_finding() -> None:
-    corrected = np.array([[1.0, 0.05], [0.05, 1.0]])
-    found = rank_ranges(np.array([0.9, 0.8]), corrected, higher_is_better=True)
-    assert found.tolist() == [[1, 1], [2, 2]]
-
-
-def test_equal_values_are_never_better_than_each_other() -> None:
-    corrected = np.full((3, 3), 0.001)
-    values = np.array([np.inf, np.inf, 1.0])
-    found = rank_ranges(values, corrected, higher_is_better=False)
-    assert found.tolist() == [[2, 3], [2, 3], [1, 1]]
-
-
-def test_holm_goes_over_all_pairs() -> None:
-    p_values = np.ones((4, 4))
-    p_values[0, 1] = p_values[1, 0] = 0.01  # of 6 pairs: 0.06
-    assert correct_pairs(p_values)[0, 1] == pytest.approx(0.06)
-    assert correct_pairs(p_values[:2, :2])[0, 1] == pytest.approx(0.01)
-
-
 def test_unpaired_tests_take_what_is_known() -> None:
     values, errors = np.array([0.5, 0.7, np.inf, 0.1]), np.array([0.02, 0.02, 0.1, np.nan])
     found = unpaired_p_values(values, errors)
     assert found[0, 1] == pytest.approx(5.733e-7, rel=1e-3)  # 5 standard deviations
     assert (found[2] == 1).all()
     assert (found[3] == 1).all()
-
-
-def test_many_methods_share_fewer_draws() -> None:
-    assert [resamples_for(count) for count in (1, 2, 224, 225, 500)] == [10_000] * 3 + [2_000] * 2
 
 
 @pytest.mark.slow

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from airzoo_bench.results.comparison import Pair, compare
+from airzoo_bench.results.comparison import Pair, compare, make_sample, score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sampling import make_sample, score_intervals
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.verdicts import verdict
-from airzoo_bench.tables.wording import intervals_made
+from airzoo_bench.tables.comparison import verdict
+from airzoo_bench.tables.intervals import intervals_made
 from tests.statistics.coverage import coverage_over_scenes, documented, standard_error
 from tests.statistics.support import CHAMFER, SOFT, made_method
 
@@ -97,6 +96,7 @@ def test_without_an_interval_the_difference_is_tested_by_permutation() -> None:
     assert found.test.p_value == 2 / 2**7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["N(5, 1)", "exp N(0, 1)", "beta(5, 2)"])
 @pytest.mark.parametrize("scenes", [5, 6, 8, 11, 16])
 def test_intervals_hold_what_is_true_as_often_as_documented(kind: str, scenes: int) -> None:

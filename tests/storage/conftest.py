@@ -10,7 +10,7 @@ from uuid import uuid4
 
 import pytest
 
-from airzoo_bench.storage import faults
+from airzoo_bench.storage import remote
 from tests.storage.servers import Front, files_of, moto, passed_on, serving
 
 KEYS = {
@@ -102,7 +102,7 @@ def other_client() -> Iterator[None]:
 def mirrors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of mirrors, an own one; what fails is tried again at once."""
     monkeypatch.setenv("AIRZOO_BENCH_CACHE", str(tmp_path / "mirrors"))
-    monkeypatch.setattr(faults, "PAUSES_S", (0.0, 0.0))
+    monkeypatch.setattr(remote, "PAUSES_S", (0.0, 0.0))
     return tmp_path / "mirrors"
 
 

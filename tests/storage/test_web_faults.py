@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.storage.rasters import here
+from airzoo_bench.storage.mirror import here
 from tests.storage.faults import CONTENT, always
 from tests.storage.servers import Answer, Asked, Front
 from tests.support import run_main

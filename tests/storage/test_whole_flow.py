@@ -67,19 +67,6 @@ def test_a_table_of_runs_in_a_bucket(command: Run, in_bucket: Bucket) -> None:
     assert "named twice" in str(twice.exception)
 
 
-def test_only_what_is_asked_for_is_fetched_and_once(command: Run, in_bucket: Bucket) -> None:
-    in_bucket.client.put_object(
-        Bucket=in_bucket.name, Key="benchmarks/made/photos/large.jpg", Body=bytes(1 << 20)
-    )
-    assert command(*call(in_bucket)).exit_code == 0
-    first = in_bucket.front.sent.total()
-    assert in_bucket.front.count("large.jpg") == 0
-    in_bucket.front.sent.clear()
-    assert command(*call(in_bucket)).exit_code == 0
-    assert in_bucket.front.sent.total() < first / 2
-    assert in_bucket.front.sent[f"/{in_bucket.name}/predictions/mine.npz"] == 0
-
-
 def test_a_run_takes_the_place_of_an_earlier_one(command: Run, in_bucket: Bucket) -> None:
     for key in ("runs/mine/notes.txt", "runs/mine/figures/old.png", "runs/mine/result.json"):
         in_bucket.client.put_object(Bucket=in_bucket.name, Key=key, Body=b"old")
@@ -115,15 +102,6 @@ def test_an_upload_that_breaks_leaves_no_result(
     (kept,) = mirrors.glob("unsent-*/mine")
     assert str(kept) in (error.fix or "")
     assert {"result.json", "records.csv"} <= {path.name for path in kept.iterdir()}
-
-
-def test_the_data_root_of_the_environment_is_a_url(
-    command: Run, in_bucket: Bucket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", in_bucket.url("benchmarks", "made"))
-    done = command("eval", "retrieval", in_bucket.url("predictions/mine.npz"))
-    assert done.exit_code == 0, done.output
-    assert command("check", in_bucket.url("predictions/mine.npz")).exit_code == 0
 
 
 def test_everything_by_https_but_what_is_written(

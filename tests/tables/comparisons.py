@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from airzoo_bench.results.comparable import choose_scores
 from airzoo_bench.results.comparison import Comparison, Pair, compare
 from airzoo_bench.results.records import Scored
-from airzoo_bench.results.selection import choose_scores
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import PairedTest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from airzoo_bench.tables.annotations import add_gains
+from airzoo_bench.tables.marks import add_gains
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 
 UP, DOWN = Column("R@1", "%", True), Column("Error", "m", False)

@@ -6,9 +6,8 @@ import numpy as np
 
 from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.breakdown import group_records
-from airzoo_bench.tables.breakdown_layout import breakdown_table
-from tests.statistics.support import ERROR, HIT, SOFT, random_methods
+from airzoo_bench.tables.breakdown import breakdown_table
+from tests.statistics.support import ERROR, HIT, random_methods
 
 
 def methods_at(altitudes: list[float], count: int = 2) -> list[Scored]:
@@ -37,12 +36,6 @@ def test_empty_bins_are_rows_without_values() -> None:
         assert not any("fewer" in note for note in table.notes)
 
 
-def test_full_bins_need_no_note() -> None:
-    table = breakdown_table(methods_at([20.0, 88.0]), [HIT], "altitude_m", bins=[30])
-    assert len(table.rows) == 2
-    assert len(table.notes) == 1
-
-
 def test_unknown_is_a_row_only_where_there_is_some() -> None:
     table = breakdown_table(methods_at([20.0, np.nan]), [HIT], "altitude_m", bins=[30])
     assert [row.cells[:2] for row in table.rows][1][1].value == 0
@@ -50,17 +43,3 @@ def test_unknown_is_a_row_only_where_there_is_some() -> None:
     nowhere = breakdown_table(methods_at([np.nan]), [HIT], "altitude_m", bins=[30])
     assert [row.cells[1].value for row in nowhere.rows] == [0, 0, 20]
     assert len(nowhere.notes) == 1
-
-
-def test_bins_that_nobody_named_are_never_empty() -> None:
-    records = methods_at([*np.linspace(1, 10, 13), 100.0], 1)[0].records
-    found = group_records(records, "altitude_m", keep_empty=True)
-    assert found.counts.all()
-    assert not group_records(records, "altitude_m", [200, 300], keep_empty=True).counts[1:].any()
-    assert len(group_records(records, "altitude_m", [200, 300]).labels) == 1
-
-
-def test_many_scores_stand_side_by_side_where_a_page_takes_them() -> None:
-    methods = random_methods(2, {"east": 20}, (HIT, ERROR, SOFT))
-    table = breakdown_table(methods, [HIT, ERROR, SOFT], "scene")
-    assert table.groups_per_block == 3

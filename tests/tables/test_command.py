@@ -9,9 +9,6 @@ from typing import Any
 import pytest
 
 from airzoo_bench.results.result import write_result
-from airzoo_bench.tables.method_table import MethodTable
-from airzoo_bench.tables.published import published_tables
-from airzoo_bench.tables.reported_rows import with_published
 from tests.results.made import result
 from tests.support import run_main, write_predictions
 from tests.tables.two_results import CITY, RURAL, Show, made
@@ -28,22 +25,6 @@ def test_scenes_side_by_side(files: list[Path], show: Show) -> None:
     assert list(rows[0]) == ["Method", "City (161) R@1", "Rural (190) R@1"]
 
 
-def test_published_rows_are_marked_as_such(files: list[Path], show: Show) -> None:
-    rows = show(*files, "--published")
-    assert [row["Method"] for row in rows] == [
-        *("AnyLoc", "SALAD", "Game4Loc", "MegaLoc", "MegaLoc (Ours)"),
-        *("Mine", "MegaLoc"),
-    ]
-    assert [row["R@1"] for row in rows[3:]] == ["6.46", "18.66", "50.00", "42.50"]
-    source = "reported, not re-scored: airzoo-paper, tab:ourflight-retrieval"
-    assert [row["Marked"] for row in rows] == [source] * 5 + [""] * 2
-    scenes = show(files[0], "--layout", "scenes", "--published")
-    assert list(scenes[2].values())[:4] == ["Game4Loc", "21.12", "4.21", "12.67"]
-    assert scenes[2]["Marked"].endswith("tab:uav_real_scenes")
-    one = show(*files, "--published", "--scene", "Rural")
-    assert [row["R@1"] for row in one[2:]] == ["4.21", "4.21", "27.37", "50.00", "25.00"]
-
-
 @pytest.mark.parametrize("form", ["terminal", "latex", "markdown", "html", "json", "csv"])
 def test_every_format_says_that_numbers_are_reported(
     form: str, files: list[Path], capsys: pytest.CaptureFixture[str]
@@ -56,33 +37,6 @@ def bold(files: list[Path], capsys: pytest.CaptureFixture[str], *options: str) -
     assert run_main("table", *files, "--format", "markdown", *options) == 0
     lines = capsys.readouterr().out.splitlines()
     return [line.split(" |")[0].strip("| ") for line in lines if "**" in line]
-
-
-def test_who_competes_for_the_marks(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], files: list[Path]
-) -> None:
-    for name, value in (("low", 0.1), ("lower", 0.0)):
-        scenes = {"City": {"recall@1": value}, "Rural": {"recall@1": 0.1}}
-        write_result(tmp_path / f"{name}.json", made(name, scenes))
-    low = [tmp_path / "low.json", tmp_path / "lower.json"]
-    assert bold(low, capsys, "--published") == ["low"]
-
-
-def test_the_sources_own_contradictions_are_told(
-    files: list[Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    # Of R@1, all that these results show, both of the paper's tables print the same.
-    assert run_main("table", files[0], "--published") == 0
-    out = capsys.readouterr().out
-    assert "prints another average" not in out
-    assert "is not the shipped protocol" not in out
-    tables = published_tables("uav-visloc", "retrieval")
-    (score,) = (column for column in result().columns if column.key == "recall@1")
-    board = MethodTable("T", "uav-visloc", "retrieval", (score,), {}, {}, ())
-    (note,) = with_published(board, tables, by_scene=False).notes
-    assert note == (
-        "tab:uav_visloc_scenes of the same source prints another average of AnyLoc, SALAD, MegaLoc"
-    )
 
 
 def test_another_protocol_and_another_benchmark(
@@ -106,22 +60,6 @@ def test_gains(files: list[Path], show: Show) -> None:
     # Of two rows of one name, the one that was scored here.
     rows = show(*files, "--published", "--baseline", "MegaLoc (Ours)=MegaLoc")
     assert [row["R@1 gain"] for row in rows][4] == "-23.84"
-
-
-def test_benchmarks_side_by_side(files: list[Path], tmp_path: Path, show: Show) -> None:
-    write_result(tmp_path / "other.json", result("Mine"))
-    rows = show(*files, tmp_path / "other.json", "--layout", "benchmarks")
-    assert [list(row.values()) for row in rows] == [
-        ["Mine", "50.00", "30.00"],
-        ["MegaLoc", "42.50", "–"],
-    ]
-    assert list(rows[0]) == ["Method", "AirZoo-Real R@1", "b R@1"]
-
-
-def test_scores_by_name(files: list[Path], show: Show) -> None:
-    assert list(show(*files, "--score", "Distance")[0]) == ["Method", "Distance"]
-    rows = show(*files, "--score", "Distance", "--score", "recall@1")
-    assert list(rows[0].values()) == ["Mine", "inf", "50.00"]
 
 
 def test_a_document_with_everything(
@@ -174,68 +112,6 @@ def test_what_is_refused(
     assert "Traceback" not in message
     for fragment in fragments:
         assert fragment in message
-
-
-def test_methods_of_one_name_carry_their_files(
-    files: list[Path], tmp_path: Path, show: Show, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = tmp_path / "again.json"
-    other.write_bytes(files[0].read_bytes())
-    rows = show(*files, other)
-    names = ["Mine (Mine.json)", "MegaLoc", "Mine (again.json)"]
-    assert [row["Method"] for row in rows] == names
-    assert run_main("table", *files, other, "--highlight", "Mine") == 2
-    assert "no row is called 'Mine'" in capsys.readouterr().err
-    # On another benchmark the same name is the same method.
-    write_result(tmp_path / "b.json", result("MegaLoc"))
-    rows = show(*files, other, tmp_path / "b.json")
-    assert [row["Method"] for row in rows] == names
-    assert [row["b R@1"] for row in rows] == ["–", "30.00", "–"]
-
-
-def test_a_file_is_named_once(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("table", files[0], files[0].parent / "x" / ".." / files[0].name) == 2
-    run_main("table", files[0], files[1], files[0])
-    assert f"{files[0]}: named twice" in capsys.readouterr().err
-
-
-def test_a_folder_stands_for_the_result_in_it(
-    files: list[Path], tmp_path: Path, show: Show, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "runs" / "one"
-    folder.mkdir(parents=True)
-    assert run_main("table", folder) == 2
-    message = capsys.readouterr().err
-    assert f"{folder}: a folder, not a result file, and without a result.json" in message
-    assert "fix:" not in message
-    (folder / "result.json").write_bytes(files[0].read_bytes())
-    assert show(folder) == show(files[0])
-    assert run_main("table", folder.parent) == 2
-    assert f"name {folder.parent}/*/result.json (there are 1)" in capsys.readouterr().err
-    assert run_main("table", folder, folder / "result.json") == 2
-    assert "named twice" in capsys.readouterr().err
-
-
-def test_broken_json(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    files[0].write_text('{\n "schema": 1,\n "track": oops\n}', encoding="utf-8")
-    assert run_main("table", *files) == 2
-    message = capsys.readouterr().err
-    assert f"{files[0]}: not a result: not valid JSON: expected" in message
-    assert "line 3 column 1" in message
-    assert "version" not in message
-
-
-def test_a_file_of_citations(
-    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "keys.toml"
-    for head in ("", "title = 1\n[citations]\n"):
-        path.write_text(f'{head}"Mine" = "me2026"\n"Nobody" = "x"\n', encoding="utf-8")
-        assert run_main("table", *files, "--cite", path, "--format", "latex") == 0
-        assert r"Mine~\cite{me2026} & " in capsys.readouterr().out
-    path.write_text('"Mine" = 3\n', encoding="utf-8")
-    assert run_main("table", *files, "--cite", path, *LATEX) == 2
-    assert "something else than citation keys" in capsys.readouterr().err
 
 
 def test_intervals(

@@ -12,14 +12,13 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.results.sampling import is_hit
 from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.tables.comparison_layout import comparison_table
+from airzoo_bench.tables.comparison import comparison_table, disagreement, sentence, verdict
 from airzoo_bench.tables.render import render
-from airzoo_bench.tables.verdicts import disagreement, sentence, verdict
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method
 from tests.tables.comparisons import FAST, PAIR, against
 
@@ -114,11 +113,6 @@ class TestVerdict:
         tiny = replace(PAIR, test=replace(PAIR.test, p_value=9.9e-5), p_mcnemar=1e-9)
         assert "p < 0.0001, after Holm = 0.0200, McNemar < 0.0001" in sentence(tiny, FAST)
 
-    def test_an_interval_that_holds_0_is_told(self) -> None:
-        assert "holds" not in sentence(PAIR, FAST)
-        doubtful = replace(PAIR, interval=Interval(-0.01, 0.2, "bca"))
-        assert sentence(doubtful, FAST).endswith("; but the interval holds 0.")
-
     @pytest.mark.parametrize(
         ("limits", "p_value", "p_holm", "said"),
         [
@@ -140,17 +134,3 @@ class TestVerdict:
         assert found.startswith(said) if said else not found
         end = f"; but {found}." if said else f"McNemar = {PAIR.p_mcnemar:.4f}."
         assert sentence(pair, FAST).endswith(end)
-
-    def test_too_few_have_a_reason_of_their_own(self) -> None:
-        few = replace(PAIR, wins=5, losses=0, p_holm=0.0625)
-        assert disagreement(few) == ""
-
-    @pytest.mark.parametrize(("units", "least"), [(1, 1.0), (2, 0.5), (5, 2 / 32), (6, 2 / 64)])
-    def test_the_least_p_is_reached(self, units: int, least: float) -> None:
-        methods = [
-            made_method({"s": {"mrr": [v] * units + [0.5]}}, (SOFT,), n)
-            for n, v in (("a", 0.0), ("b", 1.0))
-        ]
-        pair = against(*methods, every=True).pairs[0]
-        assert pair.p_floor == pair.test.p_value == least
-        assert (verdict(pair) == "too few") == (least > 0.05)

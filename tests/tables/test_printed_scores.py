@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from airzoo_bench.tables.printed_scores import Family, at_most, read_score
+from airzoo_bench.tables.printed import Family, read_score
 
 
 @pytest.mark.parametrize(
@@ -54,20 +54,3 @@ def test_an_average_precision_may_name_its_definition(name: str, variant: str | 
 def test_thresholds_have_units() -> None:
     assert read_score("recall@(5m, 1°)").thresholds == ((Fraction(5), "m"), (Fraction(1), "deg"))
     assert read_score("recall@0.25m").thresholds == ((Fraction(1, 4), "m"),)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "expected"),
-    [
-        ("R@1", "R@5", True),
-        ("R@5", "R@1", False),
-        ("R@1", "R@1%", False),
-        ("R@1", "recall@5", False),
-        ("recall@(5m,1deg)", "recall@(10m,1deg)", True),
-        ("recall@(5m,2deg)", "recall@(10m,1deg)", False),
-        ("recall@5m", "recall@(10m,1deg)", False),
-        ("R@1", "AP@5", False),
-    ],
-)
-def test_which_hits_contain_which(first: str, second: str, expected: bool) -> None:
-    assert at_most(read_score(first), read_score(second)) is expected

@@ -7,12 +7,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.layouts import methods_layout
-from airzoo_bench.tables.method_table import MethodTable
 from airzoo_bench.tables.published import published_sources, read_source
-from airzoo_bench.tables.render import render
-from airzoo_bench.tables.reported_rows import with_published
 
 SOURCE = """
 schema = 1
@@ -66,33 +61,6 @@ def test_shares_become_percent(tmp_path: Path) -> None:
 def test_a_pair_that_does_not_fit(tmp_path: Path, table: str, message: str) -> None:
     with pytest.raises(ResultError, match=message):
         read_source(source(tmp_path, HEAD + table))
-
-
-@pytest.mark.parametrize(
-    ("form", "name", "label"),
-    [
-        ("latex", r"A\_\{\&\}\textless{}b\textgreater{}", r"t\_\%"),
-        ("html", "A_{&amp;}&lt;b&gt;", "t_%"),
-    ],
-)
-def test_special_characters(tmp_path: Path, form: str, name: str, label: str) -> None:
-    table = HEAD + "t_%,B,retrieval,A_{&}<b>,Average,R@1,,12.5\n"
-    score = ScoreColumn(
-        key="recall@1",
-        title="R@1",
-        unit="share",
-        higher_is_better=True,
-        average="mean",
-        headline=True,
-    )
-    board = MethodTable("T", "b", "retrieval", (score,), {}, {}, ())
-    made = methods_layout(
-        with_published(board, read_source(source(tmp_path, table)), by_scene=False)
-    )
-    if form == "latex":
-        assert "<b>" not in render(made, form)
-    assert name in render(made, form)
-    assert label in render(made, form)
 
 
 def test_the_shipped_pair_is_read() -> None:

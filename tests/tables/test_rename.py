@@ -36,21 +36,6 @@ def test_every_format_shows_new_names(
     assert "difference from Old Loc, of the values as printed" in (out + said).replace(r" \\ ", " ")
 
 
-def test_notes_of_methods_go_by_new_names(
-    files: list[Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("table", *files, "--rename", "MegaLoc=Other", "--rename", "Mine=A") == 0
-    assert "  A, Other: A note.\n" in capsys.readouterr().out
-
-
-def test_scenes_of_one_result(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("table", files[0], "--rename", "City=Town", "--rename", "Average=Mean") == 0
-    out = capsys.readouterr().out
-    assert "  Town " in out
-    assert "  Mean " in out
-    assert "City" not in out
-
-
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
@@ -66,35 +51,6 @@ def test_what_is_no_renaming(
     message = capsys.readouterr().err
     for fragment in ["--rename", *fragments]:
         assert fragment in message
-
-
-def test_two_new_names(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    options = ("--rename", "Mine=A", "--rename", "Mine=B")
-    assert run_main("table", *files, *options) == 2
-    assert "'Mine' has two new names" in capsys.readouterr().err
-
-
-def test_names_may_be_swapped(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    options = ("--rename", "Mine=MegaLoc", "--rename", "MegaLoc=Mine", "--format", "csv")
-    assert run_main("table", *files, *options) == 0
-    rows = capsys.readouterr().out.splitlines()
-    assert [row.partition(",")[0] for row in rows[1:]] == ["MegaLoc", "Mine"]
-
-
-def test_a_mistyped_layout(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("table", *files, "--layout", "scene") == 2
-    assert "did you mean 'scenes'?" in capsys.readouterr().err
-
-
-def test_what_is_published_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    one = made("Mine", {"City": {"recall@1": 0.5}, "Rural": {"recall@1": 0.5}})
-    truth = one.truth.model_copy(update={"benchmark": "lake"})
-    write_result(tmp_path / "r.json", one.model_copy(update={"truth": truth}).with_checksum())
-    assert run_main("table", tmp_path / "r.json", "--published") == 0
-    out = capsys.readouterr().out
-    assert "nothing is published on lake (retrieval), but on " in out
-    assert "airzoo-real" in out
-    assert "lake," not in out
 
 
 class TestOneRow:
@@ -139,14 +95,6 @@ class TestOneRow:
         out = capsys.readouterr().out
         assert r"\rowcolor{yellow!25}" + "\n" + r"Ours~\cite{b,a}" in out
         assert "{(0.00)}" in out or "(0.00)" in out or "(+0.00)" in out
-
-    def test_an_existing_name_is_joined(
-        self, tracks: list[Path], capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        options = ("--rename", "SIFT and VLAD=SIFT", "--format", "csv")
-        assert run_main("table", *tracks, *options) == 0
-        rows = capsys.readouterr().out.splitlines()
-        assert rows[1:] == ["SIFT,37.50,37.50", "Other,–,37.50"]
 
     def test_two_numbers_do_not_fit_one_cell(
         self, tracks: list[Path], capsys: pytest.CaptureFixture[str]

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.tables.best_marks import mark_best
 from airzoo_bench.tables.layouts import methods_table, scenes_table
-from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
+from airzoo_bench.tables.marks import mark_best
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.render import FORMATS, render
 from tests.results.made import result
 
@@ -101,14 +101,6 @@ def test_latex_takes_no_cell_for_an_argument_of_the_line_before(name: str, start
     # After \\ or \midrule, LaTeX reads [ as an optional argument, and * as the starred form.
     lines = render(table(("a", 1.0, 2.0), (name, 1.0, 2.0)), "latex").splitlines()
     assert any(line.startswith(start) for line in lines)
-
-
-def test_latex_comments_stay_on_their_line() -> None:
-    lines = render(named("50 %\n\\immediate\\write18{x}"), "latex").splitlines()
-    assert lines[1] == r"% 50 % \immediate\write18{x}"
-    assert lines[2].startswith("% 50 % ")
-    assert lines[3].startswith("% about ")
-    assert lines[4].startswith(r"\begin{tabular}")
 
 
 class Cells(html.parser.HTMLParser):
@@ -200,12 +192,6 @@ def test_a_terminal_shows_names_whole_and_as_they_are(name: str) -> None:
     assert line.split()[-2:] == ["1.00", "2.00"]
 
 
-def test_notes_belong_to_the_numbers() -> None:
-    made = table(("a", 1.0, 2.0), notes=("3 queries are missing",))
-    for form in ("terminal", "latex", "html", "json"):
-        assert "3 queries are missing" in render(made, form), form
-
-
 def test_notes_wrap_for_eyes_and_not_in_a_pipe() -> None:
     note = "words " * 30 + "and " + "x" * 90
     made = table(("a", 1.0, 2.0), notes=(note,))
@@ -231,56 +217,6 @@ def test_one_result_by_scene() -> None:
     assert made.notes[0] == "A note."
 
 
-def test_what_rounds_to_zero_has_no_sign() -> None:
-    cell = Cell(-0.001, gain=-0.004, uncertainty=Between(-0.002, 0.001))
-    made = Table("T", (Column("Method"), UP), (Row((Cell("a"), cell)),))
-    assert made.texts() == [["a", "0.00 [0.00, 0.00] (+0.00)"]]
-    assert render(made, "csv").splitlines()[1] == "a,0.00,0.00,0.00,0.00"
-    assert Cell(-0.006).text(2) == "-0.01"
-    assert Cell(0.0, gain=-0.006).suffix(2) == ["(-0.01)"]
-
-
-def test_names_in_heads_are_as_harmless_as_in_cells() -> None:
-    columns = (Column("Weather"), Column("=1+1", "%", True), Column("b\nc", group="@x"))
-    made = Table("T", columns, (Row((Cell("fog"), Cell(1.0), Cell(2.0))),))
-    assert next(csv.reader(io.StringIO(render(made, "csv")))) == ["Weather", "'=1+1", "'@x b c"]
-
-
-@pytest.mark.parametrize("title", ["@5m,10°", "@0.5m"])
-def test_scores_keep_their_names_in_heads(title: str) -> None:
-    cell = Cell(1.0, gain=1.0, uncertainty=Between(0.0, 2.0))
-    made = Table("T", (Column("M"), Column(title, "%", True)), (Row((Cell("a"), cell)),))
-    heads = next(csv.reader(io.StringIO(render(made, "csv"))))
-    assert heads == ["M", title, f"{title} from", f"{title} to", f"{title} gain"]
-
-
-@pytest.mark.parametrize("title", ["@1+1", "@SUM(1)", "@1|x", "@1!A1", "+1m", "-1m"])
-def test_other_names_like_those_of_scores_are_not_run(title: str) -> None:
-    made = Table("T", (Column("M"), Column(title, "%", True)), (Row((Cell("a"), Cell(1.0))),))
-    assert next(csv.reader(io.StringIO(render(made, "csv"))))[1] == f"'{title}"
-
-
-def test_a_long_title_wraps_for_eyes_and_not_in_a_pipe() -> None:
-    title = "Averages over scenes: " + ", ".join(f"benchmark-{n} v1" for n in range(9))
-    made = table(("a", 1.0, 2.0), title=title)
-    assert render(made, "terminal", width=60).splitlines()[0] == title
-    lines = render(made, "terminal", width=60, styled=True).splitlines()
-    wrapped = lines[: next(i for i, line in enumerate(lines) if not line.strip())]
-    assert all(len(line) <= 60 for line in wrapped)
-    assert all(line.startswith("  benchmark") for line in wrapped[1:])
-    assert " ".join(line.strip() for line in wrapped) == title
-
-
-def test_a_scene_that_is_one_query_counts_its_points() -> None:
-    counts = {"s": {"queries": 1, "points": 4321}}
-    made = result().model_copy(update={"track": "reconstruction", "counts": counts})
-    assert scenes_table(made).columns[1].title == "Points"
-    assert scenes_table(made).texts()[0][1] == "4321"
-    bare = made.model_copy(update={"counts": {"s": {"queries": 1}}})
-    assert scenes_table(bare).texts()[0][1] == "–"
-    assert scenes_table(result()).columns[1].title == "Queries"
-
-
 def test_several_results_side_by_side() -> None:
     one, other = result("one", **{"recall@1": 0.5}), result("other", **{"recall@1": 0.6})
     for scene in (None, "s", "Scene"):
@@ -290,11 +226,3 @@ def test_several_results_side_by_side() -> None:
     assert "one, other: A note." in made.notes
     with pytest.raises(ResultError, match="no scene 'x' in the results"):
         methods_table([one, other], scene="x")
-
-
-@pytest.mark.parametrize("part", ["protocol", "truth"])
-def test_results_that_cannot_stand_side_by_side(part: str) -> None:
-    one, other = result("one"), result("other")
-    changed = getattr(other, part).model_copy(update={"fingerprint": "z"})
-    with pytest.raises(ResultError, match=rf"^one and other were .* {part}s \(. and z\)"):
-        methods_table([one, other.model_copy(update={part: changed})])

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.results.provenance import ProtocolUsed, TruthUsed
-from airzoo_bench.results.result import Result
+from airzoo_bench.results.result import ProtocolUsed, Result, TruthUsed
 from tests.results.made import result
 
 Show = Callable[..., list[dict[str, str]]]

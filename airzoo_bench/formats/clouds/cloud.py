@@ -125,10 +125,8 @@ class ArrayPieces:
         """Yield all points, at most `size` at a time."""
         for start in range(0, len(self.points), size):
             part = slice(start, start + size)
-            columns = dict(zip("xyz", self.points[part].T, strict=True))
-            if self.confidence is not None:
-                columns["confidence"] = self.confidence[part]
-            yield cloud_of_columns(columns)
+            trust = None if self.confidence is None else _as_confidence(self.confidence[part])
+            yield Cloud(np.array(self.points[part], np.float64), None, trust)
 
 
 def cloud_of_columns(columns: Mapping[str, NDArray[Any]]) -> Cloud:
@@ -137,8 +135,13 @@ def cloud_of_columns(columns: Mapping[str, NDArray[Any]]) -> Cloud:
     for axis, name in enumerate("xyz"):
         points[:, axis] = columns[name]
     found = next((columns[name] for name in _CONFIDENCE if name in columns), None)
+    return Cloud(points, None, None if found is None else _as_confidence(found))
+
+
+def _as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:
+    """Turn a column (N,) into float32; what is too large for it becomes infinite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return Cloud(points, None, None if found is None else found.astype(np.float32))
+        return column.astype(np.float32)
 
 
 def refusal(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.evaluation.evaluate import truth_fingerprint
-from airzoo_bench.evaluation.given import read_truths
+from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.leaderboard.answer import SealedAnswer
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.results.result import read_result

@@ -11,9 +11,8 @@ import numpy as np
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.evaluation.check import check
-from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
-from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.rescoring import pipeline_errors

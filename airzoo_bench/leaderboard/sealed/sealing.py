@@ -25,7 +25,7 @@ from airzoo_bench.core.files import (
     sha256_of,
 )
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.evaluation.given import read_truths
+from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.leaderboard.sealed.archive import Member, pieces_of, write_archive
 from airzoo_bench.leaderboard.sealed.contents import MANIFEST, Contents, SealedFile, commitment
 from airzoo_bench.leaderboard.sealed.parts import (

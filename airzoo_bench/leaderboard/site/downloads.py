@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from airzoo_bench.leaderboard.site.api import Row, Score, ScoreColumn, TableFile
 from airzoo_bench.leaderboard.submission import PublicSubmission
-from airzoo_bench.tables.best_marks import mark_best
+from airzoo_bench.tables.marks import mark_best
 from airzoo_bench.tables.model import Between, Cell, Column, Table, share_to_percent
 from airzoo_bench.tables.model import Row as TableRow
 from airzoo_bench.tables.render import render

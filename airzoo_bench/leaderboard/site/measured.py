@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.results.sampling import is_share
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
 __all__ = ["OVERALL", "RESAMPLING", "Measured", "sample_of"]

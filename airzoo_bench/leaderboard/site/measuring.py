@@ -21,9 +21,9 @@ from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.site.entries import Entry
 from airzoo_bench.leaderboard.site.kept_files import keep_json, keep_rows, kept_json
 from airzoo_bench.leaderboard.site.measured import OVERALL, RESAMPLING, Measured
+from airzoo_bench.results.comparison import make_sample, score_intervals
 from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.result import ScoreColumn, read_result
-from airzoo_bench.results.sampling import make_sample, score_intervals
 from airzoo_bench.tables.breakdown import (
     condition_names,
     condition_title,

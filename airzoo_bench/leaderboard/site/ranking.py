@@ -16,10 +16,12 @@ from airzoo_bench.leaderboard.site.api import API, Pairs
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured, sample_of
 from airzoo_bench.leaderboard.site.rows import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values, resamples_for
-from airzoo_bench.statistics.rank_ranges import (
+from airzoo_bench.statistics.pair_tests import (
     correct_pairs,
+    pair_limits,
+    pair_p_values,
     rank_ranges,
+    resamples_for,
     told_apart,
     unpaired_p_values,
 )
@@ -30,15 +32,9 @@ __all__ = ["Ranked", "check_alike", "headline_first", "rank", "rank_sealed"]
 
 @dataclass(frozen=True)
 class Ranked:
-    """One score of a table's methods, in their order.
+    """One score of a table's methods, in their order: rank ranges (V, 2), which two differ (V, V).
 
-    Attributes
-    ----------
-    ranges : (V, 2) int64
-    apart : (V, V) bool
-        Which two methods are significantly different.
-    pairs : Pairs or None
-        None of a sealed table, and of one method.
+    A sealed table, and one method, have no pairs.
     """
 
     ranges: NDArray[np.int64]

@@ -12,14 +12,13 @@ from airzoo_bench.leaderboard.site.api import Finding
 from airzoo_bench.leaderboard.site.kept_files import keep_json, kept_json
 from airzoo_bench.leaderboard.site.measured import OVERALL
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.method_table import MethodRow, MethodTable
+from airzoo_bench.tables.method_table import MethodRow, MethodTable, with_published
 from airzoo_bench.tables.published import (
     PublishedTable,
     published_sources,
     read_source,
     read_source_file,
 )
-from airzoo_bench.tables.reported_rows import with_published
 
 __all__ = ["Reported", "read_reported"]
 
@@ -86,7 +85,7 @@ def _audited(path: Path, cache: Path) -> list[tuple[str, str, str, Finding]]:
     if listed is None:
         # A build that has the findings needs neither.
         from airzoo_bench.audit.audit import audit
-        from airzoo_bench.tables.printed_values import read_published
+        from airzoo_bench.tables.published import read_published
 
         listed = [
             [

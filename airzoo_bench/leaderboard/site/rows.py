@@ -20,8 +20,8 @@ from airzoo_bench.leaderboard.site.entries import Entry
 from airzoo_bench.leaderboard.site.kept_files import kept_row
 from airzoo_bench.leaderboard.site.measured import OVERALL, Measured
 from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.tables.intervals import score_texts
 from airzoo_bench.tables.method_table import MethodRow
-from airzoo_bench.tables.wording import score_texts
 
 __all__ = [
     "Scored",

@@ -32,8 +32,8 @@ from airzoo_bench.leaderboard.site.rows import (
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.tables.intervals import intervals_made, resampled
 from airzoo_bench.tables.published import shipped_fingerprints
-from airzoo_bench.tables.wording import intervals_made, resampled
 
 __all__ = ["About", "Made", "make_table"]
 

@@ -17,7 +17,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError, SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.given import ReadBy
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.leaderboard.answer import SealedAnswer
 from airzoo_bench.leaderboard.sealed import scoring
 from airzoo_bench.leaderboard.sealed.scoring import score_predictions, score_sealed, told_of

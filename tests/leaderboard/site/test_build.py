@@ -13,8 +13,7 @@ import pytest
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.site.api_files import MARK
 from airzoo_bench.leaderboard.site.build import build_board
-from airzoo_bench.results.best import value_of
-from airzoo_bench.results.comparison import compare
+from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_scored
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.leaderboard.site.support import (

@@ -1,0 +1,318 @@
+"""Opening predictions: finding their track, protocol and reader, and reading their truth."""
+
+from __future__ import annotations
+
+import tempfile
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from airzoo_bench.benchmark.folder import Benchmark, benchmark_place, find_benchmark
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    PredictionError,
+    ProtocolError,
+    UnreadableError,
+    UsageError,
+)
+from airzoo_bench.core.files import sha256_of, temporary_folder
+from airzoo_bench.core.registry import TRACKS, load_track
+from airzoo_bench.core.sandbox import call_limited, check_limits
+from airzoo_bench.evaluation.info import TrackInfo
+from airzoo_bench.evaluation.reader import Reader, Reading, find_reader, image_size_of, reader_named
+from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
+from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols
+from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.result import ReaderUsed
+
+__all__ = ["Given", "ReadBy", "open_predictions", "read_truth", "read_truths"]
+
+_EXAMPLE = "`airzoo-bench template` writes an example"
+
+
+@dataclass(frozen=True)
+class ReadBy:
+    """How predictions in a method's own files are to be read: see `reader.Reading`.
+
+    The reader is found from the files where none is named; `image_size` is such as "640x480".
+    """
+
+    reader: str | None = None
+    names: Path | None = None
+    image_size: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Predictions, opened, with their protocol.
+
+    `reader` read a method's own files, and has `notes`; `truths` are the benchmark and its truths,
+    where the reader was given them.
+    """
+
+    predictions: Predictions
+    protocol: Protocol
+    reader: ReaderUsed | None = None
+    notes: tuple[str, ...] = ()
+    truths: tuple[Benchmark, list[Truth]] | None = None
+
+    @property
+    def track(self) -> Track:
+        """The track of the protocol."""
+        track: Track = load_track(self.protocol.track)
+        return track
+
+
+def open_predictions(
+    path: Path,
+    *,
+    data: Path,
+    track: str | None = None,
+    protocol: str | None = None,
+    run: Run = Run(),  # noqa: B008 - frozen
+    read_by: ReadBy = ReadBy(),
+) -> Given:
+    """Open predictions in this process, or in a child under limits where `run` has some."""
+    _refuse_special(path)
+    if run.limits is not None:
+        return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
+    arrays = open_arrays(path, run.memory_bytes) if path.suffix == ".npz" else None
+    fields = arrays.names() if arrays else set[str]()
+    chosen = _find_protocol(path, protocol, protocol_name(arrays) if arrays else None, data)
+    asked = track or (None if chosen is None else chosen.track)
+    is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
+    name = read_by.reader or (None if is_own else find_reader(path, asked))
+    if name is not None:
+        return _open_native(path, reader_named(name), name, data, track, chosen, run, read_by)
+    for option, value in (("--names", read_by.names), ("--image-size", read_by.image_size)):
+        if value is not None:
+            raise UsageError(
+                f"{option} is for files as methods write them, and no reader takes these",
+                where=path,
+                fix="leave it out, or say which reader: --reader NAME",
+            )
+    info = _track_of(path, asked, fields)
+    if chosen is not None:
+        _check_track(path, chosen, info.name)
+    predictions: Predictions = load_track(info.name).open(path, run.memory_bytes)
+    chosen = chosen or _find_protocol(path, None, predictions.protocol, data)
+    if chosen is None:
+        raise ProtocolError(
+            "does not say which protocol it is for",
+            where=path,
+            expected="a field 'protocol' in the file, or protocol.txt in the folder or archive",
+            fix="name it with --protocol; `airzoo-bench protocols` lists them",
+        )
+    _check_track(path, chosen, info.name)
+    return Given(predictions, chosen)
+
+
+def _refuse_special(path: Path) -> None:
+    """Refuse what is not there, or would be waited for or read without end."""
+    if path.is_file() or path.is_dir():
+        return
+    what = "no such prediction file or folder"
+    if path.exists() or path.is_symlink():
+        what = "a pipe, a socket or a device" if path.exists() else "a link to nothing"
+    kinds = "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in TRACKS.names())
+    raise UnreadableError(what, where=path, expected=kinds, fix=_EXAMPLE)
+
+
+def _find_protocol(
+    path: Path, named: str | None, in_file: str | None, data: Path
+) -> Protocol | None:
+    """Return the protocol that was named, else the one that predictions state."""
+    if named is not None or in_file is None:
+        return None if named is None else find_protocol(named, data)
+    try:
+        return find_protocol(in_file, data)
+    except ProtocolError as error:
+        raise error.inside(f"{path}, field 'protocol'") from error
+
+
+def _check_track(path: Path, chosen: Protocol, track: str) -> None:
+    if chosen.track != track:
+        raise PredictionError(
+            f"protocol {chosen.name} is of the {chosen.track} track",
+            where=path,
+            expected=f"a protocol of the {track} track",
+            fix=f"airzoo-bench eval {chosen.track} {path}",
+        )
+
+
+def _track_of(path: Path, asked: str | None, fields: set[str]) -> TrackInfo:
+    """Return the track that was asked for, or find it; a kind of file that it lacks is refused."""
+    tracks: dict[str, TrackInfo] = {name: TRACKS.get(name) for name in TRACKS.names()}
+    kind = path.name.lower()
+    fitting = [
+        one
+        for one in tracks.values()
+        if (one.folders if path.is_dir() else kind.endswith(one.suffixes))
+    ]
+    if asked is not None and (tracks[asked] in fitting or not fitting):
+        return tracks[asked]
+    if asked is not None or not fitting:
+        other = fitting[0].name if fitting else None
+        raise UnreadableError(
+            f"predictions of the {other} track come so, not those of the {asked} track"
+            if other
+            else f"no kind of file that predictions come in: {path.suffix[:20]!r}",
+            where=path,
+            expected="; ".join(f"{one.name}: {one.kinds}" for one in tracks.values()),
+            fix=f"airzoo-bench eval {other} {path}" if other else _EXAMPLE,
+        )
+    return ([one for one in fitting if fields & {*one.fields}] or fitting)[0]
+
+
+def _open_native(
+    path: Path,
+    reader: Reader,
+    name: str,
+    data: Path,
+    track: str | None,
+    chosen: Protocol | None,
+    run: Run,
+    read_by: ReadBy,
+) -> Given:
+    """Read what a method wrote; such files do not say which protocol they are for."""
+    if track not in (None, reader.track):
+        raise UnreadableError(
+            f"is {reader.title}, predictions of the {reader.track} track, not of the {track} track",
+            where=path,
+            fix=f"those are scored by `airzoo-bench eval {reader.track} {path}`",
+        )
+    if chosen is None:
+        there = " or ".join(prepared_protocols(reader.track, data)[:3])
+        raise ProtocolError(
+            "does not say which protocol it is for",
+            where=path,
+            expected=f"--protocol NAME, for what was read as {reader.title}",
+            fix=f"add --protocol {there}" if there else "`airzoo-bench protocols` lists them",
+        )
+    _check_track(path, chosen, reader.track)
+    size = image_size_of(read_by.image_size)
+    reading = Reading(chosen, [], read_by.names, run.memory_bytes, image_size=size)
+    known = None  # then readers say what they cannot tell without, and scoring that it is missing
+    if benchmark_place(chosen.benchmark, data).is_dir():
+        known = benchmark, truths = read_truths(chosen, data, sealed=True)
+        scenes = tuple(scene.id for scene in benchmark.file.scenes)
+        reading = replace(reading, truths=truths, folders=benchmark.image_folders, scenes=scenes)
+    reader.check_options(path, reading)
+    read = reader.read(path, reading)
+    beside = [*read.beside, *([read_by.names] if read_by.names else [])]
+    also = (f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in beside)
+    used = ReaderUsed(name=name, conventions=(*read.conventions, *also))
+    return Given(read.predictions, chosen, used, read.notes, known)
+
+
+def read_truths(
+    protocol: Protocol, data: Path, *, sealed: bool = False
+) -> tuple[Benchmark, list[Truth]]:
+    """Find the benchmark of a protocol, and read the truth of its scenes, in its order."""
+    benchmark = find_benchmark(protocol.benchmark, data, sealed=sealed)
+    benchmark.check_fits(protocol)
+    with benchmark.fixes():
+        return benchmark, [read_truth(benchmark, protocol, one.id) for one in protocol.scenes]
+
+
+def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
+    """Read the truth of a scene, and refuse conditions that have the name of another column."""
+    track = load_track(protocol.track)
+    truth: Truth = track.truth(benchmark, scene)
+    conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
+    taken = {*track.recorded, *(score.column for score in track.scores(protocol))}
+    names = [] if conditions is None else map(str, conditions.columns)
+    clashing = [name for name in names if any(fnmatchcase(name, one) for one in taken)]
+    if clashing:
+        raise BenchmarkError(
+            f"conditions have names that records of the {protocol.track} track use: "
+            f"{', '.join(clashing)}",
+            where=benchmark.scene_folder(scene) / "queries.csv",
+            expected="conditions of other names",
+            fix="rename the columns, then `airzoo-bench manifest FOLDER --force`",
+        )
+    return truth
+
+
+# --- predictions of strangers, which a child reads ---
+
+
+@dataclass(frozen=True)
+class _ListedScenes(ScenePredictions):
+    """Scenes as a child lists them; another child reads each when it is opened."""
+
+    path: Path
+    protocol: str | None
+    unknown_files: tuple[str, ...]
+    names: tuple[str, ...]
+    request: Mapping[str, Any] = field(default_factory=dict)
+    run: Run | None = None
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        return self.names
+
+    @contextmanager
+    def opened(self, scene: str, *, limit_bytes: int, sampling: Any) -> Iterator[Any]:
+        settings = {"scene": scene, "limit_bytes": limit_bytes, "sampling": sampling}
+        assert self.run is not None
+        yield _call("open_scene_here", {**self.request, **settings}, self.path, self.run)
+
+
+def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
+    check_limits()
+    request = {"path": path, "data": data, "protocol": protocol, **asked}
+    request["memory_bytes"] = run.memory_bytes
+    found = _call("open_here", request, path, run)
+    predictions = found.predictions
+    if isinstance(predictions, _ListedScenes):
+        predictions = replace(predictions, request=request, run=run)
+    chosen = find_protocol(protocol or predictions.protocol, data)
+    reader = ReaderUsed.model_validate(found.reader) if found.reader else None
+    return Given(predictions, chosen, reader, tuple(found.notes))
+
+
+def _call(function: str, request: Mapping[str, Any], path: Path, run: Run) -> Any:
+    """Call a function of this file in a child; its files stay for as long as what it returns."""
+    assert run.limits is not None
+    with ExitStack() as stack:
+        parent = Path(tempfile.gettempdir())
+        folder = stack.enter_context(temporary_folder(parent, "airzoo-bench"))
+        place = f"{__name__}:{function}"
+        found = call_limited(place, request, where=path, limits=run.limits, folder=folder)
+        weakref.finalize(getattr(found, "predictions", found), stack.pop_all().close)
+        return found
+
+
+@dataclass(frozen=True)
+class _Opened:
+    predictions: Any
+    reader: dict[str, Any] | None
+    notes: tuple[str, ...]
+
+
+def open_here(memory_bytes: int, **request: Any) -> _Opened:
+    """Open predictions, in the child."""
+    given = open_predictions(run=Run(memory_bytes), **request)
+    found: Any = given.predictions
+    if isinstance(found, ScenePredictions):
+        listed = tuple(found.unknown_files), tuple(found.scenes)
+        found = _ListedScenes(found.path, found.protocol, *listed)
+    reader = given.reader.model_dump(mode="json") if given.reader else None
+    return _Opened(found, reader, given.notes)
+
+
+def open_scene_here(
+    memory_bytes: int, scene: str, limit_bytes: int, sampling: Any, **request: Any
+) -> AbstractContextManager[Any]:
+    """Open one scene of predictions, in the child."""
+    predictions: Any = open_predictions(run=Run(memory_bytes), **request).predictions
+    opened: AbstractContextManager[Any] = predictions.opened(
+        scene, limit_bytes=limit_bytes, sampling=sampling
+    )
+    return opened
