@@ -62,7 +62,7 @@ def test_it_is_said_by_prepare_and_by_eval(
     assert expected in " ".join((said.out + said.err).split())
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf"])
+@pytest.mark.parametrize("value", ["0", "-1", "inf"])
 def test_what_is_no_accuracy_is_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -72,4 +72,4 @@ def test_what_is_no_accuracy_is_refused(
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     place = make_place(tmp_path / "sources")
     assert run_main(*place.arguments(**{"truth-accuracy": value})) == 2
-    assert "is no accuracy" in capsys.readouterr().err
+    assert "--truth-accuracy" in capsys.readouterr().err

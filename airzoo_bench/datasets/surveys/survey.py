@@ -83,6 +83,7 @@ class SceneOptions:
             "Standard error of the poses' positions in metres, such as the residuals of GCPs "
             "(default: what the source states, if it does).",
             least=1e-6,
+            most=1e6,
         ),
     ] = None
     protocol: Annotated[
