@@ -32,9 +32,8 @@ from airzoo_bench.datasets.scene_facts import MeasuredScene, SceneFacts, scene_f
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.matching.truth import check_dsm
+from airzoo_bench.matching.truth import checked_dsm
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
@@ -198,7 +197,7 @@ def check_scene_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFra
             fix=_FIX,
         )
     if scene.dsm_sha256 is not None:
-        check_dsm(dsm, raster_sha256(dsm), scene.dsm_sha256)
+        checked_dsm(dsm, scene.dsm_sha256)
 
 
 def folder_facts(benchmark: Benchmark, scene: str) -> SceneFacts | None:
