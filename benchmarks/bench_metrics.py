@@ -85,10 +85,9 @@ def timed(call: Callable[[], T], at_least_s: float = 1.0) -> tuple[float, T]:
 def run_ours(problem: Problem) -> Outcome:
     """Evaluate with this package, which has nothing to build."""
     from airzoo_bench.retrieval import metrics
-    from airzoo_bench.retrieval.pairs import hit_matrix
 
     def evaluate() -> Scores:
-        hits = hit_matrix(*problem, N_TILES)
+        hits = metrics.hit_matrix(*problem, N_TILES)
         n_positives = np.diff(problem.offsets)
         return {
             "recall@1": metrics.recall_at(hits, 1),

@@ -44,8 +44,8 @@ def generate(folder: Path, size: str) -> dict[str, Any]:
 
 def ours(folder: Path, _: str) -> dict[str, Any]:
     """Rank from the map."""
-    from airzoo_bench.retrieval.pairs import Positives
     from airzoo_bench.retrieval.ranking import rank_by_descriptors
+    from airzoo_bench.retrieval.truth import Positives
 
     queries = np.load(folder / "queries.npy")
     gallery = np.load(folder / "gallery.npy", mmap_mode="r")

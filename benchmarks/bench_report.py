@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from tests.statistics.support import made_result, write_method
 

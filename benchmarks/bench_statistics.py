@@ -27,7 +27,7 @@ from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.sampling import make_sample
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.intervals import bootstrap
 from airzoo_bench.statistics.samples import ResamplingConfig

@@ -17,7 +17,7 @@ import rasterio
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.datasets.dataset import PrepareSettings
+from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.frames import IMAGE_SUFFIX, FrameList, render_frames
 from airzoo_bench.datasets.mini.prepare import SURVEY, Photos, mini_photos, seen_surface
@@ -25,16 +25,12 @@ from airzoo_bench.datasets.mini.priors import noisy_priors
 from airzoo_bench.datasets.mini.rendering.renderer import default_camera
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, World
-from airzoo_bench.datasets.scene_content import SceneContent
+from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.reconstruction.prepared import grid_origin
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.voxels import VoxelGrid
-from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 NAME = "airzoo-demo"
 SEED = 0
@@ -47,11 +43,8 @@ def make(folder: Path) -> None:
     """Write the benchmark folder, with photos, maps and cloud in it."""
     world = build_world("city", SEED)
     photos = _photos(world)
-    protocols = BenchmarkProtocols(
-        protocol_of_track(f"{NAME}-retrieval", Path(), RetrievalProtocol),
-        protocol_of_track(f"{NAME}-matching", Path(), MatchingProtocol),
-        protocol_of_track(f"{NAME}-reconstruction", Path(), ReconstructionProtocol),
-    )
+    tracks = ("retrieval", "matching", "reconstruction")
+    protocols = BenchmarkProtocols.named([f"{NAME}-{track}" for track in tracks], Path())
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
         render_frames(photos.frames, lambda: world, home)

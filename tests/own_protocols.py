@@ -26,7 +26,9 @@ def photo_protocols(
     assert isinstance(reconstruction, ReconstructionProtocol)
     changes = {"gallery": {"tile_sizes_px": tile_sizes_px}, "ground_truth": ground_truth or {}}
     return BenchmarkProtocols(
-        protocol_for(retrieval, name, changes),
-        protocol_for(matching, name, {}),
-        protocol_for(reconstruction, name, {}),
+        (
+            protocol_for(retrieval, name, changes),
+            protocol_for(matching, name, {}),
+            protocol_for(reconstruction, name, {}),
+        )
     )

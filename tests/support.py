@@ -16,9 +16,8 @@ import pandas as pd
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.retrieval.pairs import Positives, offsets_of
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth, write_truth
+from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of, write_truth
 from tests.own_options import foreign_options
 
 BRIGHTON = Path(__file__).resolve().parents[1] / ".." / "shared" / "real" / "brighton"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from airzoo_bench.api.arrays import floats, in_order, listed
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.retrieval.pairs import Positives, offsets_of
+from airzoo_bench.retrieval.truth import Positives, offsets_of
 
 __all__ = [
     "Ids",

@@ -41,14 +41,10 @@ from airzoo_bench.geometry.poses import check_rotations
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.retrieval.predictions import (
-    RankedIds,
-    RetrievalPredictions,
-    deep_validation_errors,
-    validation_errors,
-)
+from airzoo_bench.retrieval.checks import deep_validation_errors, validation_errors
+from airzoo_bench.retrieval.descriptors import Rows, check_descriptors
+from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.similarity import check_norms
 
 __all__ = ["PredictionWriter"]
 
@@ -439,10 +435,8 @@ class PredictionWriter:
         queries, tiles = self._descriptors
         _refuse_unknown(name, self._queries | self._tiles, "query or tile of the benchmark")
         descriptor = tiles.check(queries.check(given))
-        norms = np.linalg.norm(descriptor[None].astype(np.float64), axis=1)
-        finite = np.array([np.isfinite(descriptor).all()])
         metric = self._protocol.scores.descriptor_metric
-        check_norms(norms, lambda _: finite, "descriptor", metric, [name])
+        check_descriptors(Rows.join(descriptor[None]), "descriptor", metric, [name])
         if name in self._queries:
             queries.put(self._queries[name], descriptor)
         else:

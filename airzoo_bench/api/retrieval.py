@@ -21,9 +21,10 @@ from airzoo_bench.api.ids import (
 from airzoo_bench.api.labels import ranks_in_order, same_columns, same_index
 from airzoo_bench.api.scores import Asked, QueryScores, WithoutPositive, rank_scores
 from airzoo_bench.core.errors import ArgumentError
+from airzoo_bench.retrieval.checks import list_errors
+from airzoo_bench.retrieval.descriptors import Metric
 from airzoo_bench.retrieval.ranking import rank_by_descriptors, rank_by_ids
 from airzoo_bench.retrieval.settings import ApVariant
-from airzoo_bench.retrieval.similarity import Metric
 
 __all__ = ["descriptor_scores", "retrieval_scores", "similarity_scores"]
 
@@ -119,6 +120,8 @@ def retrieval_scores(
     )
     similar = None if scores is None else score_rows(scores, found.ranked)
     with refused("ranked_ids"):
+        for error in list_errors(found.ranked, similar, names):
+            raise error
         ranking = rank_by_ids(
             found.ranked,
             similar,

@@ -11,10 +11,10 @@ from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.pairs import Positives, hit_matrix
-from airzoo_bench.retrieval.scores import hit_columns
+from airzoo_bench.retrieval.ranking import Ranking
+from airzoo_bench.retrieval.scoring import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant
-from airzoo_bench.retrieval.ties import Ranking
+from airzoo_bench.retrieval.truth import Positives
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,13 +86,13 @@ def rank_scores(
     """Score a ranking of the gallery for Q queries, with the track's own metrics."""
     import pandas as pd
 
-    hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
+    hits = metrics.hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
     columns = hit_columns(
         hits,
         positives.counts,
-        recall_at=asked.ks,
-        ap_at=dict.fromkeys(asked.ks, (asked.ap,)),
-        ndcg_at=asked.ks,
+        asked.ks,
+        dict.fromkeys(asked.ks, (asked.ap,)),
+        asked.ks,
     )
     records = pd.DataFrame(
         {

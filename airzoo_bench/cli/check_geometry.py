@@ -4,30 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from airzoo_bench.cli.common import (
     Format,
     FormatOption,
-    JobsOption,
     examples,
     progress,
     put,
     say,
     show,
 )
-from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
-from airzoo_bench.engines.choose import EngineKind, open_engine
-from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
-    from airzoo_bench.core.progress import Progress
-    from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
-    from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
-    from airzoo_bench.engines.engine import Engine
+    from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 
 __all__ = [
     "GEOMETRY_EXAMPLES",
@@ -43,16 +36,13 @@ GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --out geometry")
 
 GEOMETRY_PANELS = {
     "Cameras": ("scene", "poses", "images", "crs"),
-    "Depth": ("depth", "depth_kind", "depth_scale", "pairs", "samples", "seed", "median_below"),
+    "Depth": ("depth", "depth_kind", "depth_scale", "samples", "seed", "median_below"),
     "Output": ("out", "form"),
-    "Resources": ("jobs", "engine", "scheduler", "show_progress"),
 }
 
 DEPTH_FOLDER = "depth"
 
-# The values of the enumerations, whose modules need more than the help of all commands shall load.
 DepthKinds = Literal["z", "ray"]
-PairRules = Literal["neighbours", "overlap", "wide", "all"]
 
 
 def check_geometry(
@@ -82,9 +72,6 @@ def check_geometry(
     depth_scale: Annotated[
         float | None, typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG.")
     ] = None,
-    pairs: Annotated[
-        PairRules, typer.Option(help="Frames to compare; docs/geometry-checks.md.")
-    ] = "all",
     samples: Annotated[int, typer.Option(min=64, help="Pixels sampled of each frame.")] = 4096,
     seed: Annotated[int, typer.Option(min=0, help="Of the sampling.")] = 0,
     median_below: Annotated[
@@ -92,18 +79,12 @@ def check_geometry(
     ] = 0.00066,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for geometry.json, tables and the error curve."),
+        typer.Option("--out", "-o", help="Folder for geometry.json and photos.csv."),
     ] = None,
     form: FormatOption = Format.TERMINAL,
-    jobs: JobsOption = 1,
-    engine: EngineOption = EngineKind.LOCAL,
-    scheduler: SchedulerOption = None,
-    show_progress: ProgressOption = False,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
     from airzoo_bench.core.files import check_output_folder
-    from airzoo_bench.datasets.geometry_checks.depth_frames import PairRule, Sampling
-    from airzoo_bench.datasets.geometry_checks.depth_maps import DepthKind
     from airzoo_bench.datasets.geometry_checks.report import (
         OUTPUT_NAMES,
         geometry_table,
@@ -114,12 +95,15 @@ def check_geometry(
     if out is not None:
         check_output_folder(out, OUTPUT_NAMES)
     _check_scale(depth_scale)
-    sampling = Sampling(samples, seed, DepthKind(depth_kind), depth_scale)
+    sampling = {
+        "kind": depth_kind,
+        "scale_m": depth_scale,
+        "pixels": samples,
+        "seed": seed,
+        "median_below": median_below,
+    }
     scenes = _scenes(data, scene, poses, images, crs)
-    rule = PairRule(pairs)
-    with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
-        where = place, choose_progress(place, show_progress=show_progress)
-        checked = [_checked(one, depth, sampling, rule, median_below, where) for one in scenes]
+    checked = [_checked(one, depth, sampling) for one in scenes]
     if form is Format.JSON:
         put(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
     else:
@@ -145,9 +129,9 @@ def check_split(
 
     Exit code 1 where one does, with the pairs named.
     """
-    from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
-    from airzoo_bench.datasets.geometry_checks.split_overlap import (
+    from airzoo_bench.datasets.geometry_checks.splits import (
         compare_splits,
+        read_footprints,
         split_table,
         split_values,
     )
@@ -168,14 +152,14 @@ def _scenes(
     data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
 ) -> list[PosedScene]:
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.datasets.geometry_checks.dataset import (
+    from airzoo_bench.datasets.geometry_checks.scenes import (
         open_benchmark,
         scene_from_poses,
         scenes_of_benchmark,
     )
 
     if data is not None and (poses, images, crs) == (None, None, None):
-        return scenes_of_benchmark(open_benchmark(data), scene)
+        return scenes_of_benchmark(open_benchmark(data), scene, measured=True)
     if data is None and scene is None and poses is not None and images is not None:
         return [scene_from_poses(poses, images, crs, progress)]
     raise UsageError(
@@ -192,16 +176,9 @@ def _check_scale(scale: float | None) -> None:
         raise UsageError(f"--depth-scale {scale} is not a scale", expected="metres of a unit")
 
 
-def _checked(
-    scene: PosedScene,
-    depth: Path | None,
-    sampling: Sampling,
-    rule: PairRule,
-    median_below: float,
-    where: tuple[Engine, Progress],
-) -> SceneGeometry:
+def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
     from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.datasets.geometry_checks.depth_report import check_depth_consistency
+    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
     from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 
@@ -211,24 +188,16 @@ def _checked(
     has_depth = depth is not None or folder.is_dir()
     if scene.crs is None and not has_depth:
         raise UsageError(
-            f"nothing can be checked of {scene.name}: {scene.without_crs}, and there is no depth",
+            f"nothing can be checked of {scene.name}: its poses have no CRS, and there is no depth",
             where=folder,
             expected="depth maps, or poses in a projected CRS",
-            fix="name the folder of the depth maps with --depth"
-            + ", or the CRS with --crs" * (scene.benchmark is None),
+            fix="name the folder of the depth maps with --depth, or the CRS with --crs",
         )
     chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
-    consistency = (
-        check_depth_consistency(
-            scene,
-            folder,
-            sampling=sampling,
-            rule=rule,
-            median_below=median_below,
-            engine=where[0],
-            progress=where[1],
+    found = None
+    if has_depth:
+        paths = find_depths(folder, scene.images)
+        found = check_depth_consistency(
+            scene.ids, scene.cameras, scene.poses, paths, **sampling, progress=progress
         )
-        if has_depth
-        else None
-    )
-    return SceneGeometry(scene, chain, consistency, scene.facts())
+    return SceneGeometry(scene, chain, found)

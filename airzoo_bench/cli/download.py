@@ -5,16 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from airzoo_bench.cli.common import examples, progress, put, say
 from airzoo_bench.core.errors import UsageError, counted, sized
 from airzoo_bench.core.registry import DATASETS
+from airzoo_bench.datasets.about import About, about_file, read_about
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.about import About
     from airzoo_bench.datasets.downloads import Plan
 
 __all__ = ["EXAMPLES", "download"]
@@ -45,9 +45,8 @@ def download(
     if about.repository is None:
         _list_links(benchmark, about)
         return
+    from airzoo_bench.datasets.downloads import HubDataset, of_scenes, planned
     from airzoo_bench.datasets.downloads import download as fetch
-    from airzoo_bench.datasets.downloads import of_scenes, planned
-    from airzoo_bench.datasets.hub import HubDataset
 
     source = HubDataset(about.repository)
     files = source.files()
@@ -62,10 +61,12 @@ def download(
 
 
 def _about(benchmark: str) -> About:
-    offered: dict[str, Any] = {name: DATASETS.get(name) for name in DATASETS.names()}
-    published: dict[str, About] = {
-        name: dataset.about for name, dataset in offered.items() if dataset.is_published
+    files = {name: about_file(name) for name in DATASETS.names()}
+    offered: dict[str, About] = {
+        name: read_about(file) if file.is_file() else DATASETS.get(name).about
+        for name, file in files.items()
     }
+    published = {name: about for name, about in offered.items() if about.is_published}
     if benchmark not in published:
         from airzoo_bench.core.validation import nearest
 

@@ -20,12 +20,13 @@ from airzoo_bench.cli.locations import with_data
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
+from airzoo_bench.datasets.about import About, about_file, read_about
 from airzoo_bench.engines.choose import EngineKind, open_engine
 from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.about import About
-    from airzoo_bench.datasets.dataset import Dataset, Prepared, SceneSummary
+    from airzoo_bench.datasets.dataset import Dataset
+    from airzoo_bench.datasets.settings import Prepared, SceneSummary
 
 __all__ = ["app"]
 
@@ -84,6 +85,11 @@ class _PrepareGroup(BuiltGroup):
         "Resources": ("jobs", "engine", "scheduler", "show_progress"),
     }
 
+    def summary_of(self, name: str) -> str:
+        path = about_file(name)  # which spares the import of the dataset
+        about: About = read_about(path) if path.is_file() else DATASETS.get(name).about
+        return about.summary
+
     def command_of(self, thing: Dataset[Any]) -> tuple[Callable[..., None], str]:
         parameters = [
             *option_parameters(thing.options),
@@ -94,8 +100,8 @@ class _PrepareGroup(BuiltGroup):
             parameter("force", ForceOption, False),
             *([] if thing.jobs is None else _spread(thing.jobs)),
         ]
-        command = with_parameters(partial(_prepare, thing), parameters, _help_of(thing))
-        return command, f"prepare {thing.example}"
+        command = with_parameters(partial(_prepare, thing), parameters, _help_of(thing.about))
+        return command, f"prepare {thing.about.example}"
 
 
 def _spread(jobs: int) -> list[Parameter]:
@@ -107,12 +113,11 @@ def _spread(jobs: int) -> list[Parameter]:
     ]
 
 
-def _help_of(dataset: Dataset[Any]) -> str:
+def _help_of(about: About) -> str:
     """Return the summary and, of published data, where to get them and their licence."""
-    about = dataset.about
-    if about is None or not dataset.is_published:
-        return dataset.summary
-    return f"{dataset.summary}\n\nData: {about.page}\n\nLicence: {about.licence}."
+    if not about.is_published:
+        return about.summary
+    return f"{about.summary}\n\nData: {about.page}\n\nLicence: {about.licence}."
 
 
 app = typer.Typer(
@@ -139,7 +144,7 @@ def _prepare(
     **options: Any,
 ) -> None:
     from airzoo_bench.core.files import check_new_folder
-    from airzoo_bench.datasets.dataset import PrepareSettings
+    from airzoo_bench.datasets.settings import PrepareSettings
 
     chosen, root = dataset.options(**options), data_root()
     with working(_GETTING_READY):
@@ -173,7 +178,7 @@ def _prepare(
         raise typer.Exit(1)
 
 
-def _print_prepared(about: About | None, reasons: Mapping[str, str], prepared: Prepared) -> None:
+def _print_prepared(about: About, reasons: Mapping[str, str], prepared: Prepared) -> None:
     put(f"{prepared.folder}\n")
     _print_about(about)
     several = len(prepared.summaries) > 1
@@ -194,10 +199,9 @@ def _of_scene(scene: str, sentence: str) -> str:
     return sentence if named else f"scene {scene}: {sentence}"
 
 
-def _print_about(about: About | None) -> None:
-    if about is None:
-        return
-    put(f"  licence: {about.licence}\n")
+def _print_about(about: About) -> None:
+    if about.licence:
+        put(f"  licence: {about.licence}\n")
     for sentence in about.assumptions:
         put(f"  assumed: {sentence}\n")
     for sentence in about.unverified:

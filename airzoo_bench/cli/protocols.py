@@ -89,8 +89,11 @@ def _row(key: str, protocol: Protocol) -> Row:
 def _about(benchmark: str) -> About | None:
     """Return what is known of a benchmark's data, where a dataset of that name says it."""
     from airzoo_bench.core.registry import DATASETS
+    from airzoo_bench.datasets.about import about_file, about_of
 
     name = benchmark.removesuffix("-partial")
+    if about_file(name).is_file():
+        return about_of(name)
     return DATASETS.get(name).about if name in DATASETS.names() else None
 
 

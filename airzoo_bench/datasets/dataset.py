@@ -2,239 +2,124 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from functools import partial
+from abc import ABC
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
-from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.prepare import (
+    Source,
+    check_target,
+    chosen_scenes,
+    is_prepared,
+    prepare_scenes,
+)
+from airzoo_bench.datasets.scenes import ImageScene, NativeScene
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions, path_options
+from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.about import About
-    from airzoo_bench.datasets.scene_facts import SceneFacts
-
-__all__ = ["Dataset", "PrepareSettings", "Prepared", "SceneSummary", "TrackSummary"]
+__all__ = ["Dataset"]
 
 OptionsT = TypeVar("OptionsT")
-
-
-@dataclass(frozen=True)
-class PrepareSettings:
-    """What can be asked of every dataset.
-
-    Attributes
-    ----------
-    folder : Path
-        The benchmark folder to make; it appears when it is complete.
-    root : Path
-        The data root, for protocols to start from and for what is kept between runs.
-    tiles_on_disk : bool
-        Write each tile as PNG; otherwise tiles are windows of the map.
-    crops_on_disk : bool
-        Write the crop of each query as two GeoTIFF; otherwise crops are windows of the map.
-    copy : bool
-        Copy photos, maps and clouds into the folder; otherwise they are left where they are.
-    replace : bool
-        Whether a folder that stands there is replaced.
-    engine : Engine
-        Where work is done that is shared out; the benchmark does not depend on it.
-    progress : Progress
-    note : callable
-        Takes a sentence for the user while the folder is made.
-    """
-
-    folder: Path
-    root: Path
-    tiles_on_disk: bool = False
-    crops_on_disk: bool = False
-    copy: bool = False
-    replace: bool = False
-    engine: Engine = HERE
-    progress: Progress = silent
-    note: Callable[[str], None] = lambda _: None
-
-    def __reduce__(self) -> tuple[Callable[[], PrepareSettings], tuple[()]]:
-        """Leave out what other processes cannot do and show; they may work in another folder."""
-        own = ("engine", "progress", "note")
-        values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in own}
-        places = {name: one.absolute() for name, one in values.items() if isinstance(one, Path)}
-        return partial(PrepareSettings, **{**values, **places}), ()
-
-
-@dataclass(frozen=True)
-class TrackSummary:
-    """What is said of a scene's truth for a track: a line, and how many photos are left out."""
-
-    text: str
-    count: int
-    left_out: int = 0
-
-
-@dataclass(frozen=True)
-class SceneSummary:
-    """What is said of a scene.
-
-    Attributes
-    ----------
-    photos : int
-    facts : tuple of str
-        A line for each part of the scene, where they were compared.
-    tracks : mapping of str to TrackSummary
-        The tracks that have truth.
-    warnings, notes : tuple of str
-    """
-
-    photos: int
-    facts: tuple[str, ...] = ()
-    tracks: Mapping[str, TrackSummary] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """What was made.
-
-    Attributes
-    ----------
-    folder : Path
-        The benchmark folder.
-    protocols : mapping of str to str
-        The names of the protocols in it, with their tracks.
-    summaries : mapping of str to SceneSummary
-        By scene.
-    facts : mapping of str to SceneFacts
-        By scene, what its parts say of each other, where that was measured in this run.
-    failed : mapping of str to str
-        Scenes that could not be made, and why.
-    """
-
-    folder: Path
-    protocols: Mapping[str, str]
-    summaries: Mapping[str, SceneSummary] = field(default_factory=dict)
-    facts: Mapping[str, SceneFacts] = field(default_factory=dict)
-    failed: Mapping[str, str] = field(default_factory=dict)
 
 
 class Dataset(ABC, Generic[OptionsT]):
     """A kind of data, such as own photos, or a benchmark as it is downloaded.
 
-    The module of a dataset is imported for the help of the command line: it imports NumPy and the
-    like within its methods.
+    A dataset states what it is, which scenes are below its source (`scenes`), and reads one of them
+    (`read`); all else is done here.
 
     Attributes
     ----------
-    summary : str
-        What is made, for the help: a sentence, then what else there is to say.
-    example : str
-        What stands behind ``airzoo-bench prepare``, for the help.
+    name : str
+        Of the benchmark, and of its folder in the data root.
+    about : About
+        What it says of itself.
     options : type
         A frozen dataclass whose fields are annotated with `core.registry.Option`; they become
         options of the command, next to those of `PrepareSettings`, which every dataset has.
+    protocols : tuple of str
+        Names or files of the protocols that its truth is made for.
     jobs : int or None
         Default of ``--jobs``; None where there is nothing to share out, and no such option.
-    without_truth : mapping of str to str
-        Why a track may have no truth in this dataset, by the track's name.
-    about : About or None
-        What a published benchmark says of itself.
     """
 
-    summary: ClassVar[str]
-    example: ClassVar[str]
-    options: type[OptionsT]
-    jobs: ClassVar[int | None] = None
-    without_truth: ClassVar[Mapping[str, str]] = {}
-    about: ClassVar[About | None] = None
+    name: ClassVar[str] = ""
+    about: ClassVar[About]
+    options: type[Any] = SourceOptions
+    protocols: ClassVar[Sequence[str]] = ()
+    jobs: ClassVar[int | None] = 1
 
-    @property
-    def is_published(self) -> bool:
-        """Whether it is a benchmark that others publish, so that there is a page to get it from."""
-        return self.about is not None
+    def scenes(self, options: OptionsT) -> Mapping[str, Sequence[Path]]:
+        """Return the scenes that are there, in the protocols' order, with what each is read from.
+
+        Parameters
+        ----------
+        options : object
+            Of the class `options`.
+
+        Returns
+        -------
+        mapping of str to sequence of Path
+            Files and folders by the scene's id; all else may change.
+
+        Raises
+        ------
+        UserError
+            There is none.
+        """
+        raise NotImplementedError
+
+    def read(self, options: OptionsT, scene: str, progress: Progress) -> NativeScene | ImageScene:
+        """Read a scene's files; several processes may read several scenes at once.
+
+        Parameters
+        ----------
+        options : object
+            Of the class `options`.
+        scene : str
+            One of `scenes`.
+        progress : Progress
+            Shows what takes long.
+
+        Returns
+        -------
+        NativeScene or ImageScene
+            What the files state.
+
+        Raises
+        ------
+        UserError
+            A file is missing or wrong.
+        """
+        raise NotImplementedError
+
+    def benchmark(self, options: OptionsT) -> str:
+        """Name the benchmark; options may make another of it."""
+        return self.name
 
     def reasons(self, options: OptionsT) -> Mapping[str, str]:
-        """Return `without_truth`, as it is with these options.
+        """Return why a track may have no truth with these options, by the track's name."""
+        return self.about.without_truth
 
-        Parameters
-        ----------
-        options : object
-            Of the class `options`.
-
-        Returns
-        -------
-        mapping of str to str
-            Why a track may have no truth, by the track's name.
-        """
-        del options
-        return self.without_truth
-
-    @abstractmethod
-    def benchmark(self, options: OptionsT) -> str:
-        """Name the benchmark, which is what its folder in the data root is called.
-
-        Parameters
-        ----------
-        options : object
-            Of the class `options`.
-
-        Raises
-        ------
-        UserError
-            The options name none.
-        """
+    def benchmark_protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
+        """Return the protocols that truth is made for with these options."""
+        return BenchmarkProtocols.named(self.protocols, root)
 
     def folder_name(self, options: OptionsT, root: Path) -> str:
-        """Name the folder to make in the data root.
-
-        Parameters
-        ----------
-        options : object
-            Of the class `options`.
-        root : Path
-            The data root, for protocols to start from.
-
-        Returns
-        -------
-        str
-            That of the benchmark, unless the dataset says otherwise.
-
-        Raises
-        ------
-        UserError
-            See `benchmark`.
-        """
-        return self.benchmark(options)
+        """Name the folder, which is another where only some of the scenes are there or wanted."""
+        scenes = self._source(options).scenes
+        return self.benchmark_protocols(options, root).of_scenes(scenes).benchmark
 
     def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
-        """Whether the folder is complete, and made from data that did not change since.
+        """Whether the folder is complete, and made from files that did not change since."""
+        protocols = self.benchmark_protocols(options, settings.root)
+        return is_prepared(self._source(options), protocols, settings)
 
-        Parameters
-        ----------
-        options : object
-            Of the class `options`.
-        settings : PrepareSettings
-            Of the run.
-
-        Returns
-        -------
-        bool
-            False where the dataset cannot tell.
-
-        Raises
-        ------
-        UserError
-            The data are not there, or the folder is damaged.
-        """
-        return False
-
-    @abstractmethod
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
-        """Make the benchmark folder.
-
-        `datasets.truths.build_truths` makes the truth of a scene, `datasets.folder.write_benchmark`
-        the folder.
+        """Make the benchmark folder of all scenes.
 
         Parameters
         ----------
@@ -248,3 +133,11 @@ class Dataset(ABC, Generic[OptionsT]):
         UserError
             The data are missing or wrong, or the folder cannot be written.
         """
+        check_target(path_options(options), settings.folder)
+        protocols = self.benchmark_protocols(options, settings.root)
+        return prepare_scenes(self._source(options), protocols, settings)
+
+    def _source(self, options: Any) -> Source:
+        there = self.scenes(options)
+        only, source = getattr(options, "scene", None), getattr(options, "source", Path())
+        return Source(chosen_scenes(there, only, source), self.read, options)

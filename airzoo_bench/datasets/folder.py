@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
 
 import numpy as np
+import pandas as pd
 import tomli_w
+from PIL import Image
 
 from airzoo_bench.benchmark.images import read_tile
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.files import atomic_folder
 from airzoo_bench.core.progress import Progress, shown
-from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.map_copies import copy_map
-from airzoo_bench.datasets.scene_content import SceneContent
-from airzoo_bench.datasets.summary import summary_of
-from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world
+from airzoo_bench.datasets.content import SceneContent
+from airzoo_bench.datasets.facts import fact_lines
+from airzoo_bench.datasets.scene_warnings import scene_warnings
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary, TrackSummary
+from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
+from airzoo_bench.geometry.raster_files import (
+    place_source,
+    raster_sha256,
+    source_elements,
+    source_of,
+)
+from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
 from airzoo_bench.matching.prepare import write_crop
 from airzoo_bench.matching.truth import MatchingTruth, own_map
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
@@ -32,11 +39,10 @@ from airzoo_bench.reconstruction.truth import write_truth as write_reconstructio
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 from airzoo_bench.retrieval.truth import write_truth as write_retrieval_truth
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 __all__ = [
+    "copy_map",
     "served_protocols",
+    "summary_of",
     "write_benchmark",
     "write_folder_files",
     "write_scene",
@@ -53,9 +59,8 @@ def write_benchmark(
     tracks = {one: truth.tracks for one, truth in truths.items()}
     served = served_protocols(protocols, tracks, settings.folder)
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
-        titles = protocols.titles
         entries = [
-            write_scene(staged, scene, titles[scene.inputs.scene], settings)
+            write_scene(staged, scene, protocols.titles[scene.inputs.scene], settings)
             for scene in settings.progress(scenes, "writing the folder", len(scenes))
         ]
         write = partial(write_folder_files, staged, served, entries)
@@ -89,18 +94,12 @@ def served_protocols(
 def write_scene(
     folder: Path, scene: SceneContent, title: str, settings: PrepareSettings
 ) -> SceneFile:
-    """Write a scene's table, its truth and, where asked for, its photos and maps."""
-    _write_scene(folder / "scenes" / scene.inputs.scene, scene, settings)
-    return _entry(scene, title, _places(folder, scene, copy=settings.copy))
-
-
-def _write_scene(home: Path, scene: SceneContent, settings: PrepareSettings) -> None:
-    """Write a scene's table of photos, its truth and, where asked for, tiles and crops."""
-    truths, progress = scene.truths, settings.progress
+    """Write a scene's table of photos, its truth and, where asked for, photos, maps and parts."""
+    home, truths, progress = folder / "scenes" / scene.inputs.scene, scene.truths, settings.progress
     write_queries(home, truths.photos)
     if truths.retrieval is not None:
         write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
-        if settings.tiles_on_disk:
+        if settings.tiles_on_disk and not truths.retrieval.truth.of_images:
             tiles, gallery = truths.retrieval.truth.tiles, scene.inputs.gallery_map
             _write_tiles(home / "retrieval" / "tiles", tiles, gallery, progress)
     if truths.matching is not None:
@@ -109,10 +108,7 @@ def _write_scene(home: Path, scene: SceneContent, settings: PrepareSettings) -> 
             _write_crops(home / "matching" / "crops", truths.matching, progress)
     if truths.reconstruction is not None:
         write_reconstruction_truth(home, truths.reconstruction)
-
-
-def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneFile:
-    reconstruction, dsm = scene.truths.reconstruction, scene.inputs.dsm
+    reconstruction, dsm = truths.reconstruction, scene.inputs.dsm
     return SceneFile(
         id=scene.inputs.scene,
         title=title,
@@ -121,7 +117,7 @@ def _entry(scene: SceneContent, title: str, places: Mapping[str, str]) -> SceneF
         dsm_sha256=None if dsm is None else raster_sha256(dsm),
         cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
         truth_accuracy_m=scene.truth_accuracy_m,
-        **places,
+        **_places(folder, scene, copy=settings.copy),
     )
 
 
@@ -129,26 +125,30 @@ def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
     """Return where photos, maps and clouds are, after copying them into the folder if wanted."""
     if not copy:
         return {key: str(path.resolve()) for key, path in scene.files.items()}
-    home = Path("data") / scene.inputs.scene
-    for name in scene.inputs.photos["image"]:
-        _copy(scene.files["images"] / name, folder / home / "images" / name)
-    kept = {"images": home / "images"}
-    if "maps" in scene.files:
-        kept["maps"] = home / "maps"
-        _copy_own_maps(scene, folder / kept["maps"])
+    home, places = Path("data") / scene.inputs.scene, {}
     for key, source in scene.files.items():
-        if key not in kept:
-            kept[key] = home / f"{key}{source.suffix.lower()}"
-            (_copy if key == "cloud" else copy_map)(source, folder / kept[key])
-    return {key: path.as_posix() for key, path in kept.items()}
+        named = key in ("images", "maps") or (key == "gallery" and source.is_dir())
+        places[key] = home / (key if named else f"{key}{source.suffix.lower()}")
+        if named:
+            for file in _files_of(scene, key, source):
+                _copy(source / file, folder / places[key] / file)
+        elif key == "cloud":
+            _copy(source, folder / places[key])
+        else:
+            copy_map(source, folder / places[key])
+    return {key: path.as_posix() for key, path in places.items()}
 
 
-def _copy_own_maps(scene: SceneContent, folder: Path) -> None:
-    for photo in scene.inputs.photos["id"]:
-        targets = own_map(folder, photo)
-        for source, target in zip(own_map(scene.files["maps"], photo), targets, strict=True):
-            if source.is_file():
-                _copy(source, target)
+def _files_of(scene: SceneContent, key: str, folder: Path) -> Iterator[str]:
+    """Yield the files of a folder that a scene refers to."""
+    if key == "gallery" and scene.truths.retrieval is not None:
+        yield from scene.truths.retrieval.truth.tiles["image"]
+    elif key == "maps":
+        pairs = (own_map(folder, photo) for photo in scene.inputs.photos["id"])
+        there = (path for pair in pairs for path in pair if path.is_file())
+        yield from (path.relative_to(folder).as_posix() for path in there)
+    else:
+        yield from scene.inputs.photos["image"]
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -157,6 +157,35 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copytree(source, target)
     else:
         shutil.copyfile(source, target)
+
+
+def copy_map(source: Path, target: Path) -> None:
+    """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster."""
+    with opened(source) as dataset:
+        files, virtual = [Path(name) for name in dataset.files], dataset.driver == "VRT"
+    _copy(source, target)
+    for file in files:
+        if file != source and file.parent == source.parent and file.stem.startswith(source.stem):
+            # Such as dom.tfw or dom.tif.ovr, for a map that becomes dom.tif.
+            rest = file.name.removeprefix(source.name)
+            ending = target.suffix + rest if rest != file.name else file.suffix
+            shutil.copyfile(file, target.with_name(target.stem + ending))
+    if virtual:
+        _copy_sources(source, target)
+
+
+def _copy_sources(source: Path, target: Path) -> None:
+    tree = ET.parse(source)
+    home = target.with_name(f"{target.stem}_tiles")
+    home.mkdir()
+    copies: dict[Path, str] = {}
+    for element in source_elements(tree):
+        path = source_of(element, source)
+        if path not in copies:
+            copies[path] = f"{len(copies):04d}{path.suffix.lower()}"
+            copy_map(path, home / copies[path])
+        place_source(element, f"{home.name}/{copies[path]}")
+    tree.write(target, encoding="utf-8")
 
 
 def write_folder_files(
@@ -184,8 +213,6 @@ def _write_tiles(
     folder: Path, tiles: pd.DataFrame, gallery: RasterInfo, progress: Progress
 ) -> None:
     """Write every tile as ``<name>.png``, the name being its id without the scene, and a list."""
-    from PIL import Image
-
     folder.mkdir(parents=True, exist_ok=True)
     files = [f"{_name(tile)}.png" for tile in tiles["id"]]
     rows = zip(files, tiles.iterrows(), strict=True)
@@ -198,8 +225,6 @@ def _write_tiles(
 
 def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
     """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``, and a list."""
-    import pandas as pd
-
     ids = truth.queries["id"].tolist()
     names = [_name(query) for query in ids]
     doms = [truth.map_of(row).dom for row in range(len(ids))]
@@ -226,3 +251,71 @@ def _write_list(path: Path, parts: pd.DataFrame, wholes: Sequence[RasterInfo]) -
 
 def _name(part: str) -> str:
     return part.split("/", 1)[1]
+
+
+def summary_of(
+    scene: SceneContent, protocols: BenchmarkProtocols, notes: Sequence[str] = ()
+) -> SceneSummary:
+    """Sum up a scene for the user."""
+    tracks, facts = _tracks(scene.truths), scene.facts
+    warnings, lines, said = [], [], list(notes)
+    if facts is not None:
+        lines = fact_lines(facts)
+        warnings = [str(found) for found in scene_warnings(facts)]
+        if facts.inputs.unposed:
+            unposed = first_of(map(repr, facts.inputs.unposed))
+            said.append(f"photos without a pose, which no track asks: {unposed}")
+    warnings += _count_warnings(scene, protocols, tracks)
+    photos = len(scene.truths.photos)
+    return SceneSummary(photos, tuple(lines), tracks, tuple(warnings), tuple(said))
+
+
+def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
+    found = {}
+    if truths.retrieval is not None:
+        truth = truths.retrieval.truth
+        counts = truth.positives.counts
+        text = f"{counted(len(truth.queries), 'query')}, {counted(len(truth.tiles), 'tile')}, "
+        text += f"{counts.min()} to {counts.max()} positives per query, mean {counts.mean():.1f}"
+        found["retrieval"] = TrackSummary(text, len(truth.queries), len(truth.excluded))
+    if truths.matching is not None:
+        count = len(truths.matching.queries)
+        what = ", each with a map of its own" if truths.matching.own_maps else " with a prior"
+        text = f"{counted(count, 'query')}{what}"
+        found["matching"] = TrackSummary(text, count, len(truths.matching.excluded))
+    if truths.reconstruction is not None:
+        count = len(truths.reconstruction.photos)
+        found["reconstruction"] = TrackSummary(f"{counted(count, 'photo')}, a true cloud", count)
+    return found
+
+
+def _count_warnings(
+    scene: SceneContent, protocols: BenchmarkProtocols, tracks: Mapping[str, TrackSummary]
+) -> Iterator[str]:
+    """Yield a sentence for each count that is not the published one."""
+    for protocol in protocols.of_scene(scene.inputs.scene).every:
+        published = {one.id: one.queries for one in protocol.scenes}.get(scene.inputs.scene)
+        found = tracks.get(protocol.track)
+        if published is None or found is None or found.count == published:
+            continue
+        less = published - found.count
+        yield (
+            f"scene {scene.inputs.scene} has {found.count:,} of {published:,} queries that are "
+            f"published for {protocol.name} ({abs(less):,} {'missing' if less > 0 else 'too many'})"
+            f"; {counted(len(scene.truths.photos), 'photo')} have a pose"
+            + _reasons(scene.truths, protocol.track)
+        )
+    if scene.gallery_size is not None and scene.truths.retrieval is not None:
+        tiles = len(scene.truths.retrieval.truth.tiles)
+        if tiles != scene.gallery_size:
+            yield (
+                f"the gallery of scene {scene.inputs.scene} has {tiles:,} of "
+                f"{scene.gallery_size:,} published images: a score over others is another score"
+            )
+
+
+def _reasons(truths: SceneTruths, track: str) -> str:
+    found = getattr(truths, track)
+    excluded = found.truth.excluded if track == "retrieval" else found.excluded
+    counts = excluded["reason"].value_counts()
+    return "".join(f"; {count:,} left out: {reason}" for reason, count in counts.items())

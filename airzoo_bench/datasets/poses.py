@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,17 +18,16 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic.fields import FieldInfo
 
 from airzoo_bench.core.errors import CameraError, counted, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.validation import unambiguous_json, validation_message
-from airzoo_bench.datasets.posed_photos import PosedPhotos, check_centred
+from airzoo_bench.datasets.scenes import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
 
-__all__ = ["read_poses"]
+__all__ = ["Number", "Row", "read_poses"]
 
 _JSON_LIMIT_BYTES = 1 << 28
 _NEAR_MISS = 0.8
@@ -36,48 +36,39 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Row = tuple[Number, Number, Number]
 Matrix = tuple[Row, Row, Row]
 Distortion = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
-_DISTORTION_KEYS = AliasChoices("distortion", "dist_k1k2p1p2")
-_CENTRE_KEYS = AliasChoices("center", "center_utm")
-_MODEL_KEYS = AliasChoices("model", "camera_model", "distortion_model", "projection_type")
+Sizes = Mapping[str, tuple[int, int]]
+# Keys that are read by two names or more; others of other tools are passed over.
+_DISTORTION_KEYS = ("distortion", "dist_k1k2p1p2")
+_CENTRE_KEYS = ("center", "center_utm")
+_MODEL_KEYS = ("model", "camera_model", "distortion_model", "projection_type")
 # What K with k1 k2 p1 p2 k3 computes, as COLMAP, OpenSfM and ROS name it.
 _MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 _OTHER_NAMES = ("PERSPECTIVE", "BROWN", "BROWN_CONRADY", "PLUMB_BOB", "RADTAN")
 
 
-class _Lenient(BaseModel):
-    """Accepts keys of other tools, but no misspelt key of ours and no two names of one key."""
+class _Lens(BaseModel):
+    """A camera; accepts keys of other tools, but no misspelt key and no two names of one key."""
 
     model_config = ConfigDict(frozen=True)
+    K: Matrix | None = None
+    distortion: Distortion | None = Field(None, validation_alias=AliasChoices(*_DISTORTION_KEYS))
+    model: str | None = Field(None, validation_alias=AliasChoices(*_MODEL_KEYS))
 
     @model_validator(mode="before")
     @classmethod
     def _no_near_misses(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        known = [_aliases(name, field) for name, field in cls.model_fields.items()]
-        for names in known:
+        own = {"K", "crs", "images", "R_w2c", *_DISTORTION_KEYS, *_CENTRE_KEYS, *_MODEL_KEYS}
+        for names in (_DISTORTION_KEYS, _CENTRE_KEYS, _MODEL_KEYS):
             given = [name for name in names if name in data]
             if len(given) > 1:
-                raise ValueError(f"{' and '.join(given)} are two names of one thing: keep one")
-        every = [name for names in known for name in names]
-        for key in data:
-            near = difflib.get_close_matches(str(key), every, n=1, cutoff=_NEAR_MISS)
-            if near and key not in every:
+                raise ValueError(f"{' and '.join(given)} are two names of one key: keep one")
+        for key in set(data) - own:
+            near = difflib.get_close_matches(str(key), sorted(own), n=1, cutoff=_NEAR_MISS)
+            if near:
                 raise ValueError(f"unknown key {str(key)[:80]!r} (did you mean {near[0]!r}?)")
         return data
-
-
-def _aliases(name: str, field: FieldInfo) -> list[str]:
-    alias = field.validation_alias
-    if isinstance(alias, AliasChoices):
-        return [str(choice) for choice in alias.choices]
-    return [str(alias or name)]
-
-
-class _Lens(_Lenient):
-    K: Matrix | None = None
-    distortion: Distortion | None = Field(default=None, validation_alias=_DISTORTION_KEYS)
-    model: str | None = Field(default=None, validation_alias=_MODEL_KEYS)
 
     @field_validator("model")
     @classmethod
@@ -89,7 +80,7 @@ class _Lens(_Lenient):
 
 class _Image(_Lens):
     rotation: Matrix = Field(validation_alias="R_w2c")
-    centre: Row = Field(validation_alias=_CENTRE_KEYS)
+    centre: Row = Field(validation_alias=AliasChoices(*_CENTRE_KEYS))
 
 
 class _File(_Lens):
@@ -97,8 +88,8 @@ class _File(_Lens):
     images: Annotated[dict[str, _Image], Field(min_length=1)]
 
 
-def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
-    """Read cameras and poses."""
+def read_poses(path: Path, sizes: Sizes) -> PosedPhotos:
+    """Read cameras and poses of the photos whose sizes are given."""
     try:
         photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
     except CameraError as error:
@@ -107,53 +98,43 @@ def read_poses(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
     return photos
 
 
-def _from_json(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
+def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
     text = read_text(path, CameraError, "pose file", _JSON_LIMIT_BYTES)
+    fix = "see docs/benchmark-folder.md"
     try:
         file = _File.model_validate_json(text)
+        unambiguous_json(text)
     except ValidationError as error:
         raise CameraError(
             validation_message(error, _File),
             where=path,
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}",
-            fix="see docs/benchmark-folder.md",
+            fix=fix,
         ) from error
-    try:
-        unambiguous_json(text)
     except ValueError as error:
         raise CameraError(str(error), where=path, expected="each photo once") from error
     names = _shared(path, list(file.images), sizes)
     images = [file.images[name] for name in names]
-    cameras = _cameras(
-        names,
-        [
-            _given(image.K or file.K, "K", name, path)
-            for image, name in zip(images, names, strict=True)
-        ],
-        [image.distortion or file.distortion or (0.0,) * 5 for image in images],
-        sizes,
-    )
-    rotations = np.array([image.rotation for image in images])
+    lacking = [
+        name for name, image in zip(names, images, strict=True) if (image.K or file.K) is None
+    ]
+    if lacking:
+        raise CameraError(
+            f"no camera matrix for {lacking[0]}",
+            where=path,
+            expected="'K' for the image, or one for all at the top of the file",
+            fix=fix,
+        )
+    lenses = [image.distortion or file.distortion or () for image in images]
+    cameras = _cameras(names, [image.K or file.K for image in images], lenses, sizes)
+    rotations = check_rotations(np.array([image.rotation for image in images]), names, where=path)
     centres = np.array([image.centre for image in images])
-    rotations = check_rotations(rotations, names, where=path)
     poses = Poses.from_centres(rotations, centres, names)
     return PosedPhotos(tuple(names), cameras, poses, file.crs)
 
 
-def _given(value: Matrix | None, key: str, name: str, path: Path) -> Matrix:
-    if value is None:
-        raise CameraError(
-            f"no camera matrix for {name}",
-            where=path,
-            expected=f"'{key}' for the image, or one for all at the top of the file",
-            fix="see docs/benchmark-folder.md",
-        )
-    return value
-
-
-def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
+def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
     pycolmap = load_pycolmap()
-
     try:
         model = pycolmap.Reconstruction(str(path))
     # What pybind11 makes of C++ exceptions over damaged files, absurd counts among it.
@@ -166,50 +147,9 @@ def _from_colmap(path: Path, sizes: dict[str, tuple[int, int]]) -> PosedPhotos:
             expected="a folder with cameras, images and points3D as .bin or .txt",
             fix="name the folder with these files (such as sparse/0), or export the model again",
         ) from error
-    posed = [image for image in model.images.values() if image.has_pose]
-    images = {image.name: image for image in posed}
-    if len(images) < len(posed):
-        raise CameraError("names an image twice", where=path, expected="each image once")
+    images = {image.name: image for image in model.images.values() if image.has_pose}
     names = _shared(path, list(images), sizes)
     cameras = [model.cameras[images[name].camera_id] for name in names]
-    lenses = [_brown(camera, path) for camera in cameras]
-    _check_model_sizes(cameras, names, sizes, path)
-    from_world = [images[name].cam_from_world() for name in names]
-    return PosedPhotos(
-        tuple(names),
-        _cameras(names, [camera.calibration_matrix() for camera in cameras], lenses, sizes),
-        Poses.from_translations(
-            np.array([pose.rotation.matrix() for pose in from_world]),
-            np.array([pose.translation for pose in from_world]),
-            names,
-        ),
-        None,
-    )
-
-
-def _brown(camera: Any, path: Path) -> tuple[float, ...]:
-    params = [float(p) for p in camera.params]
-    match camera.model.name:
-        case "SIMPLE_PINHOLE" | "PINHOLE":
-            return (0.0,) * 5
-        case "SIMPLE_RADIAL":
-            return (params[3], 0.0, 0.0, 0.0, 0.0)
-        case "RADIAL":
-            return (params[3], params[4], 0.0, 0.0, 0.0)
-        case "OPENCV":
-            return (*params[4:8], 0.0)
-        case model:
-            raise CameraError(
-                f"camera model {model} is not supported",
-                where=path,
-                expected=" or ".join(_MODELS),
-                fix="undistort the photos (colmap image_undistorter) and use that model",
-            )
-
-
-def _check_model_sizes(
-    cameras: list[Any], names: list[str], sizes: dict[str, tuple[int, int]], path: Path
-) -> None:
     differ = [
         f"{name} is {sizes[name][0]}x{sizes[name][1]}, its camera {camera.width}x{camera.height}"
         for name, camera in zip(names, cameras, strict=True)
@@ -221,22 +161,50 @@ def _check_model_sizes(
             where=path,
             fix="use the photos that the model was made from",
         )
+    lenses = [_brown(camera, path) for camera in cameras]
+    matrices = [camera.calibration_matrix() for camera in cameras]
+    from_world = [images[name].cam_from_world() for name in names]
+    poses = Poses.from_translations(
+        np.array([pose.rotation.matrix() for pose in from_world]),
+        np.array([pose.translation for pose in from_world]),
+        names,
+    )
+    return PosedPhotos(tuple(names), _cameras(names, matrices, lenses, sizes), poses)
+
+
+def _brown(camera: Any, path: Path) -> tuple[float, ...]:
+    """Return k1 k2 p1 p2 of a camera of COLMAP, as far as it has them."""
+    params = [float(value) for value in camera.params]
+    match camera.model.name:
+        case "SIMPLE_PINHOLE" | "PINHOLE":
+            return ()
+        case "SIMPLE_RADIAL":
+            return (params[3],)
+        case "RADIAL":
+            return (params[3], params[4])
+        case "OPENCV":
+            return tuple(params[4:8])
+        case model:
+            raise CameraError(
+                f"camera model {model} is not supported",
+                where=path,
+                expected=" or ".join(_MODELS),
+                fix="undistort the photos (colmap image_undistorter) and use that model",
+            )
 
 
 def _cameras(
-    names: list[str],
-    matrices: list[Any],
-    distortion: list[tuple[float, ...]],
-    sizes: dict[str, tuple[int, int]],
+    names: Sequence[str], matrices: Sequence[Any], lenses: Sequence[Sequence[float]], sizes: Sizes
 ) -> Cameras:
-    padded = np.zeros((len(names), 5))
-    for row, values in zip(padded, distortion, strict=True):
+    distortion = np.zeros((len(names), 5))
+    for row, values in zip(distortion, lenses, strict=True):
         row[: len(values)] = values
     width, height = np.array([sizes[name] for name in names]).T
-    return Cameras.from_matrices(np.array(matrices, np.float64), width, height, padded, names=names)
+    matrix = np.array(matrices, np.float64)
+    return Cameras.from_matrices(matrix, width, height, distortion, names=names)
 
 
-def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> list[str]:
+def _shared(path: Path, posed: Sequence[str], sizes: Sizes) -> list[str]:
     names = sorted(set(posed) & set(sizes))
     if not posed:
         raise CameraError("has no image with a pose", where=path, fix="register images first")
@@ -244,7 +212,7 @@ def _shared(path: Path, posed: list[str], sizes: dict[str, tuple[int, int]]) -> 
         raise CameraError(
             f"none of its {counted(len(posed), 'image')} is among {counted(len(sizes), 'photo')}",
             where=path,
-            expected=f"names such as {next(iter(sorted(sizes)))}",
+            expected=f"names such as {min(sizes)}",
             fix=f"it has names such as {posed[0]!r}; rename one or the other",
         )
     return names

@@ -47,8 +47,7 @@ def _same(one: str, other: str) -> bool:
 
 def _overlap(name: str, benchmark: str, data: Path) -> Iterator[str]:
     """Compare the ground that both see, as ``airzoo-bench check-split`` does."""
-    from airzoo_bench.datasets.geometry_checks.footprint_sets import read_footprints
-    from airzoo_bench.datasets.geometry_checks.split_overlap import compare_splits
+    from airzoo_bench.datasets.geometry_checks.splits import compare_splits, read_footprints
 
     try:
         train, test = (read_footprints(data / one, _MAX_RANGE_M) for one in (name, benchmark))
@@ -56,7 +55,7 @@ def _overlap(name: str, benchmark: str, data: Path) -> Iterator[str]:
         yield f"training data {name!r} were not compared with the benchmark: {error.what}"
         return
     found = compare_splits(train, test)
-    if found.pairs:
+    if not found.pairs.empty:
         yield (
             f"training data {name!r} see the ground of {counted(found.tainted, 'test photo')} of "
             f"{len(test.ids):,}: `airzoo-bench check-split {name} {benchmark}` lists them"

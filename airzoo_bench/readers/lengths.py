@@ -64,10 +64,8 @@ def _lengths(rows: Any) -> NDArray[np.float64]:
     """Return the lengths of some rows, spread over all of them."""
     import numpy as np
 
-    from airzoo_bench.retrieval.descriptor_rows import as_float32, rows_of
-    from airzoo_bench.retrieval.similarity import norms_of
+    from airzoo_bench.retrieval.descriptors import Rows, exact_norms
 
-    source = rows_of(rows)
+    source = rows if isinstance(rows, Rows) else Rows.join(rows)
     some = np.unique(np.linspace(0, len(source) - 1, _LOOKED_AT).astype(int)).tolist()
-    read = (source.read(row, row + 1) for row in some)
-    return np.concatenate([norms_of(one, as_float32(one)) for one in read])
+    return np.concatenate([exact_norms(source.read(row, row + 1)) for row in some])

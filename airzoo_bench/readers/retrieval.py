@@ -172,7 +172,7 @@ def join(
 
     from airzoo_bench.evaluation.queries import QueryPredictions
     from airzoo_bench.formats.arrays import as_floating
-    from airzoo_bench.retrieval.descriptor_rows import RowParts
+    from airzoo_bench.retrieval.descriptors import Rows
     from airzoo_bench.retrieval.predictions import Descriptors
 
     lengths = sorted({one.rows.shape[1] for one in (*queries, *galleries)})
@@ -187,9 +187,7 @@ def join(
     parts = [as_floating(one.rows) for one in queries]
     rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
     tiles = np.concatenate([one.ids for one in galleries])
-    gallery: Any = galleries[0].rows
-    if len(galleries) > 1:
-        gallery = RowParts.of(one.rows for one in galleries)
+    gallery = Rows.join(*(one.rows for one in galleries))
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 

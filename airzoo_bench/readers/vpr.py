@@ -252,17 +252,17 @@ def _not_nearest(
     import numpy as np
 
     from airzoo_bench.core.ids import rows_among
-    from airzoo_bench.retrieval.descriptor_rows import rows_of
+    from airzoo_bench.retrieval.descriptors import Rows
 
     asked = queries.astype(np.float64)
     nearest, longest = np.full(len(asked), np.inf), 0.0
-    for _, rows in rows_of(gallery.rows).blocks(_ROWS):
+    for _, rows in Rows.join(gallery.rows).blocks():
         squares = (rows.astype(np.float64) ** 2).sum(axis=1)
         distances = squares - 2 * asked @ rows.T.astype(np.float64)
         nearest = np.minimum(nearest, distances.min(axis=1))
         longest = max(longest, float(squares.max()))
     for query, tiles in enumerate(ranked):
-        found = rows_of(gallery.rows).take(rows_among(np.array(tiles), gallery.ids))
+        found = Rows.join(gallery.rows).take(rows_among(np.array(tiles), gallery.ids))
         own = (found.astype(np.float64) ** 2).sum(axis=1) - 2 * found @ asked[query]
         slack = _ROUNDING * (longest + asked[query] @ asked[query])
         if (np.diff(own, prepend=nearest[query]) < -slack).any() or own[0] > nearest[query] + slack:

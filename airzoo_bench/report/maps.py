@@ -16,7 +16,7 @@ from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place
 from airzoo_bench.report.sections import Section, tile_columns
-from airzoo_bench.retrieval.pairs import hit_matrix
+from airzoo_bench.retrieval.metrics import hit_matrix
 
 if TYPE_CHECKING:
     import pandas as pd

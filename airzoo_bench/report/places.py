@@ -19,9 +19,13 @@ from airzoo_bench.geometry.rasters import RasterInfo, open_info, to_map_pixels
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.report.sections import Section
-from airzoo_bench.retrieval.pairs import Positives
-from airzoo_bench.retrieval.questions import scene_truth
-from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, BOX_COLUMNS, RetrievalTruth
+from airzoo_bench.retrieval.truth import (
+    ANCHOR_COLUMNS,
+    BOX_COLUMNS,
+    Positives,
+    RetrievalTruth,
+    scene_truth,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,18 +39,14 @@ class Place:
 
     Attributes
     ----------
-    scene : str
     dom : RasterInfo or None
         The map; None where the gallery is a set of images.
     gallery : Path
         The map that tiles are cut from, or the folder of the images.
-    photos : dict of str to Path
-        By query.
     outlines : (Q, 4, 2) array
         Of the footprints in pixels of the map, NaN where a query has none.
     centres : (Q, 2) array
         Where the query is, in pixels of the map; NaN where that is not known.
-    queries : list of Q str
     tiles : DataFrame
         With the windows in pixels of the gallery's map, or the files of the images.
     tile_outlines : (T, 4, 2) array

@@ -17,7 +17,7 @@ from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.records_csv import column_names
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.results.selection import choose_scores
-from airzoo_bench.retrieval.scores import RANKED_TILE
+from airzoo_bench.retrieval.scoring import RANKED_TILE
 from airzoo_bench.tables.breakdown import condition_names, is_condition
 
 if TYPE_CHECKING:

@@ -9,13 +9,14 @@ It is a floor for other methods, not a rival.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import faiss
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, needed
@@ -25,13 +26,9 @@ from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.sift import extract
-from airzoo_bench.retrieval.baseline_settings import VladSettings
-from airzoo_bench.retrieval.questions import scene_truth
+from airzoo_bench.retrieval.info import VladSettings
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth
-
-if TYPE_CHECKING:
-    import pandas as pd
+from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
 __all__ = ["describe", "predict", "root_sift", "vlad"]
 
@@ -44,19 +41,90 @@ _SECONDS_A_MEGAPIXEL, _LONG_S = 1.4, 120.0  # of a core, measured on noise and o
 _PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
 
 
-def describe(
-    gallery: Sequence[Reader],
-    queries: Sequence[Reader],
+def predict(
+    protocol: RetrievalProtocol,
+    benchmark: Benchmark,
     settings: VladSettings,
-    *,
+    out: Path,
+    run: Run,
+    note: Callable[[str], None],
+) -> None:
+    """Describe every query and tile of a benchmark and write a prediction file."""
+    check_npz(out)
+    parts: dict[str, list[NDArray[Any]]] = {}
+    for scene in protocol.scenes:
+        truth = scene_truth(benchmark, scene.id)
+        if (cost := _cost(truth, settings)) is not None:
+            note(cost)
+        tiles, photos = _readers(benchmark, truth, settings.long_side_px)
+        progress = Headed(scene.id, run.progress)
+        for key, rows in {
+            "query_ids": truth.queries["id"].to_numpy(str),
+            "query_descriptors": describe(photos, settings, "photos", run.processes, progress),
+            "gallery_ids": truth.tiles["id"].to_numpy(str),
+            "gallery_descriptors": describe(tiles, settings, "tiles", run.processes, progress),
+        }.items():
+            parts.setdefault(key, []).append(rows)
+    arrays = {key: np.concatenate(rows) for key, rows in parts.items()}
+    write_predictions(out, protocol.name, arrays)
+
+
+def _cost(truth: RetrievalTruth, settings: VladSettings) -> str | None:
+    """Say before the work what large galleries take; tiles are described at their full size."""
+    if truth.of_images or not settings.doubled:
+        return None
+    megapixels = int((truth.tiles["width"] * truth.tiles["height"]).sum()) / 1e6
+    seconds = megapixels * _SECONDS_A_MEGAPIXEL
+    if seconds < _LONG_S:
+        return None
+    return (
+        f"scene {truth.scene}: {len(truth.tiles):,} tiles of {megapixels:,.0f} megapixels in all "
+        f"take about {seconds / 60:,.0f} minutes of one core; --no-double takes about a quarter"
+    )
+
+
+def _readers(
+    benchmark: Benchmark, truth: RetrievalTruth, long_side_px: int
+) -> tuple[list[Reader], list[Reader]]:
+    """Return what reads each tile and each photo of a scene in grey."""
+    scene = benchmark.scene(truth.scene)
+    gallery = benchmark.resolve(needed(scene.gallery or scene.dom, "map", scene.id))
+    images = benchmark.resolve(scene.images)
+    photos: list[Reader] = [
+        partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
+    ]
+    if truth.of_images:
+        names = truth.tiles["image"]
+        return [partial(read_grey, gallery / name, long_side_px) for name in names], photos
+    return [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()], photos
+
+
+def _grey_tile(gallery: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
+    grey: NDArray[np.float64] = np.round(read_tile(gallery, tile) @ _GREY)
+    return grey.astype(np.uint8)
+
+
+def describe(
+    images: Sequence[Reader],
+    settings: VladSettings,
+    label: str,
     engine: Engine = HERE,
     progress: Progress = silent,
-) -> tuple[Floats, Floats]:
-    """Describe gallery and queries."""
+) -> Floats:
+    """Describe images, a row each; `label` names them for progress."""
     words = np.load(_WORDS, allow_pickle=False).astype(np.float32)
-    tiles = [vlad(one, words) for one in _extracted(gallery, settings, engine, progress, "tiles")]
-    photos = [vlad(one, words) for one in _extracted(queries, settings, engine, progress, "photos")]
-    return np.stack(tiles), np.stack(photos)
+    found = engine.map(
+        _features_of,
+        list(enumerate(images, 1)),
+        shared=settings,
+        stage=label,
+        name=lambda numbered: f"number {numbered[0]:,} of the {label}",
+    )
+    return np.stack([vlad(one, words) for one in progress(found, label, len(images))])
+
+
+def _features_of(settings: VladSettings, numbered: tuple[int, Reader]) -> Floats:
+    return root_sift(numbered[1](), settings.max_features, doubled=settings.doubled)
 
 
 def root_sift(image: NDArray[np.uint8], max_features: int, *, doubled: bool) -> Floats:
@@ -78,93 +146,3 @@ def vlad(features: Floats, words: Floats) -> Floats:
     descriptor = np.append(within.ravel(), 0.0 if len(features) else 1.0)
     unit: Floats = (descriptor / np.linalg.norm(descriptor)).astype(np.float32)
     return unit
-
-
-def _extracted(
-    readers: Sequence[Reader],
-    settings: VladSettings,
-    engine: Engine,
-    progress: Progress,
-    label: str,
-) -> Iterator[Floats]:
-    found = engine.map(
-        _features_of,
-        list(enumerate(readers, 1)),
-        shared=settings,
-        stage=label,
-        name=lambda numbered: f"number {numbered[0]:,} of the {label}",
-    )
-    yield from progress(found, label, len(readers))
-
-
-def _features_of(settings: VladSettings, numbered: tuple[int, Reader]) -> Floats:
-    _, reader = numbered
-    return root_sift(reader(), settings.max_features, doubled=settings.doubled)
-
-
-def predict(
-    protocol: RetrievalProtocol,
-    benchmark: Benchmark,
-    settings: VladSettings,
-    out: Path,
-    run: Run,
-    note: Callable[[str], None],
-) -> None:
-    """Describe every query and tile of a benchmark and write a prediction file."""
-    check_npz(out)
-    parts: dict[str, list[NDArray[np.generic]]] = {}
-    for scene in protocol.scenes:
-        truth = scene_truth(benchmark, scene.id)
-        if (cost := _cost(truth, settings)) is not None:
-            note(cost)
-        tiles, photos = _readers(benchmark, truth, settings.long_side_px)
-        progress = Headed(scene.id, run.progress)
-        gallery, queries = describe(
-            tiles, photos, settings, engine=run.processes, progress=progress
-        )
-        for key, rows in {
-            "query_ids": truth.queries["id"].to_numpy(str),
-            "query_descriptors": queries,
-            "gallery_ids": truth.tiles["id"].to_numpy(str),
-            "gallery_descriptors": gallery,
-        }.items():
-            parts.setdefault(key, []).append(rows)
-    write_predictions(
-        out, protocol.name, {key: np.concatenate(rows) for key, rows in parts.items()}
-    )
-
-
-def _cost(truth: RetrievalTruth, settings: VladSettings) -> str | None:
-    """Say before the work what large galleries take; tiles are described at their full size."""
-    if truth.of_images or not settings.doubled:
-        return None
-    pixels = int((truth.tiles["width"] * truth.tiles["height"]).sum())
-    seconds = pixels / 1e6 * _SECONDS_A_MEGAPIXEL
-    if seconds < _LONG_S:
-        return None
-    return (
-        f"scene {truth.scene}: {len(truth.tiles):,} tiles of {pixels / 1e6:,.0f} megapixels in all "
-        f"take about {seconds / 60:,.0f} minutes of one core; --no-double takes about a quarter"
-    )
-
-
-def _readers(
-    benchmark: Benchmark, truth: RetrievalTruth, long_side_px: int
-) -> tuple[list[Reader], list[Reader]]:
-    scene = benchmark.scene(truth.scene)
-    gallery = benchmark.resolve(needed(scene.gallery or scene.dom, "map", scene.id))
-    images = benchmark.resolve(scene.images)
-    tiles: list[Reader] = (
-        [partial(read_grey, gallery / name, long_side_px) for name in truth.tiles["image"]]
-        if truth.of_images
-        else [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()]
-    )
-    photos: list[Reader] = [
-        partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
-    ]
-    return tiles, photos
-
-
-def _grey_tile(gallery: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
-    grey: NDArray[np.float64] = np.round(read_tile(gallery, tile) @ _GREY)
-    return grey.astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Chance level: what tiles in random order score.
+"""The chance level: expected scores of tiles in random order.
 
 With R of G tiles positive and every order as likely as any other, the ranks hold positives as draws
 without replacement do. All expectations here are exact.
@@ -11,12 +11,12 @@ from dataclasses import asdict
 from math import comb
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import concatenate, summarise
-from airzoo_bench.retrieval.image_scores import rank_of_share
-from airzoo_bench.retrieval.scores import ap_name, recall_at_share_name, retrieval_scores
+from airzoo_bench.retrieval.scoring import ap_name, rank_of_share, retrieval_scores, share_name
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -29,25 +29,25 @@ def chance_scores(
     """Return the expected score of each query under a random order of its gallery."""
     kinds, back = np.unique(positives, return_inverse=True)
     if isinstance(settings, ImageScores):
-        scores = _of_images(kinds, n_tiles, settings)
+        scores = _image_scores(kinds, n_tiles, settings)
     else:
-        scores = _of_tiles(kinds, n_tiles, settings)
+        scores = _tile_scores(kinds, n_tiles, settings)
     return {name: values[back] for name, values in scores.items()}
 
 
-def _of_images(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Floats]:
+def _image_scores(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Floats]:
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
     share = settings.recall_at_share
     none = _none_among(kinds, n_tiles, max(n_tiles, *settings.recall_at))
     scores = {f"recall@{n}": 1 - none[:, n] for n in settings.recall_at}
-    scores[recall_at_share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
+    scores[share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
     scores["map"] = _precision_sums(right, n_tiles, n_tiles) / divisor
     scores["ap/trapezoid"] = (scores["map"] + _precision_before(right, n_tiles) / divisor) / 2
     scores["mrr"] = -np.diff(none[:, : n_tiles + 1], axis=1) @ (1 / np.arange(1.0, n_tiles + 1))
     return scores
 
 
-def _of_tiles(kinds: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
+def _tile_scores(kinds: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
     k, kept = settings.ap_at, min(settings.ranks_kept, n_tiles)
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
     none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))
@@ -70,8 +70,6 @@ def chance_level(
     truths: Sequence[RetrievalTruth], settings: RetrievalScores | ImageScores
 ) -> Reference:
     """Return what tiles in random order score, by scene; see `chance_scores`."""
-    import pandas as pd
-
     records = concatenate(
         [
             pd.DataFrame(chance_scores(truth.positives.counts, len(truth.tiles), settings)).assign(

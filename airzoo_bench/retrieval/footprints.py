@@ -18,34 +18,18 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
 from airzoo_bench.retrieval.truth import LONLAT_DECIMALS
 
-__all__ = [
-    "Footprints",
-    "box_areas",
-    "cast_footprints",
-    "intersection_areas",
-    "polygon_areas",
-    "untangled",
-]
+__all__ = ["Footprints", "cast_footprints", "ious", "polygon_areas", "untangled"]
+
+_TOUCH = 1e-12  # of the tile's area; rounding leaves less than this of two that only touch
 
 
 @dataclass(frozen=True)
 class Footprints:
-    """The ground points of N photos.
+    """The ground points of N photos in degrees, NaN where there is none."""
 
-    Attributes
-    ----------
-    lonlat : (N, 4, 2) float64
-        Anchor points on the ground in degrees, in the order of the image's corners; NaN where the
-        ray has no ground point.
-    status : (N, 4) uint8
-        A `RayStatus` for each ray.
-    centres : (N, 2) float64
-        Lon, lat of the mean of the ground points that there are; NaN where there is none.
-    """
-
-    lonlat: Floats
-    status: NDArray[np.uint8]
-    centres: Floats
+    lonlat: Floats  # (N, 4, 2), in the order of the image's corners
+    status: NDArray[np.uint8]  # (N, 4), a `RayStatus` for each ray
+    centres: Floats  # (N, 2), the mean of the ground points that there are
 
     @property
     def missed_rays(self) -> Ints:
@@ -55,9 +39,8 @@ class Footprints:
 
     def about(self, lon: float) -> Footprints:
         """Return the same with longitudes unwrapped about one; see `crs.unwrapped`."""
-        lonlat, centres = (
-            np.round(unwrapped(part, lon), LONLAT_DECIMALS) for part in (self.lonlat, self.centres)
-        )
+        parts = (unwrapped(part, lon) for part in (self.lonlat, self.centres))
+        lonlat, centres = (np.round(part, LONLAT_DECIMALS) for part in parts)
         return Footprints(lonlat, self.status, centres)
 
 
@@ -70,36 +53,31 @@ def cast_footprints(
     inset: float,
     max_range_m: float,
 ) -> Footprints:
-    """Cast the anchor rays of N photos."""
+    """Cast the anchor rays of N photos onto a plane's height or a surface model."""
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, inset)))
     if isinstance(ground, HeightField):
         hits = intersect_heightfield(poses.centres, rays, ground, max_range_m)
     else:
         hits = intersect_plane(poses.centres, rays, ground, max_range_m)
-    xy = hits.points[..., :2]
-    return Footprints(
-        np.round(to_lonlat(crs, xy), LONLAT_DECIMALS),
-        hits.status,
-        np.round(to_lonlat(crs, _mean_of_hits(xy, hits.valid)), LONLAT_DECIMALS),
-    )
+    xy, count = hits.points[..., :2], hits.valid.sum(axis=1)[:, None]
+    total = np.where(hits.valid[..., None], xy, 0.0).sum(axis=1)
+    middle = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
+    lonlat, centres = (np.round(to_lonlat(crs, part), LONLAT_DECIMALS) for part in (xy, middle))
+    return Footprints(lonlat, hits.status, centres)
 
 
-def _mean_of_hits(xy: Floats, hit: Bools) -> Floats:
-    total = np.where(hit[..., None], xy, 0.0).sum(axis=1)
-    count = hit.sum(axis=1)[:, None]
-    middle: Floats = np.full_like(total, np.nan)
-    np.divide(total, count, out=middle, where=count > 0)
-    return middle
-
-
-def box_areas(boxes: Floats) -> Floats:
-    """Area of boxes (n, 4), each x_min, y_min, x_max, y_max."""
-    area: Floats = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
-    return area
+def ious(polygons: Floats, boxes: Floats) -> Floats:
+    """Return intersection over union of quadrilaterals (n, 4, 2) and boxes (n, 4), 0 with NaN."""
+    common = _common_areas(polygons, boxes)
+    sizes = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
+    union = polygon_areas(polygons) + sizes - common
+    # A NaN corner makes `common` NaN, which is not above the rounding either.
+    ratios = np.divide(common, union, out=np.zeros(len(boxes)), where=common > _TOUCH * sizes)
+    return np.minimum(ratios, 1)
 
 
 def polygon_areas(polygons: Floats) -> Floats:
-    """Area of simple polygons (n, V, 2) by the shoelace formula, whichever way round."""
+    """Return the areas of simple polygons (n, V, 2) by the shoelace formula."""
     x, y = np.moveaxis(polygons - polygons[:, :1], 2, 0)
     twice = x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
     area: Floats = np.abs(twice.sum(axis=1)) / 2
@@ -115,8 +93,24 @@ def untangled(polygons: Floats) -> Floats:
     return np.take_along_axis(polygons, order[:, :, None], axis=1)
 
 
-def intersection_areas(polygons: Floats, boxes: Floats) -> Floats:
-    """Area common to each simple polygon and its box."""
+def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
+    """Tell whether the segments a-b and c-d cross, each (n, 2); touching is not crossing."""
+
+    def turn(a: Floats, b: Floats, c: Floats) -> Floats:
+        ab, ac = b - a, c - a
+        sign: Floats = np.sign(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+        return sign
+
+    splits_cd, splits_ab = turn(a, b, c) * turn(a, b, d) < 0, turn(c, d, a) * turn(c, d, b) < 0
+    both: Bools = splits_cd & splits_ab
+    return both
+
+
+def _common_areas(polygons: Floats, boxes: Floats) -> Floats:
+    """Return the area common to each simple polygon and its box, side by side of the polygon.
+
+    A side adds the area between itself, cut to the box, and the box's lower edge.
+    """
     local = polygons - boxes[:, None, :2]  # near 0, so that no digits are lost to the offset
     width, height = (boxes[:, 2:] - boxes[:, :2]).T[:, :, None]
     xa, ya = np.moveaxis(local, 2, 0)
@@ -130,7 +124,7 @@ def intersection_areas(polygons: Floats, boxes: Floats) -> Floats:
 
 
 def _clamped_mean(ya: Floats, yb: Floats, height: Floats) -> Floats:
-    """Mean of clamp(y, 0, height) while y goes from `ya` to `yb` evenly."""
+    """Return the mean of clamp(y, 0, height) while y goes from `ya` to `yb` evenly."""
     first, last = np.clip(ya, 0, height), np.clip(yb, 0, height)
     enters, leaves = _share(first - ya, yb - ya), _share(last - ya, yb - ya)
     # A level side has no share: `last` equals `first` and stands for the whole of it.
@@ -140,20 +134,6 @@ def _clamped_mean(ya: Floats, yb: Floats, height: Floats) -> Floats:
 
 
 def _share(part: Floats, whole: Floats) -> Floats:
-    """Give part / whole, cut to [0, 1]; 0 where the whole is 0."""
+    """Return part / whole, cut to [0, 1]; 0 where the whole is 0."""
     share = np.divide(part, whole, out=np.zeros_like(part), where=whole != 0)
     return np.clip(share, 0, 1)
-
-
-def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Whether the segments a-b and c-d cross, each (n, 2); touching is not crossing."""
-    splits_cd = _turn(a, b, c) * _turn(a, b, d) < 0
-    splits_ab = _turn(c, d, a) * _turn(c, d, b) < 0
-    both: Bools = splits_cd & splits_ab
-    return both
-
-
-def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
-    ab, ac = b - a, c - a
-    sign: Floats = np.sign(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
-    return sign

@@ -3,36 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from rasterio.enums import MaskFlags
 from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.crs import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world
-from airzoo_bench.retrieval.footprints import box_areas, polygon_areas
+from airzoo_bench.retrieval.footprints import polygon_areas
 from airzoo_bench.retrieval.settings import Gallery
-from airzoo_bench.retrieval.truth import BOX_COLUMNS, LONLAT_DECIMALS
-
-if TYPE_CHECKING:
-    import pandas as pd
+from airzoo_bench.retrieval.truth import BOX_COLUMNS, LONLAT_DECIMALS, boxes_of
 
 __all__ = [
     "box_growth",
-    "check_gsd",
     "cut_gallery",
     "middle_lon",
     "tile_starts",
-    "valid_shares",
     "windows_of",
 ]
 
-_SIDE_PX = 4096  # of the part of a mask that is read at a time
+_STRIP = 1024  # rows of a mask that are read at a time, at most
 
 
 def tile_starts(length: int, size: int, overlap: float) -> Ints:
@@ -45,9 +40,7 @@ def tile_starts(length: int, size: int, overlap: float) -> Ints:
 
 def cut_gallery(info: RasterInfo, gallery: Gallery, scene: str) -> pd.DataFrame:
     """Cut a map into tiles, as windows."""
-    import pandas as pd
-
-    check_gsd(info, gallery)
+    _check_gsd(info, gallery)
     parts = [_cut_scale(info, size, gallery.overlap, scene) for size in gallery.tile_sizes_px]
     tiles = pd.concat(parts).sort_values("id", ignore_index=True)
     return tiles.assign(valid_share=valid_shares(info.path, windows_of(tiles)))
@@ -68,11 +61,12 @@ def middle_lon(info: RasterInfo) -> float:
 def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
     """Return by how much boxes are larger than their tiles, as a share of the tiles' area."""
     ring = _ring(info, windows_of(tiles))[:, [0, 2, 7, 5]]
-    boxes = tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
-    return float(box_areas(boxes).sum() / polygon_areas(ring).sum() - 1)
+    west, south, east, north = boxes_of(tiles).T
+    areas = (east - west) * (north - south)
+    return float(areas.sum() / polygon_areas(ring).sum() - 1)
 
 
-def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
+def _check_gsd(info: RasterInfo, gallery: Gallery) -> None:
     """Compare the map's ground sampling distance with the protocol's, on both axes."""
     if gallery.gsd_m == "any":
         return
@@ -88,23 +82,13 @@ def check_gsd(info: RasterInfo, gallery: Gallery) -> None:
 
 
 def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.DataFrame:
-    import pandas as pd
-
     columns = tile_starts(info.width, size, overlap)
     rows = tile_starts(info.height, size, overlap)
     row, column = (index.ravel() for index in np.indices((len(rows), len(columns))))
-    x, y = columns[column], rows[row]
-    width, height = np.minimum(size, info.width - x), np.minimum(size, info.height - y)
-    tiles = pd.DataFrame(
-        {
-            "id": [f"{scene}/{size}_{r:05d}_{c:05d}" for r, c in zip(row, column, strict=True)],
-            "size_px": size,
-            "x": x,
-            "y": y,
-            "width": width,
-            "height": height,
-        }
-    )
+    tiles = pd.DataFrame({"id": "", "size_px": size, "x": columns[column], "y": rows[row]})
+    tiles["id"] = [f"{scene}/{size}_{r:05d}_{c:05d}" for r, c in zip(row, column, strict=True)]
+    tiles["width"] = np.minimum(size, info.width - tiles["x"])
+    tiles["height"] = np.minimum(size, info.height - tiles["y"])
     ring = _ring(info, windows_of(tiles))
     boxes = np.round(np.concatenate([ring.min(axis=1), ring.max(axis=1)], axis=1), LONLAT_DECIMALS)
     return tiles.assign(size_m=_sides(ring), **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
@@ -150,72 +134,23 @@ def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
 
 
 def valid_shares(path: Path, windows: Ints) -> Floats:
-    """Share of valid pixels of windows of a raster, exactly."""
+    """Return the share of valid pixels of windows (n, 4) of a raster, exactly."""
     left, top, right, bottom = windows.T
     with opened(path) as dataset:
         if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
             return np.ones(len(windows))
-        columns = np.unique(np.concatenate([left, right, [0, dataset.width]]))
-        rows = np.unique(np.concatenate([top, bottom, [0, dataset.height]]))
-        cells = np.zeros((len(rows), len(columns)), np.int64)
-        for column, row, mask in _masks(dataset):
-            _count_into(cells, mask, row - rows, column - columns)
-    # The cells between cuts, summed up to each cut: four look-ups then count any window.
-    sums = np.zeros((len(rows) + 1, len(columns) + 1), np.int64)
-    sums[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
+        height, width = dataset.shape
+        columns = np.unique(np.concatenate([left, right, [0, width]]))
+        rows = np.unique(np.concatenate([top, bottom, np.arange(0, height, _STRIP), [height]]))
+        # Pixels between two cuts, summed up to each cut: four look-ups then count any window.
+        sums = np.zeros((len(rows), len(columns)), np.int64)
+        for number, (start, stop) in enumerate(pairwise(rows.tolist()), start=1):
+            mask = dataset.dataset_mask(window=Window(0, start, width, stop - start)) > 0
+            counts = np.count_nonzero(mask, axis=0)
+            sums[number, 1:] = np.add.reduceat(counts, columns[:-1])
+    sums = sums.cumsum(axis=0).cumsum(axis=1)
     x0, x1 = np.searchsorted(columns, left), np.searchsorted(columns, right)
     y0, y1 = np.searchsorted(rows, top), np.searchsorted(rows, bottom)
     valid = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
     shares: Floats = valid / ((right - left) * (bottom - top))
     return shares
-
-
-def _masks(dataset: Any) -> Iterator[tuple[int, int, Bools]]:
-    """Give (column, row, validity) of parts that together are all of the raster that is stored."""
-    stored, (block_height, block_width) = _stored_blocks(dataset), dataset.block_shapes[0]
-    for row in range(0, dataset.height, _SIDE_PX):
-        for column in range(0, dataset.width, _SIDE_PX):
-            width = min(_SIDE_PX, dataset.width - column)
-            height = min(_SIDE_PX, dataset.height - row)
-            blocks = stored[
-                row // block_height : -(-(row + height) // block_height),
-                column // block_width : -(-(column + width) // block_width),
-            ]
-            if not blocks.any():
-                continue
-            mask = dataset.dataset_mask(window=Window(column, row, width, height))
-            yield column, row, mask > 0
-
-
-def _stored_blocks(dataset: Any) -> Bools:
-    """Which blocks (rows, columns) may have a valid pixel: a sparse GeoTIFF leaves out empty ones.
-
-    What is left out reads as the nodata value, without one as 0, also in an alpha band.
-    """
-    height, width = dataset.block_shapes[0]
-    blocks = np.ones((-(-dataset.height // height), -(-dataset.width // width)), dtype=bool)
-    flags = dataset.mask_flag_enums
-    by_nodata = all(MaskFlags.nodata in band for band in flags)
-    by_alpha = MaskFlags.alpha in flags[0] and not dataset.nodata
-    if dataset.driver != "GTiff" or not (by_nodata or by_alpha):
-        return blocks
-    for (row, column), _ in np.ndenumerate(blocks):
-        item = f"BLOCK_OFFSET_{column}_{row}"
-        places = (dataset.get_tag_item(item, "TIFF", bidx=band) for band in dataset.indexes)
-        blocks[row, column] = any(place is not None for place in places)
-    return blocks
-
-
-def _count_into(cells: Ints, mask: Bools, below: Ints, right_of: Ints) -> None:
-    """Add the valid pixels of a part to the cells that it meets."""
-    y, starts = _cuts(below, mask.shape[0])
-    counts = np.add.reduceat(mask, starts, axis=0, dtype=np.int64)
-    x, starts = _cuts(right_of, mask.shape[1])
-    cells[np.ix_(y, x)] += np.add.reduceat(counts, starts, axis=1)
-
-
-def _cuts(beyond: Ints, length: int) -> tuple[Ints, Ints]:
-    """Return the cells that a run of `length` pixels meets, and where in it each begins."""
-    first = int(np.searchsorted(-beyond, 0, side="right")) - 1
-    cells = np.arange(first, int(np.searchsorted(-beyond, length, side="left")))
-    return cells, np.maximum(-beyond[cells], 0)

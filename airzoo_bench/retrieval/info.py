@@ -1,11 +1,24 @@
-"""The retrieval track, as the command line shows it."""
+"""The retrieval track and its baseline, as the command line shows them."""
 
 from __future__ import annotations
 
-from airzoo_bench.evaluation.info import TrackInfo
-from airzoo_bench.retrieval.baseline_settings import VLAD
+from dataclasses import dataclass
+from typing import Annotated
 
-__all__ = ["INFO"]
+from airzoo_bench.core.registry import Option
+from airzoo_bench.evaluation.info import DOUBLED, Baseline, TrackInfo
+
+__all__ = ["INFO", "VladSettings"]
+
+
+@dataclass(frozen=True)
+class VladSettings:
+    """How the baseline describes images."""
+
+    max_features: int = 2048  # the strongest of an image are kept
+    doubled: Annotated[bool, DOUBLED] = True
+    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1024
+
 
 INFO = TrackInfo(
     name="retrieval",
@@ -15,6 +28,15 @@ INFO = TrackInfo(
     kinds=".npz or .parquet",
     suffixes=(".npz", ".parquet"),
     jobs=1,
-    baseline=VLAD,
+    baseline=Baseline(
+        method="SIFT and VLAD",
+        summary="Describe photos and tiles by SIFT and VLAD, and write a prediction file.",
+        settings=VladSettings(),
+        demo=VladSettings(doubled=False),
+        out="sift-vlad.npz",
+        out_help="The .npz to write.",
+        example="brighton-retrieval --out sift.npz",
+        predict="airzoo_bench.retrieval.baseline:predict",
+    ),
     templates=("ranked-ids", "descriptors"),
 )

@@ -1,236 +1,108 @@
-"""Scores of a ranking, one value per query, from its hit matrix.
+"""Formulas of the scores of a ranking, one value a query.
 
-Throughout, ``hits`` is (Q, K) bool, best rank first; ``n_positives`` is (Q,), the number R of
-positives that a query has in the gallery, ranked or not. A list shorter than k is filled with
-non-hits. A query with R = 0 scores 0 in every metric. All scores lie between 0 and 1.
+`hits` is (Q, K) bool, best rank first, and `n_positives` (Q,) is R, the number of positives in
+the gallery, ranked or not. `distances` is (Q, K), infinite where no tile is ranked. Ranks beyond
+the end of a list hold nothing. A query without a positive scores 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.settings import ApVariant
 
-__all__ = [
-    "average_precision",
-    "average_precision_at",
-    "first_hit_rank",
-    "ndcg_at",
-    "recall_at",
-    "reciprocal_rank",
-]
+if TYPE_CHECKING:
+    from airzoo_bench.retrieval.truth import Positives
+
+_BITMAP_CELLS = 1 << 22  # 4 MB stay in the cache, where random reads are cheap
+_HIT_CELLS = 1 << 20  # bounds the memory where nearly everything is a hit
 
 
-# Cells of the hit matrix looked at in one go; bounds the memory where nearly everything is a hit.
-_CELLS = 1 << 20
+def hit_matrix(
+    ranked: NDArray[np.int32], offsets: Ints, tiles: NDArray[np.int32], n_tiles: int
+) -> Bools:
+    """Mark the ranks (Q, K) that hold a positive; `offsets` and `tiles` as in `Positives`."""
+    n_queries, depth = ranked.shape
+    width = n_tiles + 1  # column 0 of the bitmap stands for -1 and stays False
+    rows = max(1, _BITMAP_CELLS // max(width, depth))
+    bitmap = np.zeros(min(rows, n_queries) * width, np.bool_)
+    hits = np.empty(ranked.shape, np.bool_)
+    for start in range(0, n_queries, rows):
+        stop = min(start + rows, n_queries)
+        origin = np.arange(stop - start) * width + 1
+        bounds = offsets[start : stop + 1]
+        positive = np.repeat(origin, np.diff(bounds)) + tiles[bounds[0] : bounds[-1]]
+        bitmap[positive] = True
+        np.take(bitmap, origin[:, None] + ranked[start:stop], out=hits[start:stop], mode="clip")
+        bitmap[positive] = False
+    return hits
 
 
 def recall_at(hits: Bools, k: int) -> Floats:
-    """Recall@k of place recognition: 1 when a positive is among the first k.
+    """Recall@k of place recognition: 1 where a positive is among the first k, else 0.
 
-    Information retrieval calls this success@k or hit rate@k; its own recall@k, the share of the
-    positives that is found, is another number.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-        Whether the tile at each rank is a positive, best first.
-    k : int
-        At least 1.
-
-    Returns
-    -------
-    (Q,) float64
-        1 or 0.
-
-    Raises
-    ------
-    ValueError
-        `hits` is not a matrix, or k is below 1.
-
-    References
-    ----------
-    trec_eval, measure ``success``; Arandjelovic et al., NetVLAD, CVPR 2016.
+    Information retrieval calls it success@k or hit rate@k (trec_eval: ``success``); see
+    Arandjelovic et al., NetVLAD, CVPR 2016.
     """
-    found: Bools = np.any(_first(hits, k), axis=1)
-    return found.astype(np.float64)
+    return np.asarray(hits[:, :k].any(axis=1), np.float64)
 
 
 def average_precision_at(hits: Bools, n_positives: Ints, k: int, variant: ApVariant) -> Floats:
-    r"""AP@k in one of the four readings that are in use.
+    r"""AP@k, 0 to 1, in one of the four readings that are in use.
 
     With :math:`h_i` = 1 where rank i is a hit and :math:`P_i = \frac{1}{i} \sum_{j \le i} h_j`:
 
-    - ``precision``: :math:`P_k`, the mean over the first k ranks of :math:`h_i`; R plays no part,
-      so that a query with R < k cannot reach 1
-    - ``trec``: :math:`\frac{1}{R} \sum_{i \le k} h_i P_i`
-    - ``min``: :math:`\frac{1}{\min(R, k)} \sum_{i \le k} h_i P_i`
-    - ``hits``: :math:`\frac{1}{\sum_{i \le k} h_i} \sum_{i \le k} h_i P_i`, 0 without a hit. One
-      more hit at the end of the list can lower it.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-        Whether the tile at each rank is a positive, best first.
-    n_positives : (Q,) int
-        R, the positives of each query in the gallery, ranked or not.
-    k : int
-        At least 1.
-    variant : {"precision", "min", "trec", "hits"}
-
-    Returns
-    -------
-    (Q,) float64
-        0 to 1.
-
-    Raises
-    ------
-    ValueError
-        The shapes do not fit together, k is below 1, or the variant is unknown.
-
-    References
-    ----------
-    ``precision`` and ``trec`` are the measures ``P`` and ``map_cut`` of trec_eval; ``min`` is the
-    AP@k of the Kaggle competitions (Landmark Retrieval, with k = 100).
+    - ``precision``: :math:`P_k`; R plays no part, so that a query with R < k cannot reach 1
+      (``P`` of trec_eval)
+    - ``trec``: :math:`\frac{1}{R} \sum_{i \le k} h_i P_i` (``map_cut`` of trec_eval)
+    - ``min``: :math:`\frac{1}{\min(R, k)} \sum_{i \le k} h_i P_i` (Kaggle's Landmark Retrieval)
+    - ``hits``: :math:`\frac{1}{\sum_{i \le k} h_i} \sum_{i \le k} h_i P_i`, 0 without a hit; one
+      more hit at the end of the list can lower it
     """
-    first = _first(hits, k)
-    positives = _per_query(n_positives, hits)
+    first = hits[:, :k]
     n_hits: Ints = np.count_nonzero(first, axis=1)
-    match variant:
-        case "precision":
-            return np.divide(n_hits, k)
-        case "min":
-            divisor = np.minimum(positives, k)
-        case "trec":
-            divisor = positives
-        case "hits":
-            divisor = n_hits
-        case _:
-            raise ValueError(f"unknown variant {variant!r}, expected one of {get_args(ApVariant)}")
-    sums = _sum_over_hits(first, np.divide)
-    return np.divide(sums, np.maximum(divisor, 1))
+    if variant == "precision":
+        return n_hits / k
+    divisors = {"trec": n_positives, "min": np.minimum(n_positives, k), "hits": n_hits}
+    if variant not in divisors:
+        raise ValueError(f"unknown variant {variant!r}, expected one of {get_args(ApVariant)}")
+    return np.asarray(_sum_over_hits(first, np.divide) / np.maximum(divisors[variant], 1))
 
 
 def average_precision(hits: Bools, n_positives: Ints) -> Floats:
-    r"""Average precision over the whole list: :math:`\frac{1}{R} \sum_i h_i P_i`.
-
-    Its mean over queries is mAP. Positives that were not ranked count as never found.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-        Whether the tile at each rank is a positive, best first.
-    n_positives : (Q,) int
-        Positives of each query in the gallery, ranked or not.
-
-    Returns
-    -------
-    (Q,) float64
-        0 to 1.
-
-    Raises
-    ------
-    ValueError
-        The shapes do not fit together.
-
-    References
-    ----------
-    trec_eval, measure ``map``.
-    """
-    return average_precision_at(hits, n_positives, max(hits.shape[-1], 1), "trec")
+    """AP over the whole list; its mean over queries is mAP (``map`` of trec_eval)."""
+    return average_precision_at(hits, n_positives, max(hits.shape[1], 1), "trec")
 
 
 def first_hit_rank(hits: Bools) -> Ints:
-    """Rank of the first hit, counted from 1.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-        Whether the tile at each rank is a positive, best first.
-
-    Returns
-    -------
-    (Q,) int64
-        0 where there is no hit.
-
-    Raises
-    ------
-    ValueError
-        `hits` is not a matrix.
-    """
-    listed = _first(hits, max(hits.shape[-1], 1))
-    if listed.shape[1] == 0:
-        return np.zeros(len(listed), dtype=np.int64)
-    column = listed.argmax(axis=1)
-    return np.where(listed[np.arange(len(listed)), column], column + 1, 0)
+    """Return the rank of the first hit, from 1; 0 without a hit."""
+    if hits.shape[1] == 0:
+        return np.zeros(len(hits), np.int64)
+    column = hits.argmax(axis=1)
+    return np.where(hits[np.arange(len(hits)), column], column + 1, 0)
 
 
 def reciprocal_rank(hits: Bools) -> Floats:
-    """Reciprocal rank: 1 / (rank of the first hit), 0 without a hit; its mean is MRR.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-        Whether the tile at each rank is a positive, best first.
-
-    Returns
-    -------
-    (Q,) float64
-        0 to 1.
-
-    Raises
-    ------
-    ValueError
-        `hits` is not a matrix.
-
-    References
-    ----------
-    trec_eval, measure ``recip_rank``; Voorhees, TREC-8 question answering track, 1999.
-    """
+    """1 / rank of the first hit, 0 without one; the mean is MRR (``recip_rank`` of trec_eval)."""
     rank = first_hit_rank(hits)
     return np.divide(1.0, rank, out=np.zeros(len(rank)), where=rank > 0)
 
 
 def ndcg_at(hits: Bools, n_positives: Ints, k: int) -> Floats:
-    r"""nDCG@k with binary gain.
+    r"""nDCG@k with binary gain, 0 to 1.
 
-    :math:`\sum_{i \le k} h_i / \log_2(i + 1)` over its value for the best possible list, which
-    has its first min(R, k) ranks hit.
-
-    Parameters
-    ----------
-    hits : (Q, K) bool
-        Whether the tile at each rank is a positive, best first.
-    n_positives : (Q,) int
-        R, the positives of each query in the gallery, ranked or not.
-    k : int
-        At least 1.
-
-    Returns
-    -------
-    (Q,) float64
-        0 to 1.
-
-    Raises
-    ------
-    ValueError
-        The shapes do not fit together, or k is below 1.
-
-    References
-    ----------
-    Jaervelin and Kekaelaeinen, Cumulated gain-based evaluation of IR techniques, ACM TOIS 20(4),
-    2002, with the discount :math:`\log_2(i + 1)` of trec_eval's ``ndcg_cut``; theirs,
-    :math:`\log_b i` from rank b on, does not tell ranks 1 and 2 apart.
+    :math:`\sum_{i \le k} h_i / \log_2(i + 1)` over its value for the best list, which has its
+    first min(R, k) ranks hit. Jaervelin and Kekaelaeinen, ACM TOIS 20(4), 2002, with the discount
+    of trec_eval's ``ndcg_cut``.
     """
-    first = _first(hits, k)
-    positives = _per_query(n_positives, hits)
     discount = 1 / np.log2(np.arange(2, k + 2))
-    dcg = _sum_over_hits(first, lambda _, rank: discount[rank - 1])
-    ideal = np.concatenate(([0.0], np.cumsum(discount)))[np.minimum(positives, k)]
+    dcg = _sum_over_hits(hits[:, :k], lambda _, rank: discount[rank - 1])
+    ideal = np.concatenate(([0.0], np.cumsum(discount)))[np.minimum(n_positives, k)]
     return np.divide(dcg, ideal, out=np.zeros(len(dcg)), where=ideal > 0)
 
 
@@ -238,10 +110,10 @@ def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
     """Sum term(ordinal, rank) over each query's hits; its n-th hit has the ordinal n."""
     depth = hits.shape[1]
     sums = np.zeros(len(hits))
-    rows = max(1, _CELLS // max(depth, 1))
+    rows = max(1, _HIT_CELLS // max(depth, 1))
     for start in range(0, len(hits), rows):
         block = hits[start : start + rows]
-        query, column = np.divmod(np.flatnonzero(block), depth)
+        query, column = np.divmod(np.flatnonzero(block), max(depth, 1))
         counts = np.bincount(query, minlength=len(block))
         before = np.cumsum(counts) - counts
         ordinal = np.arange(1, len(query) + 1) - before[query]
@@ -250,15 +122,68 @@ def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
     return sums
 
 
-def _first(hits: Bools, k: int) -> Bools:
-    if hits.ndim != 2 or hits.dtype != np.bool_:
-        raise ValueError(f"hits is {hits.dtype} of shape {hits.shape}, expected bool (Q, K)")
-    if k < 1:
-        raise ValueError(f"k is {k}, expected at least 1")
-    return hits[:, :k]
+def list_precisions(hit_ranks: Ints, positives: Positives) -> tuple[Floats, Floats]:
+    r"""AP of whole lists, as :math:`\frac{1}{R} \sum_n P(r_n)` and by trapezoids.
+
+    `hit_ranks` is (P,), see `Ranking.hit_ranks`: the n-th positive of a query stands at rank
+    :math:`r_n`, where the precision is :math:`n / r_n`. By trapezoids each positive adds the mean
+    of that and of the precision just before it, :math:`(n - 1) / (r_n - 1)`, which is 1 at rank 1:
+    the area under the precision-recall curve, as University-1652's code has it.
+    """
+    ordinal = np.arange(len(hit_ranks)) - positives.offsets[positives.queries] + 1
+    found = hit_ranks > 0
+    at = np.divide(ordinal, hit_ranks, out=np.zeros(len(ordinal)), where=found)
+    before = np.divide(ordinal - 1, hit_ranks - 1, out=np.ones(len(ordinal)), where=hit_ranks > 1)
+    sums = (
+        np.bincount(positives.queries, values, minlength=positives.n_queries)
+        for values in (at, np.where(found, (before + at) / 2, 0.0))
+    )
+    plain, trapezoid = (total / np.maximum(positives.counts, 1) for total in sums)
+    return plain, trapezoid
 
 
-def _per_query(n_positives: Ints, hits: Bools) -> Ints:
-    if n_positives.shape != (len(hits),):
-        raise ValueError(f"n_positives has shape {n_positives.shape}, expected ({len(hits)},)")
-    return n_positives
+def sdm_at(distances: Floats, k: int, scale: float) -> Floats:
+    r"""SDM@k, 0 to 1: how near the first k tiles are, early ranks more.
+
+    :math:`\sum_{i \le k} w_i e^{-s d_i} / \sum_{i \le k} w_i` with :math:`w_i = k - i + 1` and s
+    per unit of the distances: 0.001 per metre in Game4Loc, 5000 per degree in DenseUAV (Dai et
+    al., arXiv:2201.09201).
+    """
+    return _rank_weighted_mean(distances, k, lambda _, column: np.exp(-scale * column))
+
+
+def pdm_at(distances: Floats, k: int, sizes: Floats, steepness: float, tolerance: float) -> Floats:
+    r"""PDM@k of AnyVisLoc: SDM@k with distances in tiles and a gain that falls as a sigmoid.
+
+    The gain is :math:`1 / (1 + e^{\lambda (d / w - \alpha)})` for tiles of the sides w (Q, K);
+    the authors' code has the steepness :math:`\lambda` = 6 and the tolerance :math:`\alpha` = 0.9.
+    It divides by the weights of the ranks that are there; here a short list has lost the others.
+    Ye et al., arXiv:2503.10692.
+    """
+
+    def gain(rank: int, column: Floats) -> Floats:
+        with np.errstate(over="ignore"):  # exp overflows to infinity, and the gain is rightly 0
+            return 1 / (1 + np.exp(steepness * (column / sizes[:, rank] - tolerance)))
+
+    return _rank_weighted_mean(distances, k, gain)
+
+
+def _rank_weighted_mean(distances: Floats, k: int, gain: Callable[[int, Floats], Floats]) -> Floats:
+    # One rank after the other: the sum has one order, whatever the layout or the BLAS.
+    total = np.zeros(len(distances))
+    for rank, column in enumerate(distances[:, :k].T):
+        total += (k - rank) * gain(rank, column)
+    return total / (k * (k + 1) / 2)
+
+
+def dis_at(distances: Floats, k: int, worst: Floats) -> Floats:
+    """Dis@k of Game4Loc: the mean distance of the first k tiles.
+
+    Ranks without a tile count as `worst` (Q,), the distance of the farthest tile, so that a short
+    list gains nothing. ``get_dis`` in ``game4loc/evaluate/gta.py`` of Yux1angJi/GTA-UAV.
+    """
+    first = distances[:, :k]
+    total: Floats = (k - first.shape[1]) * worst
+    for column in first.T:
+        total += np.where(np.isfinite(column), column, worst)
+    return total / k

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import (
@@ -17,52 +16,42 @@ from airzoo_bench.benchmark.queries import (
     with_unposed,
 )
 from airzoo_bench.core.errors import RasterError, counted
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.crs import LONLAT_CRS
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.rasters import RasterInfo, to_map_pixels
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
-from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.positives import (
     overlap_of,
     overlaps,
     positives_from_iou,
     positives_from_points,
 )
-from airzoo_bench.retrieval.settings import Gallery, GroundTruth, ImageGallery, StatedTruth
+from airzoo_bench.retrieval.settings import Gallery, GroundTruth
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     FOOTPRINT_COLUMNS,
     NO_GROUND_POINT,
-    NO_TILE,
+    Positives,
     RetrievalTruth,
     boxes_of,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["PreparedScene", "answering_tiles", "build_truth", "grouped_reasons"]
 
 _BY_OVERLAP, _BEST = "no tile overlaps by more than", ": the best by "
 _BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
 _OUT_OF_GALLERY = "would answer it, and they are not in the gallery"
-_LOOK_AT_CRS = "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"
-
 _PIXEL_DECIMALS = 6
 
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """The truth of a scene, and the overlap of all pairs.
+    """The truth of a scene, and the overlap of all pairs of its queries and tiles.
 
-    Attributes
-    ----------
-    overlaps : Positives
-        Of the truth's queries.
-    in_map_frame : bool
-        Whether positives were decided in the map's pixels, since boxes in degrees outgrow tiles.
+    `in_map_frame` tells whether positives were decided in the map's pixels, since boxes in degrees
+    outgrow tiles.
     """
 
     truth: RetrievalTruth
@@ -70,35 +59,31 @@ class PreparedScene:
     in_map_frame: bool
 
 
-def build_truth(
-    inputs: SceneInputs,
-    gallery: Gallery | ImageGallery,
-    rules: GroundTruth | StatedTruth,
-) -> PreparedScene:
+def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> PreparedScene:
     """Cut the gallery, cast the footprints, and find which tile answers which photo."""
-    if isinstance(gallery, ImageGallery) or isinstance(rules, StatedTruth):
-        raise TypeError("images are not cut from a map: `stated_truth.build_truth` is theirs")
     info = inputs.gallery_map
     tiles, dropped = _without_empty(cut_gallery(info, gallery, inputs.scene), gallery, info)
     footprints = _footprints(inputs, rules)
     in_map_frame = box_growth(info, tiles) > rules.box_growth
-    points, boxes, empty = (
-        _in_pixels(info, footprints.lonlat, tiles, dropped)
-        if in_map_frame
-        else (footprints.lonlat, boxes_of(tiles), boxes_of(dropped))
-    )
-    positives = _positives(points, boxes, rules)
-    shared = overlaps(points, boxes)
-    answerable = positives.counts > 0
-    kept = answerable if rules.without_positive == "exclude" else np.ones_like(answerable)
+    points, boxes = footprints.lonlat, [boxes_of(tiles), boxes_of(dropped)]
+    if in_map_frame:
+        points = _in_pixels(info, points)
+        boxes = [windows_of(table).astype(np.float64) for table in (tiles, dropped)]
+    positives, on_dropped = (_positives(points, some, rules) for some in boxes)
+    shared = overlaps(points, boxes[0])
+    kept = positives.counts > 0
+    reasons = _reasons(footprints, shared, on_dropped.counts > 0, gallery, rules)
+    if rules.without_positive == "miss":
+        kept[:] = True
     rows = np.flatnonzero(kept)
-    on_dropped = _positives(points, empty, rules).counts > 0
-    reasons = reasons_of(footprints, shared, np.where(on_dropped, gallery.dropped, ""), rules)
     left_out = inputs.photos[["id", "image"]].assign(reason=reasons)[~kept]
+    anchors = zip(ANCHOR_COLUMNS, footprints.lonlat.reshape(-1, 8).T, strict=True)
+    centres = zip(FOOTPRINT_COLUMNS, footprints.centres.T, strict=True)
+    table = inputs.photos[["id"]].assign(**dict(anchors), **dict(centres))
     truth = RetrievalTruth(
         inputs.scene,
         inputs.photos.iloc[rows].reset_index(drop=True),
-        _footprint_table(inputs, footprints).iloc[rows].reset_index(drop=True),
+        table.iloc[rows].reset_index(drop=True),
         tiles,
         positives.take(rows),
         with_unposed(left_out.reset_index(drop=True), inputs),
@@ -112,8 +97,7 @@ def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GroundTruth
     info, points = inputs.gallery_map, _footprints(inputs, rules).lonlat
     if box_growth(info, tiles) <= rules.box_growth:
         return _positives(points, boxes_of(tiles), rules)
-    pixels, windows, _ = _in_pixels(info, points, tiles, tiles[:0])
-    return _positives(pixels, windows, rules)
+    return _positives(_in_pixels(info, points), windows_of(tiles).astype(np.float64), rules)
 
 
 def _without_empty(
@@ -152,13 +136,9 @@ def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
     return found.about(middle_lon(inputs.gallery_map))
 
 
-def _in_pixels(
-    info: RasterInfo, lonlat: Floats, tiles: pd.DataFrame, dropped: pd.DataFrame
-) -> tuple[Floats, Floats, Floats]:
-    """Return ground points, and boxes of the tiles kept and dropped, in pixels of the map."""
-    pixels = to_map_pixels(LONLAT_CRS, info)(lonlat)
-    kept, empty = windows_of(tiles).astype(np.float64), windows_of(dropped).astype(np.float64)
-    return np.round(pixels, _PIXEL_DECIMALS), kept, empty
+def _in_pixels(info: RasterInfo, lonlat: Floats) -> Floats:
+    pixels: Floats = np.round(to_map_pixels(LONLAT_CRS, info)(lonlat), _PIXEL_DECIMALS)
+    return pixels
 
 
 def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
@@ -168,30 +148,24 @@ def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
 
 
-def _footprint_table(inputs: SceneInputs, footprints: Footprints) -> pd.DataFrame:
-    anchors = zip(ANCHOR_COLUMNS, footprints.lonlat.reshape(-1, 8).T, strict=True)
-    centres = zip(FOOTPRINT_COLUMNS, footprints.centres.T, strict=True)
-    return inputs.photos[["id"]].assign(**dict(anchors), **dict(centres))
-
-
-def reasons_of(
+def _reasons(
     footprints: Footprints,
     shared: Positives,
-    on_dropped: NDArray[np.str_],
+    on_dropped: Bools,
+    gallery: Gallery,
     rules: GroundTruth,
 ) -> list[str]:
-    """Return for each of N photos why no tile answers it, if none does."""
+    """Return for each photo why no tile answers it, if none does."""
     best = np.zeros(shared.n_queries)
-    np.maximum.at(best, shared.queries, shared.overlap if shared.overlap is not None else 0.0)
+    np.maximum.at(best, shared.queries, np.asarray(shared.overlap))
     rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_dropped.tolist(), strict=True)
-    return [_reason(*row, rules) for row in rows]
+    dropped = f"only tiles {gallery.dropped} {_OUT_OF_GALLERY}"
+    return [dropped if out and miss < 4 else _reason(miss, top, rules) for miss, top, out in rows]
 
 
-def _reason(missed: int, best: float, on_dropped: str, rules: GroundTruth) -> str:
+def _reason(missed: int, best: float, rules: GroundTruth) -> str:
     if missed == 4:
         return NO_GROUND_POINT
-    if on_dropped:
-        return f"only tiles {on_dropped} {_OUT_OF_GALLERY}"
     if rules.iou_above is not None and missed:
         return f"{missed} of 4 rays do not meet the ground, so that there is no footprint"
     if rules.iou_above is not None and best > 0:
@@ -200,7 +174,7 @@ def _reason(missed: int, best: float, on_dropped: str, rules: GroundTruth) -> st
         return _BETWEEN
     if missed:
         return f"{missed} of 4 rays do not meet the ground, and the others meet no tile"
-    return NO_TILE
+    return "the footprint meets no tile"
 
 
 def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
@@ -211,9 +185,8 @@ def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
     for kind in found["kind"].value_counts().index:
         alike = found[found["kind"] == kind].sort_values("best", ascending=False, kind="stable")
         first = alike.iloc[0]
-        clauses.append(f"{counted(len(alike), 'photo')}: {first['reason']}")
-        if _BEST in first["reason"]:
-            clauses[-1] += f" ({first['image']})"
+        photo = f" ({first['image']})" if _BEST in first["reason"] else ""
+        clauses.append(f"{counted(len(alike), 'photo')}: {first['reason']}{photo}")
         fixes.append(_fix(kind, first["best"]))
     return clauses, list(dict.fromkeys(filter(None, fixes)))
 
@@ -231,4 +204,5 @@ def _fix(kind: str, best: float) -> str:
             "take a map that is valid below the photos, or lower least_valid_share; if it is, look "
             "at its nodata value and alpha band"
         )
-    return "" if kind == NO_POSE else _LOOK_AT_CRS
+    look = "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"
+    return "" if kind == NO_POSE else look

@@ -1,35 +1,140 @@
-"""Ranked galleries, with ties broken against the submitter.
+"""The gallery of a scene, ranked for each of its queries, with ties broken against the submitter.
 
-Tiles with equal scores are ordered non-positive first, then by their index in the gallery table
-(which is sorted by id), so that a scorer gains nothing by giving equal scores. A query whose whole
-gallery ties, as it does with a descriptor of zeros, has no ranking: none of its tiles has a rank,
-unless all are positive.
+Tiles that tie are ordered non-positive first, then by their row in the gallery table (which is
+sorted by id), so that a method gains nothing by giving equal scores. A query whose whole gallery
+ties, as it does with a descriptor of zeros, has no ranking: none of its tiles has a rank, unless
+all are positive.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import rows_among, scene_of, with_endings
+from airzoo_bench.core.validation import nearest as suggestion
 from airzoo_bench.engines.engine import HERE, Engine, split
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
-from airzoo_bench.retrieval.candidates import most_kept
-from airzoo_bench.retrieval.descriptor_rows import Rows, rows_of
-from airzoo_bench.retrieval.descriptor_search import Candidates, Request, nearest
-from airzoo_bench.retrieval.pairs import Positives, offsets_of
-from airzoo_bench.retrieval.similarity import Metric, Names, Queries, point_one_way
-from airzoo_bench.retrieval.ties import Ranking, break_ties, cut_at, without_constant
+from airzoo_bench.retrieval.descriptors import Metric, Names, Rows, points_one_way
+from airzoo_bench.retrieval.metrics import hit_matrix
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.search import (
+    Candidates,
+    Gallery,
+    Queries,
+    nearest,
+    queries_at_a_time,
+)
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
+from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
-__all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids"]
+__all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids", "rank_scene"]
 
-_LEAST_QUERIES = 64  # at a time, whatever the memory
+_CELLS = 1 << 20  # ranks at a time
 _SENT_QUERIES = 256  # at a time to another process
-_BYTES_OF_A_CANDIDATE = 64  # query, tile and value, and what sorting them takes
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The gallery of each query, best first.
+
+    A query is tie-dependent where a tie that begins before the depth of the scores holds a
+    positive and another tile. Where scores read whole lists, which are not kept, `hit_ranks` has
+    for each query as many numbers as it has positives: the ranks (from 1) that hold one,
+    ascending, and 0 for those that are not ranked.
+    """
+
+    tiles: NDArray[np.int32]  # (Q, K) rows of the gallery table; -1 where there are no more
+    tie_dependent: Bools  # (Q,)
+    hit_ranks: Ints | None = None  # (P,)
+
+
+def rank_scene(
+    predictions: RetrievalPredictions,
+    truth: RetrievalTruth,
+    rows: NDArray[np.intp],
+    settings: RetrievalScores | ImageScores,
+    run: Run,
+) -> Ranking:
+    """Rank the gallery for the queries of a scene, which the predictions answer in these rows.
+
+    The row is -1 for queries that they lack, which rank no tile.
+    """
+    content, positives, n_tiles = predictions.content, truth.positives, len(truth.tiles)
+    of_images, kept = isinstance(settings, ImageScores), min(settings.ranks_kept, n_tiles)
+    if isinstance(content, RankedIds):
+        if isinstance(settings, RetrievalScores) and content.scores is None:
+            # Ranks beyond short lists would hold nothing, for each of a million queries.
+            kept = min(kept, max(content.ids.shape[1], settings.deepest))
+        step = max(1, _CELLS // max(1, content.ids.shape[1], n_tiles if of_images else kept))
+    else:
+        gallery = _scene_gallery(content, truth, run.memory_bytes)
+        step = max(1, _CELLS // n_tiles) if of_images else max(1, len(rows))
+    whole = n_tiles if of_images else kept
+    depth = settings.depth if isinstance(settings, RetrievalScores) else n_tiles
+    there = np.flatnonzero(rows >= 0)
+    tiles, tied = np.full((len(rows), kept), -1, np.int32), np.zeros(len(rows), np.bool_)
+    hit_ranks = np.zeros(len(positives.tiles), np.int64) if of_images else None
+    for start in range(0, max(1, len(there)), step):
+        some = there[start : start + step]
+        names, right = predictions.query_ids[rows[some]], positives.take(some)
+        if isinstance(content, RankedIds):
+            ranking = _rank_lists(content, truth, rows[some], names, right, whole, depth)
+        else:
+            ranking = rank_by_descriptors(
+                content.queries[rows[some]],
+                gallery,
+                k=whole,
+                metric=settings.descriptor_metric,
+                positives=right,
+                depth=depth,
+                memory_bytes=run.memory_bytes,
+                jobs=run.jobs,
+                names=names,
+                tile_names=truth.tiles["id"].to_numpy(),
+                engine=run.engine,
+            )
+        tiles[some], tied[some] = ranking.tiles[:, :kept], ranking.tie_dependent
+        if hit_ranks is not None:
+            hit_ranks[positives.pairs(some)] = _ranks_of_hits(ranking.tiles, right, n_tiles)
+    return Ranking(tiles, tied, hit_ranks)
+
+
+def _ranks_of_hits(tiles: NDArray[np.int32], positives: Positives, n_tiles: int) -> Ints:
+    """Return `Ranking.hit_ranks` of whole lists."""
+    hits = hit_matrix(tiles, positives.offsets, positives.tiles, n_tiles)
+    query, column = np.nonzero(hits)
+    first = offsets_of(np.bincount(query, minlength=positives.n_queries))[query]
+    ranks = np.zeros(len(positives.tiles), np.int64)
+    ranks[positives.offsets[query] + np.arange(len(query)) - first] = column + 1
+    return ranks
+
+
+def _rank_lists(
+    ranked: RankedIds,
+    truth: RetrievalTruth,
+    rows: NDArray[np.intp],
+    names: NDArray[np.str_],
+    positives: Positives,
+    k: int,
+    depth: int,
+) -> Ranking:
+    ids = ranked.ids[rows]
+    scores = None if ranked.scores is None else ranked.scores[rows]
+    width = k
+    if scores is not None:  # the ties that go on beyond the ranks that are kept matter too
+        on = (scores[:, k:] == scores[:, k - 1 : -1]) & (ids[:, k:] != "")
+        tied = np.logical_and.accumulate(on, axis=1).sum(axis=1)
+        width = k + int(tied.max(initial=0)) + 1
+        scores = scores[:, :width]
+    tiles = _tile_rows(truth, ids[:, :width], names)
+    return rank_by_ids(tiles, scores, positives, n_tiles=len(truth.tiles), k=k, depth=depth)
 
 
 def rank_by_ids(
@@ -40,19 +145,50 @@ def rank_by_ids(
     n_tiles: int,
     k: int,
     depth: int,
-    names: Names | None = None,
 ) -> Ranking:
-    """Take a ranking as given, and reorder runs of equal scores against the submitter."""
-    if ranked.ndim != 2 or len(ranked) != positives.n_queries:
-        raise ValueError(f"ranked is {ranked.shape} for {positives.n_queries} queries")
-    tiles = ranked.astype(np.int64)
-    _check_tiles(tiles, names)
-    if scores is None or tiles.size == 0:
-        return Ranking(cut_at(tiles, k), np.zeros(len(tiles), bool))
-    if scores.shape != tiles.shape:
-        raise ValueError(f"scores are {scores.shape} and ranked is {tiles.shape}")
-    _check_scores(scores, tiles >= 0, names)
-    return break_ties(tiles, scores, positives, n_tiles, k, depth)
+    """Take lists (Q, K) of tiles as given, and reorder runs of equal scores.
+
+    A run at the end of a list that is shorter than the gallery ties with what was left out.
+    """
+    tiles = np.full((len(ranked), k), -1, np.int32)
+    tiles[:, : ranked.shape[1]] = ranked[:, :k]
+    ranking = Ranking(tiles, np.zeros(len(tiles), np.bool_))
+    if scores is None or ranked.size == 0:
+        return ranking
+    tied = (scores[:, 1:] == scores[:, :-1]) & (ranked[:, 1:] >= 0)
+    some = np.flatnonzero(tied.any(axis=1))
+    opens = np.concatenate([np.ones((len(some), 1), np.bool_), ~tied[some]], axis=1)
+    begins = np.maximum.accumulate(np.where(opens, np.arange(ranked.shape[1]), 0), axis=1)
+    listed = ranked[some].astype(np.int64)
+    valid = listed >= 0
+    query = np.broadcast_to(np.arange(len(some))[:, None], valid.shape)
+    right, pairs = positives.take(some), (query[valid], listed[valid], begins[valid])
+    tiles[some], ranking.tie_dependent[some] = _in_order(pairs, right, n_tiles, k, depth)
+    length = valid.sum(axis=1)
+    last = begins[np.arange(len(some)), length - 1]
+    for number in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
+        row, start, given = some[number], last[number], listed[number, : length[number]]
+        run, mixed = _run_with_left_out(given, start, right.of(number), n_tiles)
+        room = tiles[row, start:]
+        room[:] = -1
+        room[: len(run)] = run[: len(room)]
+        ranking.tie_dependent[row] |= mixed and start < depth
+    _drop_constant(ranking, some[(last == 0) & (length > 1)], positives, n_tiles)
+    return ranking
+
+
+def _run_with_left_out(
+    given: Ints, start: int, positives: NDArray[np.int32], n_tiles: int
+) -> tuple[Ints, bool]:
+    """Order the run at the end of a list, from `start` on, with the tiles that are left out.
+
+    Positives that are left out are not found. Also tells whether the tie holds tiles of both kinds.
+    """
+    is_positive, is_free = np.zeros(n_tiles, np.bool_), np.ones(n_tiles, np.bool_)
+    is_positive[positives], is_free[given[:start]] = True, False
+    others = np.flatnonzero(is_free & ~is_positive)
+    found = np.sort(given[start:][is_positive[given[start:]]])
+    return np.concatenate([others, found]), bool(len(others) and (is_free & is_positive).any())
 
 
 def rank_by_descriptors(
@@ -70,142 +206,156 @@ def rank_by_descriptors(
     engine: Engine = HERE,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it."""
-    _check_request(queries, gallery, k, metric, positives, depth, jobs)
-    with np.errstate(invalid="ignore"):  # what is not finite is refused below
-        blank = np.flatnonzero(~queries.any(axis=1))
-    if len(blank):  # ranked as any other descriptor, and then taken to tie with every tile
-        queries = queries.copy()
-        queries[blank] = 1
-    prepared = Queries.of(queries, metric, names)
-    sought = min(max(k, depth), max(len(gallery), 1))
-    threads = jobs or os.cpu_count() or 1
-    whole = Request(
-        prepared, positives, rows_of(gallery), sought, memory_bytes, threads, tile_names
-    )
-    if point_one_way(whole.gallery, metric, max(1, whole.block // 8)):
-        none = np.zeros(0, np.int64)
-        constant = Candidates(none, none, none, np.zeros(0), np.arange(len(queries)))
-        return _ordered(constant, positives, len(gallery), k, depth)
-    step = max(_LEAST_QUERIES, memory_bytes // 2 // _bytes_of_a_query(prepared, sought))
-    step = min(step, _SENT_QUERIES) if engine.distributed else step
-    parts = [
-        (prepared.part(one), positives.take(np.arange(one.start, one.stop)))
-        for one in split(len(queries), step) or [slice(0, 0)]
-    ]
-    empty = prepared.part(slice(0)), positives.take(np.arange(0))
-    common = replace(whole, queries=empty[0], positives=empty[1]), k, depth
-    rankings = list(
-        engine.map(
-            _rank_part, parts, shared=common, stage="queries ranked", name=lambda _: "some queries"
-        )
-    )
-    ranking = Ranking(
-        np.concatenate([one.tiles for one in rankings]),
-        np.concatenate([one.tie_dependent for one in rankings]),
-    )
-    if not len(blank):
-        return ranking
-    ranking.tiles[blank[positives.counts[blank] == len(gallery)]] = -1  # to be in the tiles' order
-    return without_constant(ranking, blank, positives, len(gallery))
-
-
-def _rank_part(common: tuple[Request, int, int], item: tuple[Queries, Positives]) -> Ranking:
-    request, k, depth = common
-    queries, positives = item
-    found = nearest(replace(request, queries=queries, positives=positives))
-    return _ordered(found, positives, len(request.gallery), k, depth)
-
-
-def _bytes_of_a_query(queries: Queries, k: int) -> int:
-    """Return what the descriptors and the candidates of a query take."""
-    numbers: int = 2 * queries.rows.shape[1] * (queries.rows.itemsize + queries.single.itemsize)
-    return numbers + _BYTES_OF_A_CANDIDATE * most_kept(k)
-
-
-def _ordered(found: Candidates, positives: Positives, n_tiles: int, k: int, depth: int) -> Ranking:
-    """Order the candidates of each query by the tie rule and cut them at k."""
-    positive = positives.holds(found.query, found.tile, n_tiles)
-    order = np.lexsort((found.tile, positive, -found.score, found.cluster, found.query))
-    query, positive = found.query[order], positive[order]
-    cluster, score = found.cluster[order], found.score[order]
-    counts = np.bincount(query, minlength=positives.n_queries)
-    rank = np.arange(len(order)) - offsets_of(counts)[query]
-    tied = (np.diff(query) == 0) & (np.diff(cluster) == 0) & (score[1:] == score[:-1])
-    begins = rank - _steps_into_run(tied, len(order))
-    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
-    tie_dependent = np.zeros(positives.n_queries, bool)
-    tie_dependent[query[1:][mixed]] = True
-    tiles = np.full((positives.n_queries, k), -1, np.int32)
-    first = rank < k
-    tiles[query[first], rank[first]] = found.tile[order[first]]
-    return without_constant(Ranking(tiles, tie_dependent), found.flat, positives, n_tiles)
-
-
-def _steps_into_run(tied: Bools, n: int) -> Ints:
-    """How many elements of its run come before each of n; `tied` to the one before, from 1 on."""
-    place = np.arange(n)
-    opens = np.ones(n, bool)
-    opens[1:] = ~tied
-    return place - np.maximum.accumulate(np.where(opens, place, 0))
-
-
-def _check_request(
-    queries: NDArray[Any],
-    gallery: NDArray[Any] | Rows,
-    k: int,
-    metric: str,
-    positives: Positives,
-    depth: int,
-    jobs: int | None,
-) -> None:
-    if metric not in ("l2", "cosine", "inner_product"):
-        raise ValueError(f"no such metric: {metric}")
-    if k < 1 or depth < 0 or (jobs is not None and jobs < 1):
-        raise ValueError(f"k {k}, depth {depth} and jobs {jobs} do not fit")
-    for which, array in (("query_descriptors", queries), ("gallery_descriptors", gallery)):
-        if array.ndim != 2 or array.dtype.kind != "f" or array.dtype.itemsize > 8:
-            raise PredictionError(
-                f"descriptors have type {array.dtype} and shape {array.shape}",
-                where=which,
-                expected="a row of float16, float32 or float64 for each name",
-            )
-    if queries.shape[1] != gallery.shape[1]:
+    rows = gallery if isinstance(gallery, Rows) else Rows.join(gallery).located()
+    if queries.shape[1] != rows.shape[1]:
         raise PredictionError(
             f"descriptors of queries have {queries.shape[1]} numbers, "
-            f"those of the gallery {gallery.shape[1]}",
+            f"those of the gallery {rows.shape[1]}",
             where="query_descriptors, gallery_descriptors",
             expected="the same length",
         )
-    if len(queries) != positives.n_queries or positives.tiles.max(initial=-1) >= len(gallery):
-        raise ValueError("the positives are of other queries or another gallery")
+    n_tiles = len(rows)
+    ranking = Ranking(np.full((len(queries), k), -1, np.int32), np.zeros(len(queries), np.bool_))
+    with np.errstate(invalid="ignore"):  # what is not finite is refused below
+        constant = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
+    if constant.any():
+        queries = np.where(constant[:, None], queries.dtype.type(1), queries)
+    prepared = Queries.prepare(queries, metric, names)
+    if points_one_way(rows, metric):
+        constant[:] = True
+    some, right = np.flatnonzero(~constant), positives
+    if len(some) < len(queries):
+        prepared, right = prepared.take(some), positives.take(some)
+    sought, threads = min(max(k, depth), max(n_tiles, 1)), jobs or os.cpu_count() or 1
+    searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
+    step = queries_at_a_time(searched, queries.shape[1] * (queries.itemsize + 4))
+    step = min(step, _SENT_QUERIES) if engine.distributed else step
+    parts = split(len(some), step) or [slice(0, 0)]
+    found = engine.map(
+        _rank_part,
+        [(prepared.take(part), right.take(np.arange(len(some))[part])) for part in parts],
+        shared=(searched, k, depth),
+        stage="queries ranked",
+        name=lambda _: "some queries",
+    )
+    for part, (tiles, tied) in zip(parts, found, strict=True):
+        ranking.tiles[some[part]], ranking.tie_dependent[some[part]] = tiles, tied
+    blank = np.flatnonzero(constant)
+    ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
+    _drop_constant(ranking, blank, positives, n_tiles)
+    return ranking
 
 
-def _check_tiles(tiles: Ints, names: Names | None) -> None:
-    resumed = ((tiles[:, 1:] >= 0) & (tiles[:, :-1] < 0)).any(axis=1) | (tiles < -1).any(axis=1)
-    _refuse_rows(resumed, "rankings that go on after their end", "tiles, then -1", names)
-    ascending = np.sort(tiles, axis=1)
-    repeated = ((ascending[:, 1:] == ascending[:, :-1]) & (ascending[:, 1:] >= 0)).any(axis=1)
-    _refuse_rows(repeated, "rankings that name a tile twice", "each tile once", names)
+def _rank_part(
+    shared: tuple[Gallery, int, int], item: tuple[Queries, Positives]
+) -> tuple[NDArray[np.int32], Bools]:
+    (gallery, k, depth), (queries, positives) = shared, item
+    candidates, flat = nearest(gallery, queries, positives)
+    ranking = Ranking(*_in_order(candidates, positives, len(gallery.rows), k, depth))
+    _drop_constant(ranking, flat, positives, len(gallery.rows))
+    return ranking.tiles, ranking.tie_dependent
 
 
-def _check_scores(scores: NDArray[np.floating[Any]], valid: Bools, names: Names | None) -> None:
-    _refuse_rows((np.isnan(scores) & valid).any(axis=1), "NaN scores", "numbers", names)
-    rises = ((scores[:, 1:] > scores[:, :-1]) & valid[:, 1:]).any(axis=1)
-    falls = ((scores[:, 1:] < scores[:, :-1]) & valid[:, 1:]).any(axis=1)
-    if rises.any() and falls.any():
-        # The direction of most rows is meant; the others are named.
-        wrong = rises if rises.sum() <= falls.sum() else falls
-        expected = "similarities that never rise, or distances that never fall, in all rows alike"
-        _refuse_rows(wrong, "scores out of order", expected, names)
+def _in_order(
+    pairs: Candidates, positives: Positives, n_tiles: int, k: int, depth: int
+) -> tuple[NDArray[np.int32], Bools]:
+    """Order pairs (query, tile, level) by the tie rule; see `Ranking`.
+
+    Of two tiles of a query that of the lower level comes first, and those of one level tie.
+    """
+    query, tile, level = pairs
+    positive = positives.holds(query, tile, n_tiles)
+    order = np.lexsort((tile, positive, level, query))
+    query, tile, level, positive = query[order], tile[order], level[order], positive[order]
+    place = np.arange(len(order))
+    rank = place - offsets_of(np.bincount(query, minlength=positives.n_queries))[query]
+    tied = (np.diff(query) == 0) & (np.diff(level) == 0)
+    opens = np.concatenate([[True], ~tied])[: len(order)]
+    begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
+    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
+    tie_dependent = np.zeros(positives.n_queries, np.bool_)
+    tie_dependent[query[1:][mixed]] = True
+    tiles = np.full((positives.n_queries, k), -1, np.int32)
+    first = rank < k
+    tiles[query[first], rank[first]] = tile[first]
+    return tiles, tie_dependent
 
 
-def _refuse_rows(wrong: Any, what: str, expected: str, names: Names | None) -> None:
-    rows = np.flatnonzero(wrong)
-    if len(rows):
-        named = [f"row {row}" if names is None else names[row] for row in rows.tolist()]
+def _drop_constant(ranking: Ranking, flat: Ints, positives: Positives, n_tiles: int) -> None:
+    """Remove the tiles of `flat` queries, whose whole gallery ties, unless all are positive."""
+    if n_tiles < 2:
+        return
+    some = flat[positives.counts[flat] < n_tiles]
+    ranking.tiles[some] = -1
+    ranking.tie_dependent[some] = positives.counts[some] > 0
+
+
+def _tile_rows(
+    truth: RetrievalTruth, ids: NDArray[np.str_], names: NDArray[np.str_]
+) -> NDArray[np.intp]:
+    """Return the rows of ranked tiles in the gallery table, -1 beyond the end of a list."""
+    found = rows_among(ids.ravel(), truth.tiles["id"].to_numpy(str)).reshape(ids.shape)
+    strange = (found < 0) & (ids != "")
+    rows = np.flatnonzero(strange.any(axis=1))
+    if rows.size:
+        tile = str(ids[rows[0]][strange[rows[0]]][0])
         raise PredictionError(
-            f"{what}: {first_of(named, len(wrong))}",
-            where="ranked_ids, scores",
-            expected=expected,
-            fix="sort each query's tiles by its scores, best first, and write the file again",
+            f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
+            f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
+            + suggestion(tile, truth.tiles["id"].tolist(), 1),
+            where="field 'ranked_ids'",
+            expected=f"ids such as {truth.tiles['id'].iloc[0]}",
+            fix=_fix_for_strange_tile(tile, truth),
         )
+    return found
+
+
+def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
+    scene = str(scene_of(np.array([tile]))[0])
+    if "/" not in tile:
+        return f"put the scene before each tile: {truth.scene}/{tile}"
+    if scene != truth.scene:
+        return f"rank each query against its own scene only; this tile is of scene {scene!r}"
+    if tile in truth.dropped_tiles["id"].tolist():
+        return "leave this tile out: it holds too little of the map, as dropped_tiles.csv says"
+    if with_endings(np.array([tile])):
+        return "leave out the file's ending: ids are names without it"
+    return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
+
+
+def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: int) -> Rows:
+    """Return the descriptors of the scene's tiles, in the tiles' order."""
+    ids = truth.tiles["id"].to_numpy(str)
+    rows = rows_among(ids, described.gallery_ids)
+    if (rows < 0).any():
+        raise _lacking(ids, rows < 0, described.gallery_ids, truth.scene)
+    gallery = described.gallery.located()
+    if (np.diff(rows) == 1).all():
+        return gallery.part(int(rows[0]), int(rows[0]) + len(rows))
+    needed = len(rows) * gallery.shape[1] * gallery.dtype.itemsize
+    if gallery.in_files and needed > memory_bytes:
+        raise PredictionError(
+            f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
+            f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
+            where="field 'gallery_descriptors'",
+            fix="save the rows in the order of tiles.parquet, or raise --max-memory",
+        )
+    return Rows.join(gallery.take(rows))
+
+
+def _lacking(
+    ids: NDArray[np.str_], lacking: Bools, given: NDArray[np.str_], scene: str
+) -> PredictionError:
+    """Return the error for a gallery that lacks descriptors."""
+    first = str(ids[lacking][0])
+    near = suggestion(first, given[~np.isin(given, ids)].tolist(), 1)
+    fix = "describe all tiles of tiles.parquet"
+    if lacking.all():
+        fix += ", of each scene; where each was run by itself, name the folder that holds all runs"
+    return PredictionError(
+        f"lacks descriptors of tiles of scene {scene}: {first_of(ids[lacking], len(ids))}"
+        + near.replace("did you mean", "it has"),
+        where="field 'gallery_ids'",
+        expected="every tile of the gallery: leaving some out would make the task easier",
+        fix=fix,
+    )

@@ -1,27 +1,107 @@
-"""Scoring one scene of the retrieval track: its rankings become records, a row a query."""
+"""The scores that protocols ask for, and the records of a scene: a row a query."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import geodesic_distance_m
-from airzoo_bench.retrieval.distance_metrics import is_within, pdm_at, sdm_at, top1_distance
-from airzoo_bench.retrieval.image_scores import image_columns
-from airzoo_bench.retrieval.metrics import first_hit_rank, recall_at
-from airzoo_bench.retrieval.pairs import hit_matrix
-from airzoo_bench.retrieval.scores import AP_VARIANTS, hit_columns
-from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
-from airzoo_bench.retrieval.ties import Ranking
+from airzoo_bench.results.scores import Score
+from airzoo_bench.retrieval import metrics
+from airzoo_bench.retrieval.ranking import Ranking
+from airzoo_bench.retrieval.settings import (
+    ApVariant,
+    DistanceScores,
+    ImageScores,
+    RetrievalScores,
+)
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-if TYPE_CHECKING:
-    import pandas as pd
+__all__ = [
+    "AP_VARIANTS",
+    "RANKED_TILE",
+    "RECORDED",
+    "ap_name",
+    "hit_columns",
+    "rank_of_share",
+    "retrieval_scores",
+    "score_scene",
+    "share_name",
+]
 
-__all__ = ["score_scene"]
+RANKED_TILE = "tile@"
+"""How the columns begin that name the first tiles of each list."""
+
+RECORDED = frozenset(
+    (
+        *("scene", "query", "answered", "positives", "tie_dependent", "first_hit_rank", "ranked"),
+        f"{RANKED_TILE}*",
+        "first_tile",  # what records before the columns of `RANKED_TILE` have
+    )
+)
+"""Columns of the records that are neither scores nor conditions of the queries."""
+
+AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
+
+_EQUATOR_M = 6378137.0
+_CELLS = 1 << 20  # distances at a time
+
+Between = Callable[[Floats, Floats], Floats]
+"""Takes positions (..., 2) of queries and of images, and returns distances (...)."""
+
+
+def ap_name(k: int, variant: str) -> str:
+    """Name an AP variant: plain ``ap@5`` is mean precision at 5, every other carries its name."""
+    return f"ap@{k}" if variant == "precision" else f"ap@{k}/{variant}"
+
+
+def share_name(share: float) -> str:
+    """Name the recall at a share of the gallery: ``recall@1%``."""
+    return f"recall@{100 * share:g}%"
+
+
+def rank_of_share(n_tiles: int, share: float) -> int:
+    """Return the rank that the recall at a share of the gallery reads, as University-1652 does."""
+    return round(n_tiles * share) + 1
+
+
+def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
+    """Return the scores that a protocol asks for, the paper's first."""
+    headline = [Score.share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    if isinstance(settings, ImageScores):
+        return headline + _image_scores(settings)
+    ap = ap_name(settings.ap_at, settings.ap)
+    headline.append(Score.share(ap, ap.replace("ap", "AP"), headline=True))
+    others = [ap_name(settings.ap_at, variant) for variant in AP_VARIANTS]
+    beyond = [Score.share(name, name.replace("ap", "AP")) for name in others if name != ap]
+    beyond += [Score.share("map", "mAP"), Score.share("mrr", "MRR")]
+    beyond += [Score.share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at]
+    beyond.append(Score("distance_m", "Distance", "m", higher_is_better=False, average="median"))
+    beyond += [Score.share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m]
+    beyond += [Score.share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at]
+    beyond += [Score.share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at]
+    return headline + beyond
+
+
+def _image_scores(settings: ImageScores) -> list[Score]:
+    ap, other, beyond = "map", "ap/trapezoid", "AP/trapezoid"
+    if settings.ap == "trapezoid":
+        ap, other, beyond = "ap/trapezoid", "map", "mAP"
+    share, near = share_name(settings.recall_at_share), settings.distances
+    scores = [Score.share(share, share.replace("recall", "R"), headline=True)]
+    scores.append(Score.share(ap, "AP", headline=True))
+    if near is not None:
+        scores += [Score.share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
+        scores += [
+            Score(f"dis@{k}", f"Dis@{k}", "m", False, "mean", headline=True) for k in near.dis_at
+        ]
+        scores += [Score.share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
+    return [*scores, Score.share(other, beyond), Score.share("mrr", "MRR")]
 
 
 def score_scene(
@@ -33,75 +113,150 @@ def score_scene(
     jobs: int = 1,
 ) -> pd.DataFrame:
     """Score every query of a scene."""
-    import pandas as pd
-
-    hits = hit_matrix(
-        ranking.tiles, truth.positives.offsets, truth.positives.tiles, len(truth.tiles)
-    )
+    positives, n_tiles = truth.positives, len(truth.tiles)
+    hits = metrics.hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
     columns: dict[str, Any] = {
         "scene": truth.scene,
         "query": truth.queries["id"].array,
         "answered": answered,
-        "positives": truth.positives.counts,
+        "positives": positives.counts,
         "tie_dependent": ranking.tie_dependent,
-        "first_hit_rank": first_hit_rank(hits),
-        **_ranked_tiles(truth, ranking, max(settings.recall_at)),
+        "first_hit_rank": metrics.first_hit_rank(hits),
+        "ranked": (ranking.tiles >= 0).sum(axis=1),
+        **_ranked_tiles(truth, ranking.tiles, max(settings.recall_at)),
     }
     if isinstance(settings, ImageScores):
-        columns |= {f"recall@{k}": recall_at(hits, k) for k in settings.recall_at}
-        columns |= image_columns(truth, ranking, settings)
+        columns |= {f"recall@{k}": metrics.recall_at(hits, k) for k in settings.recall_at}
+        columns |= _list_columns(truth, ranking, settings)
+        if settings.distances is not None:
+            columns |= _image_distances(truth, ranking.tiles, settings.distances)
     else:
-        columns |= hit_columns(
-            hits,
-            truth.positives.counts,
-            recall_at=settings.recall_at,
-            ap_at={settings.ap_at: AP_VARIANTS},
-            ndcg_at=settings.ndcg_at,
-        )
-        columns |= _distance_scores(truth, ranking, settings, jobs)
+        aps = {settings.ap_at: AP_VARIANTS}
+        columns |= hit_columns(hits, positives.counts, settings.recall_at, aps, settings.ndcg_at)
+        columns |= _tile_distances(truth, ranking.tiles, settings, jobs)
     return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
 
 
-def _distance_scores(
-    truth: RetrievalTruth, ranking: Ranking, settings: RetrievalScores, jobs: int
+def _ranked_tiles(truth: RetrievalTruth, ranked: NDArray[np.int32], depth: int) -> dict[str, Any]:
+    """Return the ids of the first tiles, empty beyond the end of a list."""
+    ids = pd.array([*truth.tiles["id"], ""], dtype="str")
+    tiles = np.full((len(ranked), depth), -1, np.int32)
+    first = ranked[:, :depth]
+    tiles[:, : first.shape[1]] = first
+    return {f"{RANKED_TILE}{k + 1}": ids.take(tiles[:, k]) for k in range(depth)}
+
+
+def hit_columns(
+    hits: Bools,
+    n_positives: Ints,
+    recall_at: Sequence[int],
+    ap_at: Mapping[int, Sequence[ApVariant]],
+    ndcg_at: Sequence[int],
 ) -> dict[str, Floats]:
-    depth = max(1, *settings.sdm_at, *settings.pdm_at)
-    tiles = ranking.tiles[:, :depth]
-    distances = _distances(truth, tiles, jobs)
-    sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
-    first = top1_distance(distances)
-    scores = {"distance_m": first}
-    scores |= {f"distance<{m:g}m": is_within(first, m) for m in settings.distance_below_m}
-    scores |= {f"sdm@{k}": sdm_at(distances, k, settings.sdm_scale_per_m) for k in settings.sdm_at}
-    for k in settings.pdm_at:
-        scores[f"pdm@{k}"] = pdm_at(
-            distances,
-            k,
-            tile_size_m=sizes,
-            steepness=settings.pdm_steepness,
-            tolerance=settings.pdm_tolerance_tiles,
-        )
-    return scores
+    """Return the columns of the records that follow from which ranks are hits."""
+    columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
+    for k, variants in ap_at.items():
+        for variant in variants:
+            found = metrics.average_precision_at(hits, n_positives, k, variant)
+            columns[ap_name(k, variant)] = found
+    columns["map"] = metrics.average_precision(hits, n_positives)
+    columns["mrr"] = metrics.reciprocal_rank(hits)
+    return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}
 
 
-def _distances(truth: RetrievalTruth, tiles: NDArray[np.int32], jobs: int) -> Floats:
-    """Return metres from footprint centre to tile centre; infinite where either is missing."""
-    boxes = truth.boxes
-    centres = (boxes[:, :2] + boxes[:, 2:]) / 2
+def _tile_distances(
+    truth: RetrievalTruth, ranked: NDArray[np.int32], settings: RetrievalScores, jobs: int
+) -> dict[str, Floats]:
+    """Score the metres from the footprint's centre to the centres of the first tiles."""
+    tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]
+    centres = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
     queries = np.repeat(truth.footprint_centres[:, None], tiles.shape[1], axis=1)
     there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
-    distances = np.full(tiles.shape, np.inf)
-    distances[there] = geodesic_distance_m(queries[there], centres[tiles[there]], jobs=jobs)
-    return distances
+    metres = np.full(tiles.shape, np.inf)
+    metres[there] = geodesic_distance_m(queries[there], centres[tiles[there]], jobs=jobs)
+    sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
+    first = metres[:, 0]
+    sigmoid = settings.pdm_steepness, settings.pdm_tolerance_tiles
+    return {
+        "distance_m": first,
+        **{f"distance<{m:g}m": (first < m).astype(float) for m in settings.distance_below_m},
+        **{
+            f"sdm@{k}": metrics.sdm_at(metres, k, settings.sdm_scale_per_m) for k in settings.sdm_at
+        },
+        **{f"pdm@{k}": metrics.pdm_at(metres, k, sizes, *sigmoid) for k in settings.pdm_at},
+    }
 
 
-def _ranked_tiles(truth: RetrievalTruth, ranking: Ranking, depth: int) -> dict[str, Any]:
-    """Return how many tiles each list has, and the ids of the first, empty beyond its end."""
-    import pandas as pd
+def _list_columns(
+    truth: RetrievalTruth, ranking: Ranking, settings: ImageScores
+) -> dict[str, Floats]:
+    """Return the scores of a gallery of images that read whole lists."""
+    positives, ranks = truth.positives, ranking.hit_ranks
+    assert ranks is not None
+    first = np.zeros(positives.n_queries, np.int64)
+    some = positives.counts > 0
+    first[some] = ranks[positives.offsets[:-1][some]]
+    deepest = rank_of_share(len(truth.tiles), settings.recall_at_share)
+    plain, trapezoid = metrics.list_precisions(ranks, positives)
+    return {
+        share_name(settings.recall_at_share): ((first > 0) & (first <= deepest)).astype(float),
+        "ap/trapezoid": trapezoid,
+        "map": plain,
+        "mrr": np.divide(1.0, first, out=np.zeros(len(first)), where=first > 0),
+    }
 
-    ids = pd.array([*truth.tiles["id"], ""], dtype="str")
-    tiles = np.full((len(ranking.tiles), depth), -1, np.int32)
-    given = ranking.tiles[:, :depth]
-    tiles[:, : given.shape[1]] = given
-    ranked = (ranking.tiles >= 0).sum(axis=1)
-    return {"ranked": ranked} | {f"tile@{k + 1}": ids.take(tiles[:, k]) for k in range(depth)}
+
+def _image_distances(
+    truth: RetrievalTruth, ranked: NDArray[np.int32], settings: DistanceScores
+) -> dict[str, Floats]:
+    """Score the distances between positions that a benchmark states, by its own formulas."""
+    assert truth.positions is not None
+    queries, images = truth.positions
+    tiles = ranked[:, : max(*settings.sdm_at, *settings.dis_at)]
+    measures: dict[str, Between] = {
+        "sphere": _great_circle,
+        "ellipsoid": geodesic_distance_m,
+        "plane": _straight,
+    }
+    between = measures[settings.metres]
+
+    def distances(measure: Between) -> Floats:
+        return np.where(tiles >= 0, measure(queries[:, None], images[tiles]), np.inf)
+
+    metres = distances(between)
+    apart = distances(_degrees_apart) if settings.sdm_unit == "degree" else metres
+    worst = _farthest(between, queries, images)
+    return {
+        **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
+        **{f"ma@{m:g}m": (metres[:, 0] < m).astype(float) for m in settings.ma_below_m},
+        **{f"dis@{k}": metrics.dis_at(metres, k, worst) for k in settings.dis_at},
+    }
+
+
+def _farthest(between: Between, queries: Floats, images: Floats) -> Floats:
+    """Return the distance (Q,) from each query to the image that is farthest from it."""
+    step = max(1, _CELLS // len(images))
+    parts = [
+        between(queries[start : start + step, None], images[None]).max(axis=1)
+        for start in range(0, len(queries), step)
+    ]
+    return np.concatenate(parts)
+
+
+def _straight(queries: Floats, images: Floats) -> Floats:
+    found: Floats = np.hypot(*np.moveaxis(images - queries, -1, 0))
+    return found
+
+
+def _degrees_apart(queries: Floats, images: Floats) -> Floats:
+    """Return degrees as DenseUAV has them: of longitude and latitude alike, from float32."""
+    single = (positions.astype(np.float32).astype(np.float64) for positions in (queries, images))
+    return _straight(*single)
+
+
+def _great_circle(queries: Floats, images: Floats) -> Floats:
+    (lon_a, lat_a), (lon_b, lat_b) = (np.moveaxis(np.radians(p), -1, 0) for p in (queries, images))
+    across = np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_a - lon_b) / 2) ** 2
+    haversine = np.sin((lat_a - lat_b) / 2) ** 2 + across
+    metres: Floats = 2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0)))
+    return metres

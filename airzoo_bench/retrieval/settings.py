@@ -1,7 +1,8 @@
-"""What a protocol of the retrieval track states."""
+"""Settings of the protocols of the retrieval track."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
@@ -92,7 +93,7 @@ class StatedTruth(Strict):
 
 
 class RetrievalScores(Strict):
-    """What is computed from a ranked gallery of tiles that are cut from a map."""
+    """Scores of a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Literal["l2", "cosine", "inner_product"]
     ranks_kept: Annotated[int, Field(ge=1, le=1000)]
@@ -108,7 +109,7 @@ class RetrievalScores(Strict):
     pdm_tolerance_tiles: Positive
 
     @model_validator(mode="after")
-    def _kept_ranks_suffice(self) -> RetrievalScores:
+    def _check_ranks_kept(self) -> RetrievalScores:
         if self.ranks_kept < self.deepest:
             raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
         return self
@@ -125,7 +126,7 @@ class RetrievalScores(Strict):
 
 
 class DistanceScores(Strict):
-    """What is computed from the positions of images, as the benchmark's own code does."""
+    """Scores of the positions of images, as the benchmark's own code computes them."""
 
     metres: Literal["sphere", "ellipsoid", "plane"]
     sdm_at: Ranks
@@ -136,7 +137,7 @@ class DistanceScores(Strict):
 
 
 class ImageScores(Strict):
-    """What is computed from a ranked gallery of images, as the benchmarks' own code does."""
+    """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
     descriptor_metric: Literal["l2", "cosine", "inner_product"]
     ranks_kept: Annotated[int, Field(ge=1, le=1000)]
@@ -146,7 +147,7 @@ class ImageScores(Strict):
     distances: DistanceScores | None = None
 
     @model_validator(mode="after")
-    def _kept_ranks_suffice(self) -> ImageScores:
+    def _check_ranks_kept(self) -> ImageScores:
         near = self.distances
         deepest = max(*self.recall_at, *(near.sdm_at + near.dis_at if near else ()))
         if self.ranks_kept < deepest:
@@ -155,26 +156,22 @@ class ImageScores(Strict):
 
     @property
     def depth(self) -> int:
-        """The deepest of the ranks that are stated; average precision reads the whole list."""
+        """The deepest rank that a recall reads; average precision reads the whole list."""
         return max(self.recall_at)
 
 
-def _kind_of_gallery(values: Any) -> str:
-    given = "source" in values if isinstance(values, dict) else isinstance(values, ImageGallery)
-    return "<images>" if given else "<map>"
+def _by(images: type[Strict], of_images: Callable[[dict[str, Any]], bool]) -> Discriminator:
+    """Choose between the section for a map and that for images, by keys that only one has."""
+
+    def kind(values: Any) -> str:
+        found = of_images(values) if isinstance(values, dict) else isinstance(values, images)
+        return "<images>" if found else "<map>"
+
+    return Discriminator(kind)
 
 
-def _kind_of_truth(values: Any) -> str:
-    if isinstance(values, dict):
-        stated = values.get("rule") in ("labels", "pairs") and "anchor_inset" not in values
-        return "<images>" if stated else "<map>"
-    return "<images>" if isinstance(values, StatedTruth) else "<map>"
-
-
-def _kind_of_scores(values: Any) -> str:
-    own = "recall_at_share"
-    given = own in values if isinstance(values, dict) else isinstance(values, ImageScores)
-    return "<images>" if given else "<map>"
+def _is_stated(truth: dict[str, Any]) -> bool:
+    return truth.get("rule") in ("labels", "pairs") and "anchor_inset" not in truth
 
 
 class RetrievalProtocol(Protocol):
@@ -189,15 +186,15 @@ class RetrievalProtocol(Protocol):
     track: Literal["retrieval"]
     gallery: Annotated[
         Annotated[Gallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
-        Discriminator(_kind_of_gallery),
+        _by(ImageGallery, lambda values: "source" in values),
     ]
     ground_truth: Annotated[
         Annotated[GroundTruth, Tag("<map>")] | Annotated[StatedTruth, Tag("<images>")],
-        Discriminator(_kind_of_truth),
+        _by(StatedTruth, _is_stated),
     ]
     scores: Annotated[
         Annotated[RetrievalScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
-        Discriminator(_kind_of_scores),
+        _by(ImageScores, lambda values: "recall_at_share" in values),
     ]
 
     def map_rules(self) -> tuple[Gallery, GroundTruth]:

@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
+from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.chance import chance_level
-from airzoo_bench.retrieval.info import INFO
-from airzoo_bench.retrieval.notes import list_facts, retrieval_notes
-from airzoo_bench.retrieval.predictions import (
-    RetrievalPredictions,
+from airzoo_bench.retrieval.checks import (
     deep_validation_errors,
+    list_facts,
+    retrieval_notes,
     validation_errors,
 )
-from airzoo_bench.retrieval.questions import scene_truth
-from airzoo_bench.retrieval.reading import read_retrieval
-from airzoo_bench.retrieval.scene_predictions import ScenePredictions, match_scene
-from airzoo_bench.retrieval.scores import RECORDED, retrieval_scores
-from airzoo_bench.retrieval.scoring import score_scene
+from airzoo_bench.retrieval.info import INFO
+from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions, read_retrieval
+from airzoo_bench.retrieval.ranking import Ranking, rank_scene
+from airzoo_bench.retrieval.scoring import RECORDED, retrieval_scores, score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
 __all__ = ["TRACK", "RetrievalTrack"]
 
@@ -68,21 +69,15 @@ class RetrievalTrack(Track):
         self, part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
     ) -> Scored:
         """See `Track.score`."""
-        ranked = _ranked(part, truth, protocol, run)
-        records = score_scene(
-            truth, ranked.ranking, ranked.answered, protocol.scores, jobs=run.jobs
-        )
-        kind = part.predictions.content.kind
-        return Scored(records, ranked.counts, kind, facts=list_facts(ranked, protocol.scores))
+        ranking, answered, found = _ranked(part, truth, protocol, run)
+        records = score_scene(truth, ranking, answered, protocol.scores, jobs=run.jobs)
+        return replace(found, records=records)
 
     def check(
         self, part: QueryPart, truth: RetrievalTruth | None, protocol: RetrievalProtocol, run: Run
     ) -> Scored:
         """See `Track.check`."""
-        if truth is None:
-            return Scored()
-        ranked = _ranked(part, truth, protocol, run)
-        return Scored(counts=ranked.counts, facts=list_facts(ranked, protocol.scores))
+        return Scored() if truth is None else _ranked(part, truth, protocol, run)[2]
 
     def scores(self, protocol: RetrievalProtocol) -> list[Score]:
         """See `Track.scores`."""
@@ -140,8 +135,28 @@ class RetrievalTrack(Track):
 
 def _ranked(
     part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
-) -> ScenePredictions:
-    return match_scene(part.predictions, truth, part.rows, protocol.scores, run)
+) -> tuple[Ranking, Bools, Scored]:
+    """Rank a scene; also return which queries have a list, and all of `Scored` but the records."""
+    predictions, given = part.predictions, part.rows >= 0
+    try:
+        ranking = rank_scene(predictions, truth, part.rows, protocol.scores, run)
+    except PredictionError as error:
+        raise error.inside(predictions.path) from error
+    answered, content = given, predictions.content
+    if isinstance(content, RankedIds):
+        answered = given & (content.ids[part.rows] != "").any(axis=1)
+    counts = {
+        "queries": len(truth.queries),
+        "tiles": len(truth.tiles),
+        "missing": int((~answered).sum()),
+        "empty_lists": int((given & ~answered).sum()),
+        "tie_dependent": int(ranking.tie_dependent.sum()),
+        "without_positive": len(truth.excluded) + int((truth.positives.counts == 0).sum()),
+        "without_ground_point": truth.without_ground_point,
+        "dropped_tiles": len(truth.dropped_tiles),
+    }
+    facts = list_facts(truth, ranking, answered, protocol.scores)
+    return ranking, answered, Scored(counts=counts, kind=content.kind, facts=facts)
 
 
 def _random_descriptors(ids: NDArray[np.str_], random: np.random.Generator) -> NDArray[np.float32]:

@@ -1,22 +1,25 @@
-"""The truth of one scene of the retrieval track, in memory and in the benchmark folder."""
+"""The truth of one scene: queries, tiles, and which answers which; in memory and in its folder."""
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
+from airzoo_bench.benchmark.excluded import read_excluded
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import conditions_of, read_queries
-from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError, counted
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.retrieval.pairs import Positives, read_pairs, write_pairs
-
-if TYPE_CHECKING:
-    import pandas as pd
+from airzoo_bench.benchmark.tables import read_table, refuse_cells
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
+from airzoo_bench.core.files import write_npz
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 
 __all__ = [
     "ANCHOR_COLUMNS",
@@ -25,14 +28,16 @@ __all__ = [
     "IMAGE_COLUMNS",
     "LONLAT_DECIMALS",
     "NO_GROUND_POINT",
-    "NO_TILE",
     "POSITION_COLUMNS",
     "UNANSWERED",
+    "Positives",
     "RetrievalTruth",
     "boxes_of",
-    "read_tile_table",
+    "offsets_of",
+    "read_pairs",
     "read_tiles",
     "read_truth",
+    "scene_truth",
     "write_truth",
 ]
 
@@ -42,52 +47,97 @@ LONLAT_DECIMALS = 9
 BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
 ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
 FOOTPRINT_COLUMNS = ("footprint_lon", "footprint_lat")
-_EARTH_RADIUS_M = 6_371_000.0
-NO_GROUND_POINT = "no ray meets the ground"
-NO_TILE = "the footprint meets no tile"
-UNANSWERED = "positives.npz gives it no tile"
-_WINDOW_COLUMNS = ("x", "y", "width", "height")
-_TILE_COLUMNS = ("id", "size_px", "size_m", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
-
 IMAGE_COLUMNS = ("id", "image")
 """Of the tiles of a gallery of images, next to one of `POSITION_COLUMNS`, or none."""
 POSITION_COLUMNS = (("image_lon", "image_lat"), ("image_x_m", "image_y_m"))
 """Where an image is: degrees, or metres of a plane."""
+
+NO_GROUND_POINT = "no ray meets the ground"
+UNANSWERED = "positives.npz gives it no tile"
+
+_TILE_COLUMNS = (
+    *("id", "size_px", "size_m", "x", "y", "width", "height"),
+    *(*BOX_COLUMNS, "valid_share"),
+)
+_EARTH_RADIUS_M = 6_371_000.0
+_AGAIN = "prepare the benchmark again"
+
+
+@dataclass(frozen=True, eq=False)
+class Positives:
+    """The positive tiles of every query, sparse: q has `tiles[offsets[q] : offsets[q + 1]]`."""
+
+    offsets: Ints  # (Q + 1,)
+    tiles: NDArray[np.int32]  # (P,) rows of the gallery table, ascending within each query
+    overlap: Floats | None = None  # (P,) overlap ratio of footprint and tile, where it is known
+
+    @property
+    def n_queries(self) -> int:
+        """Number of queries."""
+        return len(self.offsets) - 1
+
+    @property
+    def counts(self) -> Ints:
+        """Number of positives of each query, (Q,)."""
+        return np.diff(self.offsets)
+
+    @property
+    def queries(self) -> Ints:
+        """Query of each pair, (P,)."""
+        return np.repeat(np.arange(self.n_queries), self.counts)
+
+    def of(self, query: int) -> NDArray[np.int32]:
+        """Return the positive tiles of one query."""
+        return self.tiles[self.offsets[query] : self.offsets[query + 1]]
+
+    def holds(self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int) -> Bools:
+        """Tell which pairs of query and tile are positive, `n_tiles` tiles in the gallery."""
+        keys = self.queries * n_tiles + self.tiles
+        asked = queries * n_tiles + tiles
+        place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
+        found: Bools = keys[place] == asked if len(keys) else np.zeros(asked.shape, np.bool_)
+        return found
+
+    def pairs(self, queries: Ints) -> Ints:
+        """Return the places in `tiles` of the pairs of some queries, in their order."""
+        counts = self.counts[queries]
+        offsets = offsets_of(counts)
+        within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
+        return np.asarray(np.repeat(self.offsets[queries], counts) + within)
+
+    def take(self, queries: Ints) -> Positives:
+        """Return the positives of some queries, in their order."""
+        pairs = self.pairs(queries)
+        overlap = None if self.overlap is None else self.overlap[pairs]
+        return Positives(offsets_of(self.counts[queries]), self.tiles[pairs], overlap)
+
+    def where(self, kept: Bools) -> Positives:
+        """Return some of the pairs, of the same queries."""
+        counts = np.bincount(self.queries[kept], minlength=self.n_queries)
+        overlap = None if self.overlap is None else self.overlap[kept]
+        return Positives(offsets_of(counts), self.tiles[kept], overlap)
+
+
+def offsets_of(counts: Ints) -> Ints:
+    """Return the offsets (Q + 1,) of groups of the given sizes (Q,)."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 @dataclass(frozen=True)
 class RetrievalTruth:
     """Queries, tiles and which answers which.
 
-    Tiles are cut from a map, or are images that the benchmark gives; see `of_images`.
-
-    Attributes
-    ----------
-    scene : str
-        The scene's id.
-    queries : DataFrame
-        A row a query, sorted by ``id``.
-    footprints : DataFrame
-        A row a query. With a map: its anchor points on the ground and the footprint's centre, in
-        degrees. With images: its position, where the benchmark gives one.
-    tiles : DataFrame
-        A row a tile, sorted by ``id``; the row's number is the tile's index. With a map: window
-        and box. With images: the file and, where the benchmark gives one, the position.
-    positives : Positives
-        Tile indices that answer each query.
-    excluded : DataFrame
-        Photos that are no queries, with the reason.
-    dropped_tiles : DataFrame
-        Tiles that are not in the gallery, since they hold too little of the map.
+    Tiles are cut from a map (and have windows and boxes), or are images that the benchmark gives
+    (with a position each, or none). The number of a tile's row is its index.
     """
 
     scene: str
-    queries: pd.DataFrame
-    footprints: pd.DataFrame
-    tiles: pd.DataFrame
+    queries: pd.DataFrame  # sorted by id
+    footprints: pd.DataFrame  # a row a query: anchor points and their centre, or a position
+    tiles: pd.DataFrame  # sorted by id
     positives: Positives
-    excluded: pd.DataFrame
-    dropped_tiles: pd.DataFrame
+    excluded: pd.DataFrame  # photos that are no queries, with the reason
+    dropped_tiles: pd.DataFrame  # not in the gallery, since they hold too little of the map
 
     @property
     def of_images(self) -> bool:
@@ -121,9 +171,8 @@ class RetrievalTruth:
     @property
     def without_ground_point(self) -> int:
         """How many photos of the scene have no ground point, left out or not."""
-        if self.of_images:
-            return 0
-        if not set(FOOTPRINT_COLUMNS) <= set(self.footprints):  # of a sealed truth, nobody may know
+        # Of a sealed truth, nobody may know.
+        if self.of_images or not set(FOOTPRINT_COLUMNS) <= set(self.footprints):
             return 0
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
@@ -152,7 +201,7 @@ def _position_columns(tiles: pd.DataFrame) -> list[str]:
 
 
 def boxes_of(tiles: pd.DataFrame) -> Floats:
-    """Boxes (G, 4) of tiles: lon_min, lat_min, lon_max, lat_max in degrees."""
+    """Return boxes (G, 4) of tiles: lon_min, lat_min, lon_max, lat_max in degrees."""
     return tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
 
 
@@ -160,30 +209,37 @@ def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> Non
     """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "retrieval"
     home.mkdir(parents=True, exist_ok=True)
-    for name in ("footprints", "excluded"):
+    for name in ("footprints", "excluded", "dropped_tiles"):
         getattr(truth, name).to_csv(home / f"{name}.csv", index=False, lineterminator="\n")
-    truth.dropped_tiles.to_csv(home / "dropped_tiles.csv", index=False, lineterminator="\n")
     truth.tiles.to_parquet(home / "tiles.parquet", index=False)
-    write_pairs(home / "positives.npz", truth.positives)
-    write_pairs(home / "overlaps.npz", overlaps)
+    for name, pairs in (("positives", truth.positives), ("overlaps", overlaps)):
+        arrays: dict[str, NDArray[Any]] = {"offsets": pairs.offsets, "tiles": pairs.tiles}
+        if pairs.overlap is not None:
+            arrays["overlap"] = pairs.overlap
+        write_npz(home / f"{name}.npz", arrays, compress=True)
+
+
+def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
+    """Read a scene's truth; where it is sealed, queries and tiles without any answer."""
+    folder = benchmark.scene_folder(scene)
+    if not benchmark.is_sealed:
+        rules = benchmark.file.tracks["retrieval"]["ground_truth"]
+        return read_truth(folder, scene, answerable=rules["without_positive"] == "exclude")
+    excluded = read_excluded(benchmark, scene, "retrieval")
+    queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
+    dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
+    positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
+    footprints = queries[["id"]].assign(**dict.fromkeys(FOOTPRINT_COLUMNS, np.nan))
+    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
 def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> RetrievalTruth:
     """Read a scene's truth; where `answerable`, queries without a positive are excluded."""
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
-    queries = read_queries(folder, excluded)
-    tiles = read_tiles(home)
-    footprints = _read_footprints(home / "footprints.csv", tiles)
-    dropped = read_tile_table(home / "dropped_tiles.csv")
-    if not footprints["id"].array.equals(queries["id"].array):
-        raise BenchmarkError(
-            "the footprints are not those of queries.csv",
-            where=home / "footprints.csv",
-            fix="prepare the benchmark again",
-        )
-    if "image" not in tiles.columns and not queries.empty:
-        _check_near(footprints, boxes_of(tiles), home / "footprints.csv")
+    queries, tiles = read_queries(folder, excluded), read_tiles(home)
+    footprints = _read_footprints(home / "footprints.csv", queries, tiles)
+    dropped = _read_tile_table(home / "dropped_tiles.csv")
     positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
     truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
     truth = _without_unanswered(truth) if answerable else truth
@@ -192,16 +248,13 @@ def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> Retriev
             f"scene {scene} has no query: {counted(len(truth.excluded), 'photo')} excluded",
             where=home / "excluded.csv",
             expected="at least one photo that a tile answers",
-            fix="prepare the benchmark again with other photos, or leave the scene out of the "
-            "protocol",
+            fix=f"{_AGAIN} with other photos, or leave the scene out of the protocol",
         )
     return truth
 
 
 def _without_unanswered(truth: RetrievalTruth) -> RetrievalTruth:
     """Exclude queries without a positive, as `prepare` does; a folder made by hand has some."""
-    import pandas as pd
-
     right = truth.positives.counts > 0
     if right.all():
         return truth
@@ -217,16 +270,26 @@ def _without_unanswered(truth: RetrievalTruth) -> RetrievalTruth:
 
 def read_tiles(home: Path) -> pd.DataFrame:
     """Read the table of a scene's tiles from the folder of its retrieval track."""
-    tiles = read_tile_table(home / "tiles.parquet")
-    _check_sorted(tiles, home / "tiles.parquet")
+    path = home / "tiles.parquet"
+    tiles = _read_tile_table(path)
+    ids = tiles["id"].tolist()
+    falls = np.array([False, *(one < before for before, one in pairwise(ids))])
+    refuse_cells(path, "id", ids, falls[: len(ids)], "rows sorted by id, as positives count them")
     if "image" in tiles.columns:
         return tiles
-    _check_boxes(boxes_of(tiles), home / "tiles.parquet")
-    _check_sizes(tiles, home / "tiles.parquet")
+    west, south, east, north = boxes_of(tiles).T
+    wide = ~((west <= east) & (east - west < 180))  # also tells NaN
+    refuse_cells(path, "lon_min", west, wide, "at most lon_max, less than 180 below it", ids)
+    refuse_cells(path, "lat_min", south, ~(south <= north), "at most lat_max", ids)
+    # Boxes are up to 1.41 times as large as the tiles of a turned map.
+    height, width = north - south, (east - west) * np.cos(np.radians((north + south) / 2))
+    sides, sizes = np.radians((height + width) / 2) * _EARTH_RADIUS_M, tiles["size_m"].to_numpy()
+    wrong = ~((sizes > sides / 1.5) & (sizes < sides * 1.1))
+    refuse_cells(path, "size_m", sizes, wrong, "the tile's side in metres, near its box's", ids)
     return tiles
 
 
-def read_tile_table(path: Path) -> pd.DataFrame:
+def _read_tile_table(path: Path) -> pd.DataFrame:
     """Read a table of tiles or, as its columns tell, of images."""
     found = read_table(path, ("id",))
     if "image" in found.columns:
@@ -234,72 +297,78 @@ def read_tile_table(path: Path) -> pd.DataFrame:
     return read_table(path, _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
 
 
-def _check_sizes(tiles: pd.DataFrame, path: Path) -> None:
-    """Refuse sides that are not those of the boxes, which a turned map makes up to 1.41 larger."""
-    west, south, east, north = np.radians(boxes_of(tiles)).T
-    height, width = north - south, (east - west) * np.cos((north + south) / 2)
-    sides = _EARTH_RADIUS_M * (height + width) / 2
-    sizes = tiles["size_m"].to_numpy(np.float64)
-    wrong = np.flatnonzero(~((sizes > sides / 1.5) & (sizes < sides * 1.1)))
-    if wrong.size:
-        row = wrong[0]
-        raise BenchmarkError(
-            f"row {row + 1}, {tiles['id'].iloc[row]}, column size_m: {sizes[row]:g}",
-            where=path,
-            expected=f"the tile's side in metres; its box is about {sides[row]:.1f} m wide",
-            fix="prepare the benchmark again",
-        )
-
-
-def _check_sorted(tiles: pd.DataFrame, path: Path) -> None:
-    """Refuse rows out of order: ties are ranked by row, which is to mean by id."""
-    ids = tiles["id"].tolist()
-    row = next((row for row in range(1, len(ids)) if ids[row] < ids[row - 1]), None)
-    if row is not None:
-        raise BenchmarkError(
-            f"row {row + 1}, {ids[row]}, stands after {ids[row - 1]}",
-            where=path,
-            expected="rows sorted by id, which positives.npz counts tiles by",
-            fix="sort the rows by id and number the tiles in positives.npz and overlaps.npz anew, "
-            "or prepare the benchmark again",
-        )
-
-
-def _read_footprints(path: Path, tiles: pd.DataFrame) -> pd.DataFrame:
-    if "image" not in tiles.columns:
-        return read_table(path, ("id", *FOOTPRINT_COLUMNS))
+def _read_footprints(path: Path, queries: pd.DataFrame, tiles: pd.DataFrame) -> pd.DataFrame:
     columns = _position_columns(tiles)
-    return read_table(path, ("id", *columns), complete=columns)
+    of_images = "image" in tiles.columns
+    needed = columns if of_images else FOOTPRINT_COLUMNS
+    footprints = read_table(path, ("id", *needed), complete=columns)
+    if not footprints["id"].array.equals(queries["id"].array):
+        raise BenchmarkError("the footprints are not those of queries.csv", where=path, fix=_AGAIN)
+    if not of_images and len(queries):
+        _check_near(path, footprints, boxes_of(tiles))
+    return footprints
 
 
-def _check_near(footprints: pd.DataFrame, boxes: Floats, where: Path) -> None:
-    """Refuse footprints of which most are farther from the tiles than these reach."""
+def _check_near(path: Path, footprints: pd.DataFrame, boxes: Floats) -> None:
+    """Refuse footprints if most are farther from the tiles than the tiles reach."""
     low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     away = footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64) - (low + high) / 2
     away[:, 0] = (away[:, 0] + 180.0) % 360.0 - 180.0
     far = (np.abs(away) > 1.5 * (high - low)).any(axis=1)
-    if far.mean() > 0.5:
-        lon, lat = footprints[list(FOOTPRINT_COLUMNS)].iloc[int(np.argmax(far))]
-        raise BenchmarkError(
-            f"centres of {int(far.sum())} of {counted(len(far), 'footprint')} are far from every "
-            f"tile, such as longitude {lon:.6f}, latitude {lat:.6f}",
-            where=where,
-            expected=f"about longitude {low[0]:.6f} to {high[0]:.6f}, latitude {low[1]:.6f} to "
-            f"{high[1]:.6f}",
-            fix="look whether longitude and latitude are swapped",
-        )
+    expected = f"longitudes near the tiles' {low[0]:.6f} to {high[0]:.6f}: is it a latitude?"
+    lons = footprints["footprint_lon"]
+    refuse_cells(path, "footprint_lon", lons, far & (far.mean() > 0.5), expected)
 
 
-def _check_boxes(boxes: Floats, where: Path) -> None:
-    west, south, east, north = boxes.T
-    good = (west <= east) & (south <= north) & (east - west < 180)  # also tells NaN
-    good &= (south >= -90) & (north <= 90) & np.isfinite(boxes).all(axis=1)
-    if not good.all():
-        row = int(np.flatnonzero(~good)[0])
+def read_pairs(path: Path, n_queries: int, n_tiles: int) -> Positives:
+    """Read positives or overlaps as `write_truth` wrote them."""
+    if not path.is_file():
         raise BenchmarkError(
-            f"row {row + 1} is no box in degrees: {boxes[row].tolist()}",
-            where=where,
-            expected="lon_min <= lon_max less than 180 apart (unwrapped: 179.9 to 180.1 across "
-            "the 180th meridian), lat_min <= lat_max between -90 and 90",
-            fix="prepare the benchmark again",
+            "the benchmark folder has no truth here",
+            where=path,
+            fix=f"{_AGAIN}; `check` needs no truth, `eval` does",
         )
+    try:
+        # No more than each query's offset, and the tile and overlap of every pair there can be.
+        file = NpzFile(path, 8 * (n_queries + 1 + 2 * n_queries * n_tiles))
+        arrays = {name: file.read(name) for name in {"offsets", "tiles", "overlap"} & file.names()}
+        damage = _damage(**arrays, n_queries=n_queries, n_tiles=n_tiles)
+    except PredictionError as error:
+        damage = error.what
+    if damage:
+        raise BenchmarkError(f"the positives are damaged: {damage}", where=path, fix=_AGAIN)
+    overlap = arrays.get("overlap")
+    return Positives(
+        arrays["offsets"].astype(np.int64),
+        arrays["tiles"].astype(np.int32),
+        None if overlap is None else overlap.astype(np.float64),
+    )
+
+
+def _damage(
+    offsets: NDArray[Any] | None = None,
+    tiles: NDArray[Any] | None = None,
+    overlap: NDArray[Any] | None = None,
+    *,
+    n_queries: int,
+    n_tiles: int,
+) -> str:
+    """Say what is wrong with stored positives, if anything is."""
+    if offsets is None or tiles is None:
+        return "offsets or tiles are missing"
+    if offsets.dtype.kind not in "iu" or tiles.dtype.kind not in "iu":
+        return "offsets or tiles are not integers"
+    if offsets.shape != (n_queries + 1,) or tiles.ndim != 1:
+        return f"offsets have shape {offsets.shape}, for {counted(n_queries, 'query')}"
+    if offsets[0] != 0 or offsets[-1] != len(tiles) or (offsets[1:] < offsets[:-1]).any():
+        return f"offsets do not rise from 0 to {len(tiles)}"
+    if len(tiles) and not (tiles.min() >= 0 and tiles.max() < n_tiles):
+        return f"a tile is not in the gallery of {n_tiles}"
+    begins = np.zeros(len(tiles) + 1, np.bool_)
+    begins[offsets] = True
+    if not (begins[1:-1] | (tiles[1:] > tiles[:-1])).all():
+        return "tiles do not ascend within each query"
+    if overlap is None:
+        return ""
+    fits = overlap.shape == tiles.shape and overlap.dtype.kind in "fiu"
+    return "" if fits and ((overlap >= 0) & (overlap <= 1)).all() else "overlaps do not fit"

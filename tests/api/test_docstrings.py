@@ -26,7 +26,6 @@ from airzoo_bench.evaluation.track import Track
 
 ROOT = Path(ab.__file__).parent
 FORMULAS = [
-    *("retrieval.metrics", "retrieval.distance_metrics"),
     *("reconstruction.metrics", "reconstruction.motions", "reconstruction.pose_metrics"),
 ]
 CONTRACTS = (Track,)

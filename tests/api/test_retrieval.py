@@ -11,7 +11,7 @@ import pytest
 
 import airzoo_bench as ab
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.retrieval.scores import AP_VARIANTS, ap_name
+from airzoo_bench.retrieval.scoring import AP_VARIANTS, ap_name
 from tests.api.support import refused
 from tests.support import MadeScene, write_predictions
 

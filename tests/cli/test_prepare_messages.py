@@ -13,7 +13,7 @@ import pytest
 
 from airzoo_bench.cli import common
 from airzoo_bench.core.progress import report_progress
-from airzoo_bench.datasets import scene_run
+from airzoo_bench.datasets import prepare as scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
 
@@ -64,7 +64,7 @@ def test_options_that_differ_are_named(source: Path, capsys: pytest.CaptureFixtu
     prepare(capsys, 0, source, "--scene", "01")
     again = "the folder exists already, made with"
     said = prepare(capsys, 2, source, "--scene", "01", "--fov-across", 50)
-    assert f"{again} --fov-across 52.0, now --fov-across 50.0" in said
+    assert f"{again} --fov-across 52.0, now 50.0" in said
     said = prepare(capsys, 2, source, "--scene", "01", "--scene", "07")
     assert f"{again} scenes 01, now 01, 07" in said
     (source / "01" / "01.csv").touch()
@@ -86,11 +86,11 @@ def test_a_disk_that_cannot_be_written_is_named(
 
 
 SILENT = [
-    ("airzoo_bench.datasets.native_prepare.chosen_scenes", "getting ready"),
-    ("airzoo_bench.datasets.native_prepare.is_prepared", "getting ready"),
-    ("airzoo_bench.datasets.scene_run.scene_keys", "looking through the source"),
-    ("airzoo_bench.datasets.scene_run._is_as_written", "looking through earlier runs"),
-    ("airzoo_bench.datasets.native_prepare.write_folder_files", "writing the folder"),
+    ("airzoo_bench.datasets.dataset.chosen_scenes", "getting ready"),
+    ("airzoo_bench.datasets.dataset.is_prepared", "getting ready"),
+    ("airzoo_bench.datasets.prepare.scene_keys", "looking through the source"),
+    ("airzoo_bench.datasets.prepare._unchanged_parts", "looking through earlier runs"),
+    ("airzoo_bench.datasets.prepare.write_folder_files", "writing the folder"),
 ]
 
 

@@ -16,30 +16,25 @@ from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb
 from airzoo_bench.results.result import read_result
 from airzoo_bench.retrieval.truth import read_truth
-from tests.own_protocols import photo_protocols
 from tests.support import run_main
 
 
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from airzoo_bench.datasets.dataset import PrepareSettings
-    from airzoo_bench.datasets.photo_options import PhotoOptions
-    from airzoo_bench.datasets.photos import prepare_photos
+    from airzoo_bench.datasets.settings import PrepareSettings
+    from airzoo_bench.datasets.surveys.photos import PHOTOS, PhotoOptions
 
     root = tmp_path_factory.mktemp("data")
     sources = PhotoOptions(
-        "park",
+        "brighton",
         brighton / "images",
         brighton / "poses.json",
         brighton / "dom_10cm.tif",
         dsm=brighton / "dsm_10cm.tif",
         cloud=brighton / "model.laz",
+        tile_size=[256, 128],
     )
-    prepare_photos(
-        sources,
-        photo_protocols("brighton", (256, 128)),
-        PrepareSettings(root / "brighton", root, crops_on_disk=True),
-    )
+    PHOTOS.prepare(sources, PrepareSettings(root / "brighton", root, crops_on_disk=True))
     return root
 
 

@@ -81,14 +81,39 @@ def cloud_beside(place: Place) -> dict[str, object]:
     return {"cloud": cloud}
 
 
-def coloured(colour: int, share: float, nodata: float | None = None) -> Callable[[Place], None]:
-    def changed(place: Place) -> None:
-        ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
-        ground[:, : int(share * MAP_SIZE_M)] = colour
-        write_raster(place.dom, ground, nodata=nodata)
-
-    return changed
+def cut_surface(place: Place) -> None:
+    write_raster(place.dsm, LEVEL[:, :100, :100])
 
 
-def cut_surface(side: int) -> Callable[[Place], None]:
-    return lambda place: write_raster(place.dsm, LEVEL[:, :side, :side]) and None
+def sound(place: Place) -> None:
+    """Leave the place as it is."""
+
+
+def flat(place: Place) -> None:
+    write_raster(place.dsm, np.full_like(LEVEL, 100.0))
+
+
+def map_beside(place: Place) -> None:
+    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
+    grid = Affine(1, 0, NORTH_WEST[0] + 180, 0, -1, NORTH_WEST[1])
+    write_raster(place.dom, ground, transform=grid)
+
+
+def few_tiles(place: Place) -> dict[str, object]:
+    return {"tile_size": 150}
+
+
+def small_tiles(place: Place) -> dict[str, object]:
+    return {"tile_size": 32}
+
+
+def copies(place: Place) -> None:
+    image = place.read_poses()["images"]["a.jpg"]
+    place.change_image("b.jpg", **image)
+    tag(place, "b.jpg", like="a.jpg")
+
+
+gps_of_another_datum = retag(NAMES, up=30.0)
+yaw_by_178 = retag(NAMES[1:3], yaw=178.0)
+yaw_by_90 = retag(NAMES, yaw=90.0)
+no_gimbal = retag(NAMES[:1], yaw=None)

@@ -34,9 +34,10 @@ def tag(
     day: str = "",
     crs: str = PLACE_CRS,
     lonlat: Callable[[Floats], Floats] = lambda true: true,
+    like: str | None = None,
 ) -> None:
     """Write GPS, 2 m off the pose, and gimbal angles into a photo; `lonlat` changes its place."""
-    x, y = place.centres[name]
+    x, y = place.centres[like or name]
     true = to_lonlat(crs, (NORTH_WEST[0] + x + 1.5, NORTH_WEST[1] - y - 1.5))
     lon, lat = lonlat(true).tolist()
     exif = Image.Exif()

@@ -11,7 +11,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError
-from airzoo_bench.datasets.photo_metadata import PhotoPrior, priors_to_poses, read_prior
+from airzoo_bench.datasets.metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from tests.datasets.xmp import packet
 
@@ -166,13 +166,7 @@ def test_files_that_are_no_photos(tmp_path: Path) -> None:
 WHOLE = jpg(GPS, packet(ANGLES))
 
 
-def test_photos_that_lack_something_are_named() -> None:
-    priors = {"a.jpg": PRIOR, "b.jpg": NOTHING, "c.jpg": PRIOR}
-    with pytest.raises(BenchmarkError, match=r"no position in the metadata: 1 of 3 \(b.jpg\)"):
-        priors_to_poses(priors, 32615)
-    priors["b.jpg"] = PhotoPrior(PRIOR.lon, PRIOR.lat, 0.0, 0.0, 0.0, None, None)
-    with pytest.raises(BenchmarkError, match=r"no gimbal angles .* 1 of 3 \(b.jpg\)"):
-        priors_to_poses(priors, 32615)
+def test_poses_need_a_grid() -> None:
     with pytest.raises(CameraError, match="no grid"):
         priors_to_poses({"a.jpg": PRIOR}, 4326)
     assert len(priors_to_poses({}, 32615)) == 0

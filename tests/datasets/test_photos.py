@@ -7,6 +7,7 @@ import os
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,16 +15,14 @@ import pytest
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.photo_options import PhotoOptions
-from airzoo_bench.datasets.photos import prepare_photos
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings
+from airzoo_bench.datasets.surveys.photos import PHOTOS, PhotoOptions
 from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
+from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from tests.datasets.parts import hold_crops, hold_tiles
-from tests.datasets.prepared_photos import positives, prepared, truth_in
-from tests.own_protocols import photo_protocols
 from tests.reconstruction.shard_support import write_laz
 from tests.support import (
     NORTH_WEST,
@@ -34,6 +33,24 @@ from tests.support import (
     make_place,
     run_main,
 )
+
+
+def prepared(place: Place, folder: Path, **options: Any) -> Prepared:
+    """Prepare a place with tiles of 64 px, 50 % overlap."""
+    own = ("crs", "rule", "iou_above", "cloud")
+    given = {name: options.pop(name) for name in own if name in options}
+    sources = (place.images, place.poses, place.dom)
+    chosen = PhotoOptions("park", *sources, dsm=place.dsm, tile_size=[64], **given)
+    return PHOTOS.prepare(chosen, PrepareSettings(folder, folder.parent, **options))
+
+
+def truth_in(folder: Path) -> RetrievalTruth:
+    return read_truth(Benchmark.open(folder).scene_folder("park"), "park")
+
+
+def positives(truth: RetrievalTruth, query: str) -> set[str]:
+    number = truth.queries["id"].tolist().index(f"park/{query}")
+    return {truth.tiles["id"][t].split("/")[1] for t in truth.positives.of(number)}
 
 
 def test_the_same_sources_give_the_same_bytes(tmp_path: Path) -> None:
@@ -156,7 +173,7 @@ def test_from_photos_to_a_score(
 
 
 def test_the_protocol_in_the_folder_is_the_one_that_was_used(tmp_path: Path) -> None:
-    prepared(make_place(tmp_path), tmp_path / "park", {"rule": "iou", "iou_above": 0.2})
+    prepared(make_place(tmp_path), tmp_path / "park", rule="iou", iou_above=0.2)
     written = load_protocol(tmp_path / "park" / "protocols" / "park-retrieval.toml")
     assert (written.ground_truth.rule, written.ground_truth.iou_above) == ("iou", 0.2)
     Benchmark.open(tmp_path / "park").check_fits(written)
@@ -193,11 +210,8 @@ def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     cloud = tmp_path / "cloud.npy"
     np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
-    sources = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, cloud=cloud)
     with pytest.raises(BenchmarkError, match="in the CRS of the poses"):
-        prepare_photos(
-            sources, photo_protocols("park", (64,)), PrepareSettings(tmp_path / "park", tmp_path)
-        )
+        prepared(place, tmp_path / "park", cloud=cloud)
     assert not (tmp_path / "park").exists()
 
 
@@ -207,12 +221,7 @@ def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
     images = json.loads(place.poses.read_text())["images"].values()
     centres = np.array([image["center"] for image in images])
     np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
-    sources = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, cloud=cloud)
-    result = prepare_photos(
-        sources,
-        photo_protocols("park", (64,)),
-        PrepareSettings(tmp_path / "park", tmp_path, copy=True),
-    )
+    result = prepared(place, tmp_path / "park", cloud=cloud, copy=True)
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4
@@ -228,13 +237,8 @@ def test_a_true_cloud_in_shards_makes_truth_for_reconstruction(tmp_path: Path) -
     points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0)
     for number, part in enumerate(np.array_split(points, 3)):
         write_laz(cloud / f"{number}.laz", part)
-    sources = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, cloud=cloud)
-    result = prepare_photos(
-        sources,
-        photo_protocols("park", (64,)),
-        PrepareSettings(tmp_path / "park", tmp_path, copy=True),
-    )
+    result = prepared(place, tmp_path / "park", cloud=cloud, copy=True)
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4
-    assert shards_in(truth.cloud) == [truth.cloud / f"{number}.parquet" for number in range(3)]
+    assert shards_in(truth.cloud) == [truth.cloud / f"{number}.laz" for number in range(3)]

@@ -6,39 +6,29 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.dataset import PrepareSettings
+from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.engines.dask import DaskEngine, local_cluster
 from airzoo_bench.engines.engine import HERE, Engine, Processes
-from tests.datasets.native.flights import everything
-from tests.datasets.published import airzoo_real_tree, image_trees, ortholoc_tree, uav_visloc_tree
-from tests.datasets.published.airzoo_test_tree import make_trajectory
+from tests.datasets.published import image_trees, uav_visloc_tree
 from tests.engines.scattered import Scattered
 from tests.support import make_place, run_main
 
 VARIABLE = "AIRZOO_BENCH_DATA"
 
 
-def trajectories(folder: Path) -> Path:
-    for name in ("one", "two"):
-        make_trajectory(folder / name)
-    return folder
+def everything(folder: Path) -> dict[str, bytes]:
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 TREES: dict[str, Callable[[Path], Path]] = {
     "uav-visloc": uav_visloc_tree.make_tree,
-    "airzoo-real": airzoo_real_tree.make_tree,
-    "airzoo-test": trajectories,
-    "ortholoc": ortholoc_tree.make_tree,
     "university-1652": image_trees.university_1652,
 }
-# What is made of the others is made by the same code.
-SPREAD = ("uav-visloc", "airzoo-real", "university-1652")
-MORE: dict[str, dict[str, Any]] = {"airzoo-test": {"name": "mine", "every": 1}}
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +57,7 @@ def prepared(tree: Path, data: Path, folder: Path, engine: Engine) -> dict[str, 
     """Return the files of the folder that is made of a tree, which is named as the dataset."""
     shutil.rmtree(data, ignore_errors=True)  # there are maps and clouds that runs share
     dataset = DATASETS.get(tree.name)
-    options = dataset.options(source=Path(tree.name), **MORE.get(tree.name, {}))
+    options = dataset.options(source=Path(tree.name))
     out = Path(os.path.relpath(folder, tree.parent))
     settings = PrepareSettings(out, data, copy=True, engine=engine)
     with pytest.MonkeyPatch.context() as patch:
@@ -82,7 +72,6 @@ def here(tree: Path, data: Path, tmp_path_factory: pytest.TempPathFactory) -> di
     return prepared(tree, data, tmp_path_factory.mktemp("here") / "made", HERE)
 
 
-@pytest.mark.parametrize("tree", SPREAD, indirect=True)
 def test_two_processes_make_the_same(
     tree: Path, data: Path, here: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -98,7 +87,6 @@ def test_scenes_are_pure_tasks(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tree", SPREAD, indirect=True)
 def test_any_number_of_workers_makes_the_same(
     tree: Path, data: Path, cluster: DaskEngine, here: dict[str, bytes], tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ import rasterio.shutil
 from rasterio.errors import NotGeoreferencedWarning
 
 from airzoo_bench.core.errors import BenchmarkError, RasterError
-from airzoo_bench.datasets.map_copies import copy_map
+from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry.raster_files import raster_files, raster_sha256
 from airzoo_bench.geometry.rasters import opened
 from airzoo_bench.matching.truth import checked_dsm

@@ -13,7 +13,7 @@ from rasterio import Affine
 from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.photo_metadata import priors_to_poses, read_prior
+from airzoo_bench.datasets.metadata import priors_to_poses, read_prior
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, world_to_camera

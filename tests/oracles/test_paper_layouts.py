@@ -21,7 +21,7 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.scores import Score
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.annotations import add_gains, cite, highlight, parse_baselines
 from airzoo_bench.tables.best_marks import mark_best

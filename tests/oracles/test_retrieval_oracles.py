@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.pairs import hit_matrix
+from airzoo_bench.retrieval.metrics import hit_matrix
 
 CUTS = (1, 3, 5, 10)
 TOLERANCE = 1e-12

@@ -13,8 +13,7 @@ from airzoo_bench import evaluate
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.native import NativeOptions
+from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
 from airzoo_bench.formats.mat5 import MatFile
 from airzoo_bench.retrieval.truth import read_truth
 from tests.datasets.published import image_trees
@@ -36,7 +35,7 @@ class TestUniversity1652:
     def test_its_benchmarks(self, tmp_path: Path, tree: str, protocol: str, ending: str) -> None:
         write = {"university-1652": image_trees.university_1652, "denseuav": image_trees.denseuav}
         data = tmp_path / "data"
-        options = NativeOptions(write[tree](tmp_path / "source"), None, False)
+        options = SourceOptions(write[tree](tmp_path / "source"), None, False)
         made = DATASETS.get(tree).prepare(options, PrepareSettings(data / tree, data))
         scene = protocol.removeprefix(f"{tree}-")
         truth = read_truth(made.folder / "scenes" / scene, scene)

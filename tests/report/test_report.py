@@ -20,7 +20,7 @@ from airzoo_bench.report.packing import json_value
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import score_columns
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from tests.report.made import (
     made_page,

@@ -1,13 +1,11 @@
-"""Engines for tests: what they do to tasks is what a cluster may do to them."""
+"""An engine that treats tasks as a cluster may."""
 
 from __future__ import annotations
 
 import pickle
 import random
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from typing import Any
 
 from airzoo_bench.engines.engine import Engine
@@ -15,13 +13,7 @@ from airzoo_bench.engines.engine import Engine
 
 @dataclass
 class Shuffled(Engine):
-    """Does tasks out of order, on pickled copies.
-
-    Parameters
-    ----------
-    sent : list of int
-        Bytes of each item, and last of what is shared, of all calls.
-    """
+    """Does tasks out of order and twice, on pickled copies; `sent` are the bytes of each."""
 
     seed: int = 0
     sent: list[int] = field(default_factory=list)
@@ -36,33 +28,13 @@ class Shuffled(Engine):
         stage: str,
         name: Callable[[Any], str],
     ) -> Iterator[Any]:
-        tasks = [pickle.dumps((work, item)) for item in items]
-        assert all(name(item) for item in items)
-        common = pickle.dumps(shared)
         assert stage
-        self.sent += [*map(len, tasks), len(common)]
+        assert all(map(name, items))
+        tasks = [pickle.dumps((shared, item)) for item in items]
+        self.sent += map(len, tasks)
         order = list(range(len(tasks)))
         random.Random(self.seed).shuffle(order)
-        done = {index: self._done(tasks[index], common) for index in order}
-        return iter([done[index] for index in range(len(tasks))])
-
-    def _done(self, task: bytes, common: bytes) -> Any:
-        return do(task, common)
-
-
-def do(task: bytes, common: bytes) -> Any:
-    """Do a task twice, as after a worker was lost, and give what came back the second time."""
-    work, item = pickle.loads(task)  # noqa: S301 - our own
-    work(pickle.loads(common), item)  # noqa: S301
-    return pickle.loads(pickle.dumps(work(pickle.loads(common), item)))  # noqa: S301
-
-
-@dataclass
-class Processes(Shuffled):
-    """Does each task in one of two other processes."""
-
-    def __post_init__(self) -> None:
-        self._pool = ProcessPoolExecutor(2, get_context("spawn"))
-
-    def _done(self, task: bytes, common: bytes) -> Any:
-        return self._pool.submit(do, task, common).result()
+        done = {}
+        for index in order * 2:
+            done[index] = pickle.dumps(work(*pickle.loads(tasks[index])))  # noqa: S301 - our own
+        return iter([pickle.loads(done[index]) for index in range(len(tasks))])  # noqa: S301

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.retrieval.pairs import Positives
+from airzoo_bench.retrieval.truth import Positives
 
 METRICS = ["l2", "cosine", "inner_product"]
 

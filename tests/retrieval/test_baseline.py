@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +12,7 @@ import pytest
 
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.retrieval.baseline import _cost, describe, root_sift, vlad
-from airzoo_bench.retrieval.baseline_settings import VladSettings
+from airzoo_bench.retrieval.info import VladSettings
 
 
 def textured(seed: int, size: int = 128) -> np.ndarray:
@@ -27,24 +26,23 @@ SETTINGS = VladSettings(max_features=256)
 
 def test_an_image_is_nearest_to_its_own_tile() -> None:
     tiles = [partial(textured, seed) for seed in range(6)]
-    gallery, queries = describe(tiles, tiles[::-1], SETTINGS)
+    gallery, queries = (describe(some, SETTINGS, "tiles") for some in (tiles, tiles[::-1]))
     assert (queries @ gallery.T).argmax(axis=1).tolist() == [5, 4, 3, 2, 1, 0]
     np.testing.assert_allclose(np.linalg.norm(gallery, axis=1), 1, atol=1e-6)
 
 
 def test_the_number_of_workers_and_the_images_before_do_not_matter() -> None:
     tiles = [partial(textured, seed, 64 + 32 * (seed % 3)) for seed in range(9)]
-    alone, _ = describe(tiles, [tiles[4]], SETTINGS)
-    shared, query = describe(tiles, [tiles[4]], SETTINGS, engine=Processes(2))
-    assert np.array_equal(alone, shared)
-    assert np.array_equal(query[0], shared[4])
+    alone = describe(tiles, SETTINGS, "tiles")
+    assert np.array_equal(alone, describe(tiles, SETTINGS, "tiles", Processes(2)))
+    assert np.array_equal(alone[4:5], describe([tiles[4]], SETTINGS, "photos"))
 
 
 def test_a_blank_image_is_near_to_none() -> None:
     blank = partial(np.zeros, (128, 128), np.uint8)
-    gallery, queries = describe([partial(textured, 0), blank], [partial(textured, 1)], SETTINGS)
-    assert queries[0] @ gallery[1] == 0
-    assert np.linalg.norm(gallery[1]) == 1
+    some, none = describe([partial(textured, 0), blank], SETTINGS, "tiles")
+    assert some @ none == 0
+    assert np.linalg.norm(none) == 1
 
 
 def test_features_lie_inside_and_have_unit_length() -> None:
@@ -77,15 +75,3 @@ def test_what_a_large_gallery_takes_is_said_before_the_work(
     found = _cost(truth, VladSettings(doubled=doubled)) or ""
     assert minutes in found
     assert bool(found) is bool(minutes)
-
-
-def test_no_stage_is_without_a_name() -> None:
-    stages = []
-
-    def progress(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
-        stages.append((label, total))
-        yield from items
-
-    tiles = [partial(textured, seed) for seed in range(3)]
-    describe(tiles, tiles[:2], SETTINGS, progress=progress)
-    assert stages == [("tiles", 3), ("photos", 2)]

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import hypergeom
 
 from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalScores
-from airzoo_bench.retrieval.ties import Ranking
 from tests.support import MadeScene, made_truth, protocol
 
 

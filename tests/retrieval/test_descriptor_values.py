@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.retrieval.descriptor_rows import RowSource
+from airzoo_bench.retrieval.descriptors import Rows
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import (
     METRICS,
@@ -29,29 +31,36 @@ def test_huge_and_tiny_numbers_are_ranked():
 
 
 @pytest.mark.parametrize("view", [slice(None), slice(100, 300), slice(0, 300, 2)])
-@pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8"])
+@pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "u1"])
 def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
-    rows = np.random.default_rng(0).standard_normal((400, 5)).astype(dtype)
+    rows = (10 * np.random.default_rng(0).random((400, 5))).astype(dtype)
     np.save(tmp_path / "rows.npy", rows)
     mapped = np.load(tmp_path / "rows.npy", mmap_mode="r")
-    source = RowSource.of(mapped[50:][view])
-    assert (source.path is not None) == (view.step is None)
-    found = [(start, block.copy()) for start, block in source.blocks(37)]
+    expected = np.concatenate([rows[50:][view], rows[:7]])
+    source = Rows.join(mapped[50:][view], mapped[:7]).located()
+    assert source.in_files == (view.step is None)
+    assert not source.in_files or len(pickle.dumps(source)) < rows.nbytes
+    memory_bytes = 37 * 8 * source.shape[1] * max(source.dtype.itemsize, 4)
+    found = [(start, block.copy()) for start, block in source.blocks(memory_bytes)]
     assert [start for start, _ in found] == list(range(0, len(source), 37))
-    assert np.array_equal(np.concatenate([block for _, block in found]), rows[50:][view])
-    assert np.array_equal(source.read(3, 9), rows[50:][view][3:9])
+    assert source.dtype.kind == "f"
+    assert np.array_equal(np.concatenate([block for _, block in found]), expected)
+    some = np.array([len(source) - 1, 3, 100, 4, 3])
+    assert np.array_equal(source.take(some), expected[some])
+    part = source.part(20, len(source)).part(5, 9)
+    assert np.array_equal(part.read(0, 99), expected[25:29])
 
 
 def test_changes_of_a_private_map_are_seen(tmp_path):
     np.save(tmp_path / "rows.npy", np.zeros((4, 2), np.float32))
     mapped = np.load(tmp_path / "rows.npy", mmap_mode="c")
     mapped[1] = 7
-    assert RowSource.of(mapped).read(1, 2).tolist() == [[7, 7]]
+    assert Rows.join(mapped).located().read(1, 2).tolist() == [[7, 7]]
 
 
 def test_file_cut_short_is_refused(tmp_path):
     np.save(tmp_path / "rows.npy", np.zeros((400, 5), np.float32))
-    source = RowSource.of(np.load(tmp_path / "rows.npy", mmap_mode="r"))
+    source = Rows.join(np.load(tmp_path / "rows.npy", mmap_mode="r")).located()
     with (tmp_path / "rows.npy").open("r+b") as file:
         file.truncate(4_000)
     with pytest.raises(PredictionError, match="ends before"):
@@ -121,31 +130,6 @@ def test_no_tiles_and_no_queries():
     assert run(np.ones((0, 4)), np.arange(20.0).reshape(5, 4)).tiles.shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    ("queries", "gallery"),
-    [
-        (np.ones((1, 4)), np.ones((3, 5))),
-        (np.ones((1, 4), int), np.ones((3, 4))),
-        (np.ones((1, 4)), np.ones(4)),
-        (np.ones((1, 4)), np.ones((3, 4), np.complex64)),
-    ],
-)
-def test_descriptors_of_other_kinds_are_refused(queries, gallery):
-    with pytest.raises(PredictionError, match="descriptors"):
-        run(queries, gallery)
-
-
-def test_requests_that_do_not_fit_are_bugs():
-    with pytest.raises(ValueError, match="metric"):
-        run(np.ones((1, 4)), np.ones((3, 4)), "manhattan")
-    with pytest.raises(ValueError, match="jobs"):
-        run(np.ones((1, 4)), np.ones((3, 4)), jobs=0)
-    with pytest.raises(ValueError, match="positives"):
-        rank_by_descriptors(
-            np.ones((1, 4)),
-            np.ones((3, 4)),
-            k=1,
-            metric="l2",
-            positives=positives_of([3]),
-            depth=1,
-        )
+def test_descriptors_of_other_lengths_are_refused():
+    with pytest.raises(PredictionError, match="descriptors of queries have 4 numbers"):
+        run(np.ones((1, 4)), np.ones((3, 5)))

@@ -11,17 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.chance import chance_scores
-from airzoo_bench.retrieval.distance_metrics import dis_at
-from airzoo_bench.retrieval.image_scores import rank_of_share
+from airzoo_bench.retrieval.descriptors import Rows
+from airzoo_bench.retrieval.metrics import dis_at
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.scene_predictions import match_scene
-from airzoo_bench.retrieval.scores import retrieval_scores
-from airzoo_bench.retrieval.scoring import score_scene
+from airzoo_bench.retrieval.ranking import rank_scene
+from airzoo_bench.retrieval.scoring import rank_of_share, retrieval_scores, score_scene
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
 from airzoo_bench.retrieval.stated_truth import ImageSet, build_truth, pairs_of_labels
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -55,8 +53,8 @@ def records_of(truth: RetrievalTruth, settings: ImageScores, content: Any) -> pd
     ids = truth.queries["id"].to_numpy(str)
     predictions = RetrievalPredictions(Path("p.npz"), None, ids, content)
     rows = np.arange(len(ids))
-    predicted = match_scene(predictions, truth, rows, settings, Run())
-    return score_scene(truth, predicted.ranking, predicted.answered, settings)
+    ranking = rank_scene(predictions, truth, rows, settings, Run())
+    return score_scene(truth, ranking, rows >= 0, settings)
 
 
 class Made:
@@ -87,7 +85,7 @@ class Made:
         return [np.argsort(-row) for row in products]
 
     def content(self, truth: RetrievalTruth) -> Descriptors:
-        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), self.images)
+        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), Rows.join(self.images))
 
 
 def curve_area(right: np.ndarray[Any, Any]) -> float:
@@ -220,11 +218,11 @@ def test_equal_descriptors_gain_nothing() -> None:
     truth = made_truth((["1", "2"], ["1", "2", "2", "3"]))
     settings = protocol("university-1652-drone-to-satellite").scores
     assert isinstance(settings, ImageScores)
-    flat = Descriptors(np.ones((2, 4)), truth.tiles["id"].to_numpy(str), np.ones((4, 4)))
+    flat = Descriptors(np.ones((2, 4)), truth.tiles["id"].to_numpy(str), Rows.join(np.ones((4, 4))))
     records = records_of(truth, settings, flat)
     assert records[["recall@1", "recall@5", "ap/trapezoid", "map", "mrr"]].to_numpy().max() == 0
     two = np.repeat([[1.0, 0.0], [0.0, 1.0]], 2, axis=0)  # t0, t1 tie, and t2, t3
-    tied = Descriptors(np.array([[1.0, 0.5], [1.0, 0.5]]), flat.gallery_ids, two)
+    tied = Descriptors(np.array([[1.0, 0.5], [1.0, 0.5]]), flat.gallery_ids, Rows.join(two))
     assert records_of(truth, settings, tied)["recall@1"].tolist() == [0.0, 0.0]
 
 
@@ -260,11 +258,6 @@ def test_the_rank_of_one_percent_is_theirs() -> None:
         assert rank_of_share(n_tiles, 0.01) == round(n_tiles * 0.01) + 1
 
 
-def test_own_photos_cannot_start_from_a_gallery_of_images() -> None:
-    with pytest.raises(ProtocolError, match="has a gallery of images"):
-        protocol("sues-200-drone-to-satellite").map_rules()
-
-
 def test_queries_that_the_predictions_lack_score_nothing() -> None:
     made, settings = Made(0), protocol("denseuav-drone-to-satellite").scores
     assert isinstance(settings, ImageScores)
@@ -273,8 +266,8 @@ def test_queries_that_the_predictions_lack_score_nothing() -> None:
     ids = truth.queries["id"].to_numpy(str)
     predictions = RetrievalPredictions(Path("p.npz"), None, ids, made.content(truth))
     for given in (np.full(QUERIES, -1), np.where(np.arange(QUERIES) % 2, np.arange(QUERIES), -1)):
-        predicted = match_scene(predictions, truth, given, settings, Run())
-        records = score_scene(truth, predicted.ranking, predicted.answered, settings)
+        ranking = rank_scene(predictions, truth, given, settings, Run())
+        records = score_scene(truth, ranking, given >= 0, settings)
         lacking = records[given < 0]
         best = lacking[["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]].to_numpy().max()
         assert best == 0
@@ -283,6 +276,5 @@ def test_queries_that_the_predictions_lack_score_nothing() -> None:
             for asked in made.of_queries[given < 0]
         ]
         np.testing.assert_allclose(lacking["dis@1"], farthest, rtol=1e-9)
-        whole = match_scene(predictions, truth, np.arange(QUERIES), settings, Run())
-        scored = score_scene(truth, whole.ranking, whole.answered, settings)
+        scored = records_of(truth, settings, made.content(truth))
         pd.testing.assert_frame_equal(records[given >= 0], scored[given >= 0])

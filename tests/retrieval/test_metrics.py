@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.retrieval import metrics, pairs
+from airzoo_bench.retrieval import metrics
 
 LOG3, LOG5 = math.log2(3), math.log2(5)
 
@@ -47,17 +47,19 @@ def test_hit_matrix_by_hand():
     ranked = np.array([[3, 0, 2], [0, 3, -1], [-1, -1, -1], [1, 2, 0]], dtype=np.int32)
     offsets, tiles = offsets_of([[0, 3], [1, 2], [0, 1, 2, 3], []])
     expected = [[1, 1, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
-    assert pairs.hit_matrix(ranked, offsets, tiles, 4).tolist() == np.array(expected, bool).tolist()
+    assert (
+        metrics.hit_matrix(ranked, offsets, tiles, 4).tolist() == np.array(expected, bool).tolist()
+    )
 
 
 def test_no_tile_is_no_hit_even_beside_the_last_tile_of_another_query():
     # -1 lies one cell before tile 0, which is where the last tile of the query before would be.
     ranked = np.full((3, 2), -1, dtype=np.int32)
     offsets, tiles = offsets_of([[0, 1], [0, 1], [0, 1]])
-    assert not pairs.hit_matrix(ranked, offsets, tiles, 2).any()
+    assert not metrics.hit_matrix(ranked, offsets, tiles, 2).any()
 
 
-@given(st.data(), st.sampled_from([1, 7, 40, pairs._CELLS]))
+@given(st.data(), st.sampled_from([1, 7, 40, metrics._BITMAP_CELLS]))
 def test_hit_matrix_is_membership_for_any_block(data, cells):
     n_tiles = data.draw(st.integers(1, 9))
     lists = data.draw(
@@ -66,34 +68,14 @@ def test_hit_matrix_is_membership_for_any_block(data, cells):
     shape = (len(lists), data.draw(st.integers(0, 6)))
     ranked = data.draw(hnp.arrays(np.int32, shape, elements=st.integers(-1, n_tiles - 1)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pairs, "_CELLS", cells)
-        found = pairs.hit_matrix(ranked, *offsets_of(lists), n_tiles)
+        patch.setattr(metrics, "_BITMAP_CELLS", cells)
+        found = metrics.hit_matrix(ranked, *offsets_of(lists), n_tiles)
     assert found.dtype == bool
     assert found.shape == shape
     assert found.tolist() == [
         [tile in positives for tile in row]
         for row, positives in zip(ranked.tolist(), lists, strict=True)
     ]
-
-
-@pytest.mark.parametrize(
-    ("ranked", "offsets", "tiles", "message"),
-    [
-        ([0, 1], [0, 1], [0], r"expected \(Q, K\)"),
-        ([[0, 1]], [0, 1, 1], [0], r"expected \(2,\)"),
-        ([[0, 1]], [0, 2], [0], "from 0 to 1"),
-        ([[0], [1]], [0, 2, 1], [0], "without falling"),
-        ([[0]], [1, 1], [0], "from 0 to 1"),
-        ([[0, 3]], [0, 1], [0], "^ranked holds an index outside -1 to 2$"),
-        ([[0, -2]], [0, 1], [0], "ranked holds an index"),
-        ([[0, 1]], [0, 1], [3], "^tiles holds an index outside 0 to 2$"),
-        ([[0, 1]], [0, 1], [-1], "tiles holds an index"),
-    ],
-)
-def test_hit_matrix_refuses(ranked, offsets, tiles, message):
-    arrays = np.array(ranked, np.int32), np.array(offsets), np.array(tiles, np.int32)
-    with pytest.raises(ValueError, match=message):
-        pairs.hit_matrix(*arrays, 3)
 
 
 # --- scores by hand ---------------------------------------------------------------------------
@@ -171,20 +153,12 @@ def test_scores_do_not_depend_on_the_block(monkeypatch):
     found = rng.random((57, 23)) < 0.4
     positives = found.sum(axis=1) + 2
     whole = metrics.average_precision(found, positives), metrics.ndcg_at(found, positives, 9)
-    monkeypatch.setattr(metrics, "_CELLS", 50)
+    monkeypatch.setattr(metrics, "_HIT_CELLS", 50)
     blocks = metrics.average_precision(found, positives), metrics.ndcg_at(found, positives, 9)
     assert all(a.tobytes() == b.tobytes() for a, b in zip(whole, blocks, strict=True))
 
 
-def test_metrics_refuse_what_does_not_fit():
-    with pytest.raises(ValueError, match="k is 0"):
-        metrics.recall_at(HITS, 0)
-    with pytest.raises(ValueError, match="expected bool"):
-        metrics.recall_at(HITS.astype(float), 1)
-    with pytest.raises(ValueError, match="expected bool"):
-        metrics.first_hit_rank(HITS[0])
-    with pytest.raises(ValueError, match=r"expected \(5,\)"):
-        metrics.ndcg_at(HITS, POSITIVES[:1], 1)
+def test_an_unknown_variant_is_refused():
     with pytest.raises(ValueError, match=r"unknown variant 'voc', expected one of .'precision'"):
         metrics.average_precision_at(HITS, POSITIVES, 1, "voc")
 
@@ -254,3 +228,56 @@ def test_the_best_list_scores_one(n_positives, k):
     assert scores.pop("trec") == min(n_positives, k) / n_positives
     assert scores.pop("precision") == min(n_positives, k) / k
     assert all(score == 1 for score in scores.values())
+
+
+# --- distances ---------------------------------------------------------------------------------
+
+INF = np.inf
+METRES = np.array([[0.0, 100.0, INF], [30.0, 0.0, 10.0], [INF, INF, INF]])
+
+
+def test_sdm():
+    # k = 2: weights 2 and 1.
+    tenth = math.exp(-0.1)
+    expected = [(2 + tenth) / 3, (2 * math.exp(-0.03) + 1) / 3, 0]
+    np.testing.assert_allclose(metrics.sdm_at(METRES, 2, 0.001), expected, rtol=1e-15)
+    # k = 5 on a list of three: weights 5, 4, 3 of 15.
+    expected = [(5 + 4 * tenth) / 15, (5 * math.exp(-0.03) + 4 + 3 * math.exp(-0.01)) / 15, 0]
+    np.testing.assert_allclose(metrics.sdm_at(METRES, 5, 0.001), expected, rtol=1e-15)
+
+
+AUTHORS = (6.0, 0.9)  # steepness, tolerance
+
+
+def test_pdm():
+    # Tiles of 100 m: the gain is 1/2 at 90 m, 1/(1 + e^-5.4) at 0, 1/(1 + e^0.6) at 100 m.
+    zero, hundred = 1 / (1 + math.exp(-5.4)), 1 / (1 + math.exp(0.6))
+    metres = np.array([[90.0, 100.0], [0.0, 0.0], [INF, 0.0], [1e9, INF]])
+    expected = [(2 * 0.5 + hundred) / 3, zero, zero / 3, 0]
+    scores = metrics.pdm_at(metres, 2, np.full(metres.shape, 100.0), *AUTHORS)
+    np.testing.assert_allclose(scores, expected, rtol=1e-14)
+
+
+def test_pdm_takes_a_size_for_each_tile():
+    metres, sizes = np.array([[50.0, 200.0, 7.0]]), np.array([[100.0, 400.0, 1.0]])
+    scores = metrics.pdm_at(metres, 2, sizes, *AUTHORS)
+    np.testing.assert_allclose(scores, 1 / (1 + math.exp(6 * (0.5 - 0.9))), rtol=1e-15)
+
+
+DISTANCES = hnp.arrays(
+    np.float64,
+    hnp.array_shapes(min_dims=2, max_dims=2, max_side=6),
+    elements=st.floats(0, 1e6) | st.just(INF),
+)
+
+
+@given(DISTANCES, st.integers(1, 8), st.floats(0, 1))
+def test_nearer_is_never_worse(metres, k, share):
+    near = np.minimum(metres, 1e6) * share
+    for score in (
+        lambda d: metrics.sdm_at(d, k, 0.001),
+        lambda d: metrics.pdm_at(d, k, np.full(d.shape, 300.0), *AUTHORS),
+    ):
+        far_score, near_score = score(metres), score(near)
+        assert ((far_score >= 0) & (near_score <= 1)).all()
+        assert (far_score <= near_score + 1e-15).all()  # exp is monotone but for its last bit

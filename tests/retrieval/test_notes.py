@@ -132,28 +132,6 @@ def test_ranks_that_short_lists_lack_score_nothing(
     assert has(both(path, data), "AP@5", "R@5") == (depth == 1)
 
 
-def test_mistyped_ids_are_named_beside_what_they_may_mean(
-    data: Path, tmp_path: Path, perfect: dict[str, Any]
-) -> None:
-    ids = [*perfect["query_ids"]]
-    ids[1], ids[7] = "east/q0001", "wets/q00001"
-    path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=perfect["ranked_ids"]
-    )
-    notes = both(path, data)
-    assert has(notes, "lack, scored at their worst: 2 of 10 (east/q00001, west/q00001)")
-    assert has(notes, "no queries, left aside: 2 ", "'east/q0001' (did you mean 'east/q00001'?)")
-    assert has(notes, "'wets/q00001' (did you mean 'west/q00001'?)")
-
-
-def test_a_template_gives_no_reason_for_notes(data: Path, tmp_path: Path) -> None:
-    # Its lists reach as deep as the protocol looks.
-    scene = MadeScene("s", [[q] for q in range(3)], 150)
-    write_benchmark(data / "made", made_protocol([scene]), [scene])
-    assert run_main("template", "made-retrieval", "--data", data, "--out", tmp_path / "t.npz") == 0
-    assert both(tmp_path / "t.npz", data) == []
-
-
 def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     data: Path, tmp_path: Path, scenes: list[MadeScene]
 ) -> None:
@@ -163,29 +141,6 @@ def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     notes = both(path, data)
     assert has(notes, "10 queries depend on ties")
     assert has(notes, "10 queries give all tiles the same score")
-
-
-def test_scores_that_turn_between_scenes_are_refused_by_both(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
-    falling = np.tile(-np.arange(float(len(perfect["ranked_ids"][0]))), (10, 1))
-    falling[6:] *= -1  # all of the second scene
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", scores=falling, **perfect)
-    for command in (["eval", "retrieval"], ["check"]):
-        assert run_main(*command, path, "--data", data) in (1, 2)
-        assert "scores are not in order for 4 of 10 queries" in capsys.readouterr().err
-
-
-def test_tiles_with_an_ending_are_told_to_leave_it_out(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
-    for ending in (".png", ".JPG"):
-        ranked = [[f"{tile}{ending}" for tile in row] for row in perfect["ranked_ids"]]
-        path = write_predictions(
-            tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=ranked
-        )
-        assert run_main("eval", "retrieval", path, "--data", data) == 2
-        assert "leave out the file's ending" in capsys.readouterr().err
 
 
 def test_the_chance_level_stands_beside_the_scores(
@@ -210,30 +165,6 @@ def _scores_of(data: Path) -> Any:
     from airzoo_bench.protocol.lookup import find_protocol
 
     return find_protocol("made-retrieval", data).scores
-
-
-def test_a_scene_without_a_query_is_named_and_no_traceback(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
-    scenes = [MadeScene("east", [[q, q + 1] for q in range(6)], 12), MadeScene("west", [], 8)]
-    write_benchmark(data / "made", made_protocol(scenes), scenes)
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
-    assert run_main("eval", "retrieval", path, "--data", data) == 2
-    assert "scene west has no query: 0 photos" in capsys.readouterr().err
-    assert run_main("check", path, "--data", data) == 0
-    assert "scene west has no query" in capsys.readouterr().err
-
-
-def test_another_number_of_queries_than_the_paper_has_is_noted_by_both(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], scenes: list[MadeScene]
-) -> None:
-    chosen = made_protocol(scenes)
-    listed = [scene.model_copy(update={"queries": 5}) for scene in chosen.scenes]
-    write_benchmark(data / "made", chosen.model_copy(update={"scenes": tuple(listed)}), scenes)
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
-    notes = both(path, data)
-    assert has(notes, "scene Scene east has 6 queries here, 5 in the paper")
-    assert has(notes, "scene Scene west has 4 queries here, 5 in the paper")
 
 
 def test_the_template_says_what_chance_scores(

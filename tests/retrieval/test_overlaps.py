@@ -8,14 +8,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.retrieval.pairs import Positives
 from airzoo_bench.retrieval.positives import (
     overlap_of,
     overlaps,
     positives_from_iou,
-    positives_from_points,
 )
+from airzoo_bench.retrieval.truth import Positives
 from tests.retrieval.positive_support import UNIT_BOX, grid
 
 
@@ -93,79 +91,3 @@ def test_iou_threshold_is_strict():
     found = positives_from_iou(half, UNIT_BOX, 0.49)
     assert found.tiles.tolist() == [0]
     assert found.overlap.tolist() == [0.5]
-
-
-def test_checked_takes_what_a_file_holds():
-    found = Positives.checked(
-        np.array([0, 2, 2]), np.array([1, 4]), np.array([0.5, 1]), n_queries=2, n_tiles=5
-    )
-    assert found.of(0).tolist() == [1, 4]
-    assert found.of(1).tolist() == []
-    assert found.queries.tolist() == [0, 0]
-    assert found.holds(np.array([0, 0, 1]), np.array([4, 2, 1]), 5).tolist() == [True, False, False]
-
-
-@pytest.mark.parametrize(
-    ("offsets", "tiles", "overlap", "fault"),
-    [
-        ([0, 2], [1, 4], None, "shape"),
-        ([1, 2, 2], [1, 4], None, "rise"),
-        ([0, 3, 2], [1, 4], None, "rise"),
-        ([0, 1, 3], [1, 4], None, "rise"),
-        ([0, 1, 2], [1, 5], None, "gallery"),
-        ([0, 1, 2], [-1, 4], None, "gallery"),
-        ([0, 2, 2], [4, 1], None, "ascend"),
-        ([0, 2, 2], [4, 4], None, "ascend"),
-        ([0, 1, 2], [1.0, 4.0], None, "integers"),
-        ([0, 1, 2], [1, 4], [0.5, np.nan], "overlaps"),
-        ([0, 1, 2], [1, 4], [0.5], "overlaps"),
-    ],
-)
-def test_checked_refuses_damage(offsets, tiles, overlap, fault):
-    ratio = None if overlap is None else np.array(overlap)
-    with pytest.raises(BenchmarkError, match=fault) as caught:
-        Positives.checked(
-            np.array(offsets), np.array(tiles), ratio, n_queries=2, n_tiles=5, where="p.npz"
-        )
-    assert caught.value.where == "p.npz"
-
-
-def test_descending_tiles_of_different_queries_are_fine():
-    Positives.checked(np.array([0, 1, 2]), np.array([4, 1]), n_queries=2, n_tiles=5)
-
-
-def test_wrong_shapes_are_refused():
-    with pytest.raises(ValueError, match="points"):
-        positives_from_points(np.zeros((1, 2)), UNIT_BOX)
-    with pytest.raises(ValueError, match="boxes"):
-        positives_from_points(np.zeros((1, 1, 2)), np.zeros((1, 3)))
-    with pytest.raises(ValueError, match="polygons"):
-        overlaps(np.zeros((1, 5, 2)), UNIT_BOX)
-    with pytest.raises(ValueError, match="1 polygons for 0"):
-        overlap_of(np.zeros((1, 4, 2)), UNIT_BOX, Positives(np.zeros(1, int), np.zeros(0, int)))
-
-
-@pytest.mark.parametrize(
-    "box",
-    [
-        [1.0, 0, 0, 1],
-        [0, 1.0, 1, 0],
-        [np.nan, 0, 1, 1],
-        [0, 0, 1, np.nan],
-        [-np.inf, 0, 1, 1],
-        [0, 0, 1, np.inf],
-    ],
-    ids=["west of east", "south of north", "NaN", "NaN at last", "-infinity", "infinity"],
-)
-def test_boxes_that_are_none_are_refused_by_row(box):
-    boxes = np.array([[0.0, 0, 1, 1], box, [0, 0, 1, 1]])
-    corners = np.array([[[0, 0], [1, 0], [1, 1], [0, 1.0]]])
-    for call in (
-        lambda: positives_from_points(corners, boxes),
-        lambda: overlaps(corners, boxes),
-        lambda: positives_from_iou(corners, boxes, 0.1),
-    ):
-        with pytest.raises(BenchmarkError, match=r"without a valid box: 1 of 3 \(1\)"):
-            call()
-    flat = np.array([[0.0, 0, 0, 1], [0, 0, 1, 0]])  # without area, but boxes
-    assert positives_from_points(corners, flat).tiles.tolist() == [0, 1]

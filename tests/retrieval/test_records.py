@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
-from airzoo_bench.retrieval.ties import Ranking
 from tests.support import MadeScene, made_protocol, made_truth
 
 SCENE = MadeScene("east", [[3], [0], [1, 2]], 9)

@@ -14,7 +14,7 @@ from airzoo_bench.reconstruction.scores import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.sampling import is_hit
-from airzoo_bench.retrieval.scores import retrieval_scores
+from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.tables.comparison_layout import comparison_table

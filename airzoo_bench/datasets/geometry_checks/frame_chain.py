@@ -24,43 +24,30 @@ from airzoo_bench.geometry.crs import (
 )
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 
-__all__ = ["CLOSES_M", "CLOSES_PX", "RANGES_M", "FrameChain", "check_frame_chain"]
+__all__ = ["CLOSES_M", "CLOSES_PX", "FrameChain", "check_frame_chain"]
 
 CLOSES_M = 1e-6
-"""The chain closes where no point comes back farther off than this (PROTOCOLS.md)."""
-
+"""The chain closes where no point comes back farther off than this."""
 CLOSES_PX = 1e-3
 """Nor any pixel: 1e-6 m at 10 m from a camera of 10,000 px focal length."""
-
 RANGES_M = (10.0, 100.0, 1000.0)
 """Distances from the camera at which points are sent through the chain."""
-
 _SIDE = 5
-_BLOCK = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class FrameChain:
     """How well the chain closes for N photos.
 
-    Attributes
-    ----------
-    closure_m, closure_px : (N,) float64
-        The farthest that a point or pixel of the photo comes back from where it started; infinite
-        where one does not come back.
-    lens_fails : (N,) bool
-        A pixel of the photo, borders included, has no ray.
-    off_crs : (N,) bool
-        The camera, or a point that it sees, is no place of the CRS.
-    convergence_deg : (N,) float64
-        From true north to the north of the grid, clockwise; NaN where `off_crs`.
+    `closure_m` and `closure_px` (N,) are the farthest that a point or pixel comes back from where
+    it started, infinite where one does not; `lens_fails` and `off_crs` (N,) say where a pixel has
+    no ray, and where the camera or a point is no place of the CRS.
     """
 
     closure_m: Floats
     closure_px: Floats
     lens_fails: Bools
     off_crs: Bools
-    convergence_deg: Floats
 
     @property
     def open_photos(self) -> Bools:
@@ -76,50 +63,30 @@ class FrameChain:
 
 def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
     """Send a grid of 5 x 5 pixels of each photo, borders included, through the chain and back."""
-    parts = [
-        _checked(cameras.take(part), poses.take(part), crs)
-        for start in range(0, len(poses), _BLOCK)
-        for part in [slice(start, start + _BLOCK)]
-    ]
-    names = ("closure_m", "closure_px", "lens_fails", "off_crs", "convergence_deg")
-    return FrameChain(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
-
-
-def _checked(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
-    pixels = _pixel_grid(cameras)
+    share = np.linspace(0.0, 1.0, _SIDE)
+    grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
+    pixels = grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
     rays = back_project(cameras, pixels)
     lonlat = to_lonlat(crs, poses.centres[:, :2])
-    convergence = grid_convergence_deg(crs, lonlat)
-    to_true = _turn_about_up(convergence)
+    to_true = _turn_about_up(grid_convergence_deg(crs, lonlat))
     directions = apply_matrix(to_true[:, None], rays_to_world(poses, rays))
     sent = (np.array(RANGES_M)[:, None] * directions[:, :, None]).reshape(len(poses), -1, 3)
     axes = enu_axes(lonlat)
     origin = geodetic_to_ecef(np.concatenate([lonlat, poses.centres[:, 2:]], axis=1))
-
     geodetic = ecef_to_geodetic(apply_matrix(axes[:, None], sent) + origin[:, None])
     plane = from_lonlat(crs, geodetic[..., :2])
     back = np.concatenate([to_lonlat(crs, plane), geodetic[..., 2:]], axis=-1)
     there = geodetic_to_ecef(back) - origin[:, None]
-    returned = apply_matrix(_transposed(axes)[:, None], there)
-    grid = apply_matrix(_transposed(to_true)[:, None], returned)
-    seen = project(cameras, apply_matrix(poses.rotation[:, None], grid))
-
-    no_ray = np.asarray(np.isnan(rays).any(axis=(1, 2)))
-    lost = np.asarray(np.isnan(plane).any(axis=-1) & ~np.isnan(sent).any(axis=-1))
-    nowhere = np.asarray(lost.any(axis=1) | np.isnan(lonlat).any(axis=1))
+    returned = apply_matrix(np.swapaxes(axes, -1, -2)[:, None], there)
+    on_grid = apply_matrix(np.swapaxes(to_true, -1, -2)[:, None], returned)
+    seen = project(cameras, apply_matrix(poses.rotation[:, None], on_grid))
+    lost: Bools = np.asarray(np.isnan(plane).any(axis=-1) & ~np.isnan(sent).any(axis=-1))
     return FrameChain(
         _worst(returned - sent),
         _worst(seen - np.repeat(pixels, len(RANGES_M), axis=1)),
-        no_ray,
-        nowhere,
-        convergence,
+        np.asarray(np.isnan(rays).any(axis=(1, 2))),
+        np.asarray(lost.any(axis=1) | np.isnan(lonlat).any(axis=1)),
     )
-
-
-def _pixel_grid(cameras: Cameras) -> Floats:
-    share = np.linspace(0.0, 1.0, _SIDE)
-    grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-    return grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
 
 
 def _turn_about_up(convergence_deg: Floats) -> Floats:
@@ -128,10 +95,6 @@ def _turn_about_up(convergence_deg: Floats) -> Floats:
     cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
     rows = ((cosine, sine, zero), (-sine, cosine, zero), (zero, zero, zero + 1.0))
     return np.moveaxis(np.array(rows), -1, 0)
-
-
-def _transposed(matrices: Floats) -> Floats:
-    return np.swapaxes(matrices, -1, -2)
 
 
 def _worst(differences: Floats) -> Floats:

@@ -10,7 +10,9 @@ from typing import Annotated
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.registry import Option
-from airzoo_bench.datasets.dataset import Dataset, Prepared, PrepareSettings
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,8 @@ class MiniOptions:
 class AirZooMini(Dataset[MiniOptions]):
     """The benchmark that is made on the spot."""
 
-    summary = (
-        "Make AirZoo-Mini: a made-up world, flights over it, photos, and the truth of every "
-        "track.\n\nNeeds no data. Worlds and photos are kept in the data root: a run that was "
-        "stopped goes on."
-    )
-    example = "airzoo-mini"
+    name = "airzoo-mini"
+    about = about_of("airzoo-mini")
     options = MiniOptions
     jobs = 2
 
@@ -64,7 +62,15 @@ class AirZooMini(Dataset[MiniOptions]):
         """Return the name, which has the seed in it where that is not 0."""
         from airzoo_bench.datasets.mini.prepare import mini_protocols
 
-        return mini_protocols(options.source).every[0].benchmark
+        return mini_protocols(options.source).benchmark
+
+    def folder_name(self, options: MiniOptions, root: Path) -> str:
+        """Return the benchmark's name."""
+        return self.benchmark(options)
+
+    def is_prepared(self, options: MiniOptions, settings: PrepareSettings) -> bool:
+        """Return False: what is kept of worlds and photos makes another run short."""
+        return False
 
     def prepare(self, options: MiniOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `mini.prepare.prepare_airzoo_mini`."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
 from airzoo_bench.core.progress import Progress, shown, silent
-from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
+from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.flights import (
     Airspace,
@@ -43,7 +43,7 @@ from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world.build import build_world
 from airzoo_bench.datasets.mini.world.model import CRS, REGIONS, Region
 from airzoo_bench.datasets.mini.world.store import ensure_world, load_world
-from airzoo_bench.datasets.scene_content import SceneContent
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -51,15 +51,9 @@ from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.poses import Poses, depth_to_points
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.prepared import grid_origin
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.voxels import VoxelGrid
-from airzoo_bench.retrieval.settings import RetrievalProtocol
-
-P = TypeVar("P", bound=Protocol)
 
 SURVEY, ROLL = "survey", "roll"
 
@@ -146,15 +140,12 @@ def seen_surface(photos: Photos, folder: Path, grid: VoxelGrid, progress: Progre
 
 def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
-    return BenchmarkProtocols(
-        _protocol("retrieval", RetrievalProtocol, seed),
-        _protocol("matching", MatchingProtocol, seed),
-        _protocol("reconstruction", ReconstructionProtocol, seed),
-    )
+    tracks = ("retrieval", "matching", "reconstruction")
+    shipped = BenchmarkProtocols.named([f"airzoo-mini-{track}" for track in tracks], Path())
+    return BenchmarkProtocols(tuple(_of_seed(one, seed) for one in shipped.every))
 
 
-def _protocol(track: str, kind: type[P], seed: int) -> P:
-    protocol = protocol_of_track(f"airzoo-mini-{track}", Path(), kind)
+def _of_seed(protocol: Protocol, seed: int) -> Protocol:
     if seed == 0:
         return protocol
     which, said = ("sealed", "sealed edition") if is_keyed(seed) else (str(seed), f"seed {seed}")

@@ -1,91 +1,181 @@
-"""AerialExtreMatch's localisation set: oblique photos of 6-DoF truth, matched to DOM and DSM."""
+"""AerialExtreMatch's localisation set: oblique photos of 6-DoF truth, matched to DOM and DSM.
+
+::
+
+    rgb/<name>.JPG     queries
+    gt_pose.txt        name qw qx qy qz tx ty tz: world-to-camera, OpenCV axes, EPSG:4547
+    intrinsic.txt      name PINHOLE width height fx fy cx cy
+    HQref/, LQref/     an orthophoto and a surface model as GeoTIFF, with .prj and .tfw
+
+Names agree up to their first point.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.native import NativeDataset
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import AerialExtreMatchOptions
+from airzoo_bench.core.registry import Option
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
+from airzoo_bench.datasets.published.maps import find_maps, only_one, with_georeference
+from airzoo_bench.datasets.published.places import (
+    files_by_key,
+    find_home,
+    missing,
+    stem_key,
+    sub_path,
+)
+from airzoo_bench.datasets.published.pose_lines import PosedLines, read_posed_lines
+from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
+from airzoo_bench.geometry.crs import check_same_crs
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import protocol_of_track
 
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.truths import BenchmarkProtocols
+__all__ = ["AERIALEXTREMATCH", "AerialExtreMatchOptions"]
 
-__all__ = ["AERIALEXTREMATCH", "AerialExtreMatch"]
+_CRS = "EPSG:4547"
+_SCENE = "localization"
+_FOLDERS = {"hq": "HQref", "lq": "LQref"}
+_LAYOUT = "rgb/*.JPG, gt_pose.txt, intrinsic.txt, and HQref/*.tif or LQref/*.tif"
+_WITHIN_PX = 1.0
 
-SCENE = "localization"
+
+@dataclass(frozen=True)
+class AerialExtreMatchOptions(SourceOptions):
+    """What differs from the protocol that the paper follows."""
+
+    reference: Annotated[
+        Literal["hq", "lq"],
+        Option("reference", "Map and surface model of high (HQref) or low quality (LQref)."),
+    ] = "hq"
+    prior: Annotated[
+        Literal["metadata", "truth"],
+        Option(
+            "prior",
+            "Crop by the photos' own GPS and gimbal angles, or by the truth, as the benchmark's "
+            "own configuration does: that is another benchmark, and named so.",
+        ),
+    ] = "metadata"
+    priors: Annotated[
+        Path | None,
+        Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
+    ] = None
 
 
-class AerialExtreMatch(NativeDataset[AerialExtreMatchOptions]):
+class AerialExtreMatch(Dataset[AerialExtreMatchOptions]):
     """The localisation set of AerialExtreMatch."""
 
-    summary = (
-        "Make a benchmark folder of AerialExtreMatch's localisation set.\n\n"
-        "The folder holds rgb, HQref, LQref, gt_pose.txt and intrinsic.txt. HQ references make the "
-        "benchmark aerialextrematch, LQ ones aerialextrematch-lq."
-    )
-    example = "aerialextrematch --source AerialExtreMatch-Localization"
+    name = "aerialextrematch"
+    about = about_of("aerialextrematch")
     options = AerialExtreMatchOptions
-    without_truth = MappingProxyType(
-        {"matching": "no photo states GPS position and gimbal angles (--priors, or --prior truth)"}
-    )
-    about = About(
-        title="AerialExtreMatch, localization",
-        page="https://huggingface.co/datasets/Xecades/AerialExtreMatch-Localization",
-        licence="not known here: the dataset's page states it (the code is under the MIT licence)",
-        repository="Xecades/AerialExtreMatch-Localization",
-        assumptions=(
-            "The paper does not say which references it took; HQref is the default here, LQref "
-            "makes a benchmark of another name.",
-            "Priors are the GPS position and gimbal angles of the photos' own metadata; the "
-            "configuration that AerialExtreMatch ships crops by the true pose instead "
-            "(--prior truth).",
-            "A surface model without a nodata value has no height where its lowest number, if 0 "
-            "or less, stands: AerialExtreMatch's code takes heights above 0 only.",
-            "Photos have no lens distortion: intrinsic.txt states pinhole cameras.",
-            "The yaw_flag of AerialExtreMatch's own evaluation turns queries before matching; it "
-            "changes no truth. Matches in turned photos have to be turned back.",
-        ),
-        unverified=(
-            "Whether the GeoTIFFs state their CRS themselves; where not, the .prj next to them "
-            "does, and the .tfw is of pixel centres.",
-            "Whether the photos as published still carry DJI's metadata.",
-        ),
-    )
 
     def benchmark(self, options: AerialExtreMatchOptions) -> str:
         """Return the name, which says what differs from the protocol's."""
         lq, by_truth = options.reference == "lq", options.prior == "truth"
-        return "aerialextrematch" + "-lq" * lq + "-truth-prior" * by_truth
+        return self.name + "-lq" * lq + "-truth-prior" * by_truth
 
-    def protocols(self, options: AerialExtreMatchOptions, root: Path) -> BenchmarkProtocols:
+    def benchmark_protocols(
+        self, options: AerialExtreMatchOptions, root: Path
+    ) -> BenchmarkProtocols:
         """Return aerialextrematch-matching, or one of the options' name that derives from it."""
-        from airzoo_bench.datasets.published.variants import variant_of
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
-        from airzoo_bench.matching.settings import MatchingProtocol
-        from airzoo_bench.protocol.lookup import protocol_of_track
-
         base = protocol_of_track("aerialextrematch-matching", root, MatchingProtocol)
         changes = {"prior": {"source": options.prior}}
-        return BenchmarkProtocols(matching=variant_of(base, self.benchmark(options), changes))
+        return BenchmarkProtocols((variant_of(base, self.benchmark(options), changes),))
 
-    def scenes(self, options: AerialExtreMatchOptions) -> list[str]:
+    def scenes(self, options: AerialExtreMatchOptions) -> Mapping[str, Sequence[Path]]:
         """Return the one scene, if its files are there."""
-        from airzoo_bench.datasets.published.aerialextrematch_files import localization_files
-
-        localization_files(options.source, options.reference)
-        return [SCENE]
+        priors = () if options.priors is None else (options.priors,)
+        return {_SCENE: (*_parts(options), *priors)}
 
     def read(self, options: AerialExtreMatchOptions, scene: str, progress: Progress) -> NativeScene:
         """Read photos, cameras, poses and references."""
-        from airzoo_bench.datasets.published.aerialextrematch_files import read_localization
+        images, poses, cameras, references = _parts(options)
+        photos = files_by_key(images, stem_key, _LAYOUT)
+        posed = read_posed_lines(images, photos, poses, cameras, stem_key, progress)
+        _check_sizes(posed, cameras)
+        names = posed.photos.names
+        metadata = photo_metadata(names, images, options.priors, photos.values(), progress)
+        maps, surfaces = find_maps(references)
+        move = "leave one in the folder, the others elsewhere"
+        made = data_root() / "made" / self.name / f"{scene}-{options.reference}"
+        dom, notes = with_georeference(only_one(maps, "orthophoto", references, move), made)
+        surface = only_one(surfaces, "surface model", references, move)
+        dsm, more = with_georeference(surface, made, heights=True)
+        for path in (dom, dsm):
+            check_same_crs(_CRS, open_info(path).crs, f"the poses and {path.name}")
+        return NativeScene(
+            scene,
+            images,
+            names,
+            posed.photos.cameras,
+            posed.photos.poses,
+            _CRS,
+            dom=dom,
+            dsm=dsm,
+            priors=metadata_priors(metadata, _CRS),
+            metadata=metadata,
+            unposed=posed.unposed,
+            notes=(*posed.notes, f"references of {references.name}", *notes, *more),
+            poses_from=poses,
+        )
 
-        return read_localization(options.source, options.reference, options.priors, scene, progress)
+
+def _parts(options: AerialExtreMatchOptions) -> tuple[Path, Path, Path, Path]:
+    """Return photos, poses, cameras and references of the localisation set."""
+    if sub_path(options.source, "class_0") and not sub_path(options.source, "gt_pose.txt"):
+        raise BenchmarkError(
+            "these are AerialExtreMatch's evaluation pairs, class_0 to class_31, whose .npy files "
+            "are Python pickles: to read one is to run what it says, which is never done here",
+            where=options.source,
+            expected=f"the localization set: {_LAYOUT}",
+            fix="where you trust them, write them as .npz and score poses by "
+            "airzoo_bench.pose_errors: docs/benchmarks.md has the lines",
+        )
+    home = find_home(
+        options.source,
+        lambda folder: any(sub_path(folder, part) for part in ("gt_pose.txt", "rgb")),
+        _LAYOUT,
+    )
+    parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[options.reference])
+    found = [sub_path(home, part) for part in parts]
+    lacking = [part for part, path in zip(parts, found, strict=True) if path is None]
+    if lacking:
+        fix = "download what is missing, or name the other references with --reference"
+        raise missing(f"lacks {', '.join(lacking)}", home, _LAYOUT, fix)
+    images, poses, cameras, references = (path for path in found if path is not None)
+    return images, poses, cameras, references
+
+
+def _check_sizes(posed: PosedLines, path: Path) -> None:
+    """Hold photos to their camera's size and to twice its principal point."""
+    size, stated = posed.size, posed.stated_size
+    twice = 2.0 * posed.photos.cameras.principal_point * stated / size
+    apart = np.maximum(np.abs(stated - size), np.abs(twice - size)).max(axis=1)
+    odd = [
+        f"{posed.photos.names[i]} is {size[i, 0]:g}x{size[i, 1]:g}, its camera for "
+        f"{stated[i, 0]:g}x{stated[i, 1]:g} with 2 cx x 2 cy = {twice[i, 0]:g}x{twice[i, 1]:g}"
+        for i in np.flatnonzero(apart > _WITHIN_PX).tolist()
+    ]
+    if odd:
+        raise CameraError(
+            f"photos of another size than their cameras: {first_of(odd, len(size))}",
+            where=path,
+            expected="width and height of the photo, and the principal point in its middle, as "
+            "the benchmark's own code takes it",
+            fix="use the photos as they were downloaded, at their full size",
+        )
 
 
 AERIALEXTREMATCH = AerialExtreMatch()
-"""What `prepare aerialextrematch` makes."""

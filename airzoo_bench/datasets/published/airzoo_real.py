@@ -1,206 +1,517 @@
-"""AirZoo-Real: two survey regions for retrieval and matching, four sites for reconstruction."""
+"""AirZoo-Real: two survey regions for retrieval and matching, four sites for reconstruction.
+
+What the files of ``Scene1`` (City) and ``Scene2`` (Rural) are called is not known, so they are told
+by their kind: photos, rasters of colours and of heights, and DJI's tables of RTK positions (.MRK).
+
+::
+
+    airzoo_real_recon/<site>/<hours>/images/{i}_0.png       photos (_1, _2: other renderings)
+                                    /poses/poses/t_pose.txt  name qw qx qy qz tx ty tz
+                                    /poses/intrinsics/t_intrinsic.txt
+                     /dom/fcw_hangtian_DSM.tif               heights, 0.5 m a pixel
+
+Poses of sites are world-to-camera with OpenGL's camera axes; cameras are written for photos of
+4032x3024 while those that are there have a quarter of that size.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
+import numpy as np
+
+from airzoo_bench.benchmark.images import photo_size
+from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
+from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.native import NativeDataset
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import AirZooRealOptions
+from airzoo_bench.core.registry import Option
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.metadata import (
+    PhotoPrior,
+    metadata_priors,
+    photo_metadata,
+    priors_to_poses,
+    read_prior_file,
+)
+from airzoo_bench.datasets.published.maps import find_maps, only_one, with_georeference
+from airzoo_bench.datasets.published.places import (
+    files_by_key,
+    find_home,
+    missing,
+    published_scenes,
+    stem_key,
+    sub_path,
+)
+from airzoo_bench.datasets.published.pose_lines import PosedLines, read_posed_lines
+from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.surveys.dji_files import (
+    FIXED,
+    DjiTags,
+    TimeStamp,
+    photo_cameras,
+    read_tags,
+    read_time_stamps,
+)
+from airzoo_bench.datasets.tables import values_by_scene
+from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import geodesic_distance_m
+from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import protocol_of_track
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.published.airzoo_real_photos import RegionFiles, RegionOptions
-    from airzoo_bench.datasets.truths import BenchmarkProtocols
-    from airzoo_bench.retrieval.settings import RetrievalProtocol
+__all__ = ["AIRZOO_REAL", "AirZooRealOptions"]
 
-__all__ = ["AIRZOO_REAL", "AirZooReal"]
-
-NAME = "airzoo-real"
-
+_CRS = "EPSG:4547"
+_REGIONS: Mapping[str, str] = {"City": "Scene1", "Rural": "Scene2"}
+_SITES: Mapping[str, str] = {
+    "school": "xuexiao",
+    "driving-school": "jiaxiao",
+    "substation": "biandian",
+    "plaza": "guangchang",
+}
 _RECON = "airzoo_real_recon"
-_HOURS = {
-    "school": ("xuexiao", "06-08 12-14 18-20 22-24"),
-    "driving-school": ("jiaxiao", "06-08 12-14 18-20 22-24"),
-    "substation": ("biandian", "06-08 12-14 18-20"),
-    "plaza": ("guangchang", "06-08 12-14 18-20"),
-}
-_SCENE_FILES = {"City": ("Scene1/*",), "Rural": ("Scene2/*",)} | {
-    f"{site}-{hours}": (f"*/{folder}/{hours}/*", f"{_RECON}/dom/*", f"{_RECON}/*/dom/*")
-    for site, (folder, every) in _HOURS.items()
-    for hours in every.split()
-}
+_SURFACE = "fcw_hangtian_DSM.tif"
+_OPENGL = (1.0, -1.0, -1.0)
+_PHOTO_NUMBER = re.compile(r"_(\d{4})(?:_[A-Z])?$")
+_SAME_PLACE_M = 100.0  # of a table's position and the photo's own
+# As `matching.prepare` tells priors that are the truth.
+_SAME_M, _SAME_DEG = 0.02, 0.1
+_LAYOUT = (
+    "Scene1/ (City) and Scene2/ (Rural), each with photos, a DOM, a DSM and RTK tables, and "
+    f"{_RECON}/{{{','.join(_SITES.values())}}}/06-08/images, poses/poses/t_pose.txt, "
+    "poses/intrinsics/t_intrinsic.txt"
+)
 
 
-class AirZooReal(NativeDataset[AirZooRealOptions]):
+@dataclass(frozen=True)
+class AirZooRealOptions(SourceOptions):
+    """What the release does not state, and files that are not told by their kind."""
+
+    dom: Annotated[
+        list[str] | None, Option("dom", "SCENE=FILE: the map that photos are matched to.")
+    ] = None
+    dsm: Annotated[list[str] | None, Option("dsm", "SCENE=FILE: the surface model.")] = None
+    satellite: Annotated[
+        list[str] | None, Option("satellite", "SCENE=FILE: the map of retrieval, of 0.3 m a pixel.")
+    ] = None
+    positions: Annotated[
+        list[str] | None,
+        Option("positions", "SCENE=FILE: CSV of true positions (image, lon, lat, altitude_m)."),
+    ] = None
+    priors: Annotated[
+        list[str] | None,
+        Option("priors", "SCENE=FILE: CSV of priors, where photos' metadata lack them."),
+    ] = None
+    prior: Annotated[
+        Literal["metadata", "truth"],
+        Option(
+            "prior",
+            "Crop by the photos' own metadata, or by the truth: that is another benchmark, of "
+            "matching alone, and named so.",
+        ),
+    ] = "metadata"
+    camera: Annotated[
+        list[str] | None, Option("camera", "SCENE=FILE: camera (JSON), where metadata state none.")
+    ] = None
+    height_offset: Annotated[
+        list[str] | None,
+        Option("height-offset", "SCENE=METRES to add to heights of truth and priors (default: 0)."),
+    ] = None
+    cloud: Annotated[
+        list[str] | None,
+        Option("cloud", "SCENE=FILE: true cloud of a site, such as school or school-06-08."),
+    ] = None
+    truth_reach: Annotated[
+        float,
+        Option(
+            "truth-reach",
+            "Metres around the cameras within which the surface model is the true cloud.",
+            least=1,
+            most=5000,
+        ),
+    ] = 500.0
+
+
+class AirZooReal(Dataset[AirZooRealOptions]):
     """AirZoo's own flights."""
 
-    summary = (
-        "Make a benchmark folder of AirZoo-Real.\n\n"
-        "Scene1 and Scene2 (City, Rural) serve retrieval and matching, the sites and hours of "
-        "airzoo_real_recon reconstruction; parts that are not there are left out."
-    )
-    example = "airzoo-real --source AirZoo-Real"
+    name = "airzoo-real"
+    about = about_of("airzoo-real")
     options = AirZooRealOptions
-    without_truth = MappingProxyType({})
-    about = About(
-        title="AirZoo-Real",
-        page="https://huggingface.co/datasets/RingoWRW97/AirZoo-Real",
-        licence="not known here: its page, which asks to accept conditions, states it",
-        repository="RingoWRW97/AirZoo-Real",
-        scene_files=MappingProxyType(_SCENE_FILES),
-        assumptions=(
-            "True positions of City and Rural are --positions, else DJI's RTK tables (.MRK) where "
-            "they have a fixed solution for every photo, else the photos' own where RtkFlag is 50; "
-            "sources are not mixed, photos without are left out.",
-            "Orientations of City and Rural are the gimbal's; they place footprints and crops, and "
-            "no score rests on them.",
-            "RTK heights and the surface model have one vertical datum (--height-offset).",
-            "Cameras of City and Rural are as DJI calibrated them (DewarpData), else they follow "
-            "from the focal length of 35 mm film, by the diagonal, without distortion (--camera).",
-            "Retrieval's map is the raster of 0.3 m a pixel, give or take 15 %, or --satellite; "
-            "the paper took Google's, which may not be in the release.",
-            "A prior that equals the truth is none: where both are the photos' RTK, matching has "
-            "no truth but by --priors, --positions or --prior truth.",
-            "The true cloud of a site is its surface model within 500 m of the cameras "
-            "(--truth-reach), or --cloud: the metric depth that the paper took is not in the "
-            "release. It has no facades.",
-            "Camera axes of the sites are OpenGL's, and cameras are scaled from 4032x3024 to the "
-            "photos' 1008x756.",
-        ),
-        unverified=(
-            "Names of the files in Scene1 and Scene2, and whether a satellite map is among them.",
-            "The layout of airzoo_real_recon, its axes and scale, known from one user's notes.",
-            "The vertical datum of DSM and RTK heights.",
-        ),
-    )
 
     def benchmark(self, options: AirZooRealOptions) -> str:
         """Return the name, which says where priors are the truth."""
-        return NAME + "-truth-prior" * (options.prior == "truth")
+        return self.name + "-truth-prior" * (options.prior == "truth")
 
-    def protocols(self, options: AirZooRealOptions, root: Path) -> BenchmarkProtocols:
+    def benchmark_protocols(self, options: AirZooRealOptions, root: Path) -> BenchmarkProtocols:
         """Return the protocols of the parts that are there."""
-        from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
-        from airzoo_bench.datasets.published.variants import variant_of
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
-        from airzoo_bench.matching.settings import MatchingProtocol
-        from airzoo_bench.protocol.lookup import protocol_of_track
-        from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-
-        wanted = options.scene or self.scenes(options)
-        regions = [scene for scene in wanted if scene in REGIONS]
-        matching = protocol_of_track(f"{NAME}-matching", root, MatchingProtocol)
+        matching = protocol_of_track(f"{self.name}-matching", root, MatchingProtocol)
         if options.prior == "truth":
             changes = {"prior": {"source": "truth"}}
-            by_truth = variant_of(matching, self.benchmark(options), changes)
-            return BenchmarkProtocols(matching=by_truth)
-        sites = protocol_of_track(f"{NAME}-reconstruction", root, ReconstructionProtocol)
-        maps = [_region(options, scene).satellite for scene in regions]
-        return BenchmarkProtocols(
-            _retrieval(root) if maps and None not in maps else None,
-            matching if regions else None,
-            sites if len(wanted) > len(regions) else None,
-        )
+            return BenchmarkProtocols((variant_of(matching, self.benchmark(options), changes),))
+        wanted = options.scene or list(self.scenes(options))
+        regions = [scene for scene in wanted if scene in _REGIONS]
+        maps = [_maps(options, scene)[0].get("satellite") for scene in regions]
+        names = ["retrieval"] * bool(maps and None not in maps) + ["matching"] * bool(regions)
+        names += ["reconstruction"] * (len(wanted) > len(regions))
+        return BenchmarkProtocols.named([f"{self.name}-{track}" for track in names], root)
 
-    def scenes(self, options: AirZooRealOptions) -> list[str]:
+    def scenes(self, options: AirZooRealOptions) -> Mapping[str, Sequence[Path]]:
         """Return City, Rural, and the sites by hours, as far as they are there."""
-        from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS, region_home
-        from airzoo_bench.datasets.published.airzoo_real_sites import site_scenes
-
-        home = _home(options)
-        regions = [scene for scene in REGIONS if region_home(home, scene) is not None]
-        return regions + ([] if options.prior == "truth" else site_scenes(home))
-
-    def files(self, options: AirZooRealOptions, scene: str) -> list[Path]:
-        """Return the scene's folder, the surface model of the sites, and what options name."""
-        from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS, region_home
-        from airzoo_bench.datasets.published.airzoo_real_sites import site_files
-
-        if scene not in REGIONS:
-            return [*site_files(_home(options), scene), *_clouds(options, scene)]
-        home, said = region_home(_home(options), scene), _said_of(options, scene)
-        return [file for file in (home, *said.files) if file is not None]
+        home, found = _home(options), {}
+        for scene, folder in _REGIONS.items():
+            part = sub_path(home, folder)
+            if part is not None:
+                found[scene] = [part, *map(Path, _given_files(options, scene).values())]
+        for scene in published_scenes(f"{self.name}-reconstruction"):
+            site = _site_folder(home, scene)
+            if site is not None and options.prior == "metadata":
+                parts = (site, _dom_folder(home, site), _given_cloud(options, scene))
+                found[scene] = [part for part in parts if part is not None]
+        return found
 
     def read(self, options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a region or a site."""
-        from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS, read_region
-        from airzoo_bench.datasets.published.airzoo_real_sites import read_site
-
-        if scene in REGIONS:
-            return read_region(_region(options, scene), scene, _said_of(options, scene), progress)
-        cloud = next(iter(_clouds(options, scene)), None)
-        return read_site(_home(options), scene, cloud, options.truth_reach, progress)
+        if scene in _REGIONS:
+            return _read_region(options, scene, progress)
+        return _read_site(options, scene, progress)
 
 
 def _home(options: AirZooRealOptions) -> Path:
-    from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
-    from airzoo_bench.datasets.published.airzoo_real_sites import SITES
-    from airzoo_bench.datasets.published.places import find_home
-
-    parts = (*REGIONS.values(), "airzoo_real_recon", *SITES.values())
-    return find_home(options.source, parts, "AirZoo-Real as it is downloaded and unpacked")
+    parts = (*_REGIONS.values(), _RECON, *_SITES.values())
+    is_home = lambda folder: any(sub_path(folder, part) is not None for part in parts)  # noqa: E731
+    return find_home(options.source, is_home, _LAYOUT)
 
 
-def _retrieval(root: Path) -> RetrievalProtocol:
-    from airzoo_bench.protocol.lookup import protocol_of_track
-    from airzoo_bench.retrieval.settings import RetrievalProtocol
-
-    return protocol_of_track(f"{NAME}-retrieval", root, RetrievalProtocol)
-
-
-def _region(options: AirZooRealOptions, scene: str) -> RegionFiles:
-    from airzoo_bench.core.files import data_root
-    from airzoo_bench.datasets.published.airzoo_real_photos import region_files
-
-    gallery, _ = _retrieval(data_root()).map_rules()
-    gsd = 0.0 if isinstance(gallery.gsd_m, str) else gallery.gsd_m
-    said = _said_of(options, scene)
-    return region_files(_home(options), scene, said, (gsd, gallery.gsd_tolerance))
-
-
-def _said_of(options: AirZooRealOptions, scene: str) -> RegionOptions:
-    from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.datasets.published.airzoo_real_photos import RegionOptions
-
+def _given_files(options: AirZooRealOptions, scene: str) -> dict[str, Path]:
+    """Return the files that the user names for a region, by option."""
     names = ("dom", "dsm", "satellite", "positions", "priors", "camera")
-    named = {name: _by_scene(getattr(options, name), name).get(scene) for name in names}
-    files = {name: Path(file) for name, file in named.items() if file is not None}
-    offset = _by_scene(options.height_offset, "height-offset").get(scene, "0")
-    try:
-        metres = float(offset)
-    except ValueError as error:
-        raise UsageError(f"--height-offset {offset[:40]!r} is no number") from error
-    return RegionOptions(**files, height_offset_m=metres)
+    given = {n: values_by_scene(getattr(options, n), n, list(_REGIONS)).get(scene) for n in names}
+    return {name: Path(file) for name, file in given.items() if file is not None}
 
 
-def _clouds(options: AirZooRealOptions, scene: str) -> list[Path]:
+def _given_cloud(options: AirZooRealOptions, scene: str) -> Path | None:
     """Return the true cloud that was given for a scene, or for its site at all hours."""
-    given = _by_scene(options.cloud, "cloud")
-    names = (scene, scene.rsplit("-", 2)[0])
-    return [Path(given[name]) for name in names if name in given][:1]
+    known = [*_SITES, *published_scenes("airzoo-real-reconstruction")]
+    given = values_by_scene(options.cloud, "cloud", known)
+    file = given.get(scene, given.get(_site_and_hours(scene)[0]))
+    return None if file is None else Path(file)
 
 
-def _by_scene(given: list[str] | None, option: str) -> dict[str, str]:
-    from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
-    from airzoo_bench.datasets.published.airzoo_real_sites import SITE_SCENES, SITES
+def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
+    """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
+    home = sub_path(_home(options), _REGIONS[scene])
+    if home is None:
+        raise missing(f"lacks {_REGIONS[scene]}", options.source, _LAYOUT)
+    given, made = _given_files(options, scene), data_root() / "made" / "airzoo-real" / scene
+    maps, surfaces = find_maps(home)
+    protocol = protocol_of_track("airzoo-real-retrieval", data_root(), RetrievalProtocol)
+    gallery = protocol.map_rules()[0]
+    gsd = 0.0 if isinstance(gallery.gsd_m, str) else gallery.gsd_m
+    fits = [
+        path
+        for path in maps
+        if all(
+            abs(side / gsd - 1.0) <= gallery.gsd_tolerance
+            for side in gsd_m(open_info(with_georeference(path, made)[0]))
+        )
+    ]
+    satellite = given.get("satellite")
+    if satellite is None and fits:
+        satellite = only_one(fits, "satellite map", home, f"name it: --satellite {scene}=FILE")
+    others = [path for path in maps if path not in (*fits, satellite)]
+    doms = maps if len(maps) == 1 else others
+    dom = given.get("dom") or only_one(doms, "map (DOM)", home, f"name it: --dom {scene}=FILE")
+    dsm = given.get("dsm") or only_one(
+        surfaces, "surface model", home, f"name it: --dsm {scene}=FILE"
+    )
+    notes = [
+        f"{dom.name} is the DOM, {dsm.name} the surface model; "
+        + (
+            f"no map has {gsd:g} m a pixel: without --satellite {scene}=FILE retrieval has no truth"
+            if satellite is None
+            else f"{satellite.name} is the map of retrieval"
+        )
+    ]
+    found = {}
+    for what, path in (("dom", dom), ("dsm", dsm), ("satellite", satellite)):
+        if path is not None:
+            found[what], said = with_georeference(path, made, heights=what == "dsm")
+            notes += [one for one in said if one not in notes]
+    return found, notes
 
-    known = [*REGIONS]
-    if option == "cloud":
-        known = [*SITES, *SITE_SCENES]
-    pairs = [text.partition("=") for text in given or ()]
-    for scene, equals, value in pairs:
-        if scene not in known or not equals or not value:
-            raise UsageError(
-                f"--{option} {scene}{equals}{value}",
-                expected=f"SCENE=..., the scene being one of {', '.join(known)}",
-            )
-    return {scene: value for scene, _, value in pairs}
+
+def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+    """Read photos, cameras and true positions of a region."""
+    maps, notes = _maps(options, scene)
+    home, given = sub_path(_home(options), _REGIONS[scene]) or Path(), _given_files(options, scene)
+    every = sorted(p for p in home.rglob("*") if p.is_file() and not p.name.startswith("."))
+    jpegs = [p for p in every if p.suffix.lower() in (".jpg", ".jpeg")]
+    photos = [path.relative_to(home).as_posix() for path in jpegs]
+    if not photos:
+        raise missing("holds no photo", home, "the drone's photos as .JPG")
+    shown = progress(photos, "photos", len(photos))
+    sizes = {name: photo_size(home / name) for name in shown}
+    stated = photo_metadata(photos, home, None, sizes, progress)
+    metadata = stated
+    if "priors" in given:
+        table = read_prior_file(given["priors"], sizes)
+        metadata = {name: replace(stated[name], **table.get(name, {})) for name in photos}
+    tags = {name: read_tags(home / name, size) for name, size in sizes.items()}
+    rtk = [path for path in every if path.suffix.lower() == ".mrk"]
+    truth, said, source = _true_positions(stated, tags, rtk, given.get("positions"))
+    kept = tuple(name for name in photos if name in truth)
+    if not kept:
+        raise BenchmarkError(
+            f"no photo has a true position and gimbal angles: {said}",
+            where=home,
+            expected="photos of a drone with RTK, with DJI's metadata",
+            fix=f"give their positions: --positions {scene}=FILE (image, lon, lat, altitude_m)",
+        )
+    fix = f"--camera {scene}=FILE, JSON with fx (px), or focal_mm and sensor_mm, or fov_deg"
+    of_kept = {name: sizes[name] for name in kept}
+    cameras, of_cameras = photo_cameras(home, of_kept, tags, given.get("camera"), fix)
+    offset = _height_offset(options, scene)
+    poses = _raised(priors_to_poses({name: truth[name] for name in kept}, _CRS), offset)
+    stated_priors = metadata_priors({name: metadata[name] for name in kept}, _CRS)
+    notes += [said, *of_cameras]
+    priors = None
+    if stated_priors is not None:
+        priors = _unlike_truth(_raised(stated_priors, offset), poses, notes)
+    satellite = maps.get("satellite")
+    return NativeScene(
+        scene,
+        home,
+        kept,
+        cameras,
+        poses,
+        _CRS,
+        dom=maps["dom"],
+        dsm=maps["dsm"],
+        gallery=None if satellite == maps["dom"] else satellite,
+        priors=priors,
+        metadata={name: metadata[name] for name in kept},
+        unposed=tuple(name for name in photos if name not in truth),
+        notes=tuple(notes),
+        poses_from=source,
+    )
+
+
+def _height_offset(options: AirZooRealOptions, scene: str) -> float:
+    text = values_by_scene(options.height_offset, "height-offset", list(_REGIONS)).get(scene, "0")
+    try:
+        return float(text)
+    except ValueError as error:
+        raise UsageError(f"--height-offset {text[:40]!r} is no number") from error
+
+
+def _raised(poses: Poses, offset_m: float) -> Poses:
+    centres = poses.centres + np.array((0.0, 0.0, offset_m))
+    return Poses(rotation=poses.rotation, centres=centres)
+
+
+def _true_positions(
+    metadata: Mapping[str, PhotoPrior],
+    tags: Mapping[str, DjiTags],
+    tables: Sequence[Path],
+    given: Path | None,
+) -> tuple[dict[str, PhotoPrior], str, Path | None]:
+    """Return true positions: those of a file, else of RTK tables, else of the photos themselves.
+
+    Also return where they are from, in a sentence, and their file.
+    """
+    path, why = given, ""
+    if given is not None:
+        rows = read_prior_file(given, metadata)
+        found = {name: replace(metadata[name], **values) for name, values in rows.items()}
+        said = f"true positions are those of {given.name}"
+    else:
+        found, why = _of_tables(metadata, tables)
+        path = tables[0] if found else None
+        names = first_of([table.name for table in tables], noun="table")
+        said = f"true positions are the fixed RTK solutions of {names}"
+    if not found and given is None:
+        found = {name: prior for name, prior in metadata.items() if tags[name].rtk_flag in FIXED}
+        said = f"true positions are those of the metadata of {len(found)} of {len(metadata)} "
+        said += f"photos, fixed RTK by their RtkFlag{why}"
+    whole = {name: prior for name, prior in found.items() if prior.is_complete}
+    return whole, f"{said}; orientations are the gimbal's, and not trusted", path
+
+
+def _of_tables(
+    metadata: Mapping[str, PhotoPrior], tables: Sequence[Path]
+) -> tuple[dict[str, PhotoPrior], str]:
+    """Return positions where tables have one for every photo, else why they are not used."""
+    stamps = [stamp for table in tables for stamp in read_time_stamps(table)]
+    found: dict[str, PhotoPrior] = {}
+    for name, prior in metadata.items():
+        match = _PHOTO_NUMBER.search(Path(name).stem)
+        number = int(match[1]) if match is not None else None
+        fitting = [one for one in stamps if one.number == number and _near(one, prior)]
+        if len(fitting) == 1 and fitting[0].flag in FIXED:
+            (one,) = fitting
+            found[name] = replace(prior, lon=one.lon, lat=one.lat, altitude_m=one.height_m)
+    lacking = [name for name in metadata if name not in found]
+    if not tables or not lacking:
+        return found, ""
+    named = first_of([table.name for table in tables])
+    return {}, (
+        f" ({named} not used: no single fixed solution within {_SAME_PLACE_M:g} m of "
+        f"{first_of(lacking, len(metadata))})"
+    )
+
+
+def _near(stamp: TimeStamp, prior: PhotoPrior) -> bool:
+    if prior.lon is None or prior.lat is None:
+        return True
+    places = np.array(((stamp.lon, stamp.lat), (prior.lon, prior.lat)))
+    return float(geodesic_distance_m(places[:1], places[1:])[0]) < _SAME_PLACE_M
+
+
+def _unlike_truth(priors: Poses, poses: Poses, notes: list[str]) -> Poses | None:
+    """Return priors as they are, none where most of them are the truth."""
+    apart = np.linalg.norm(priors.centres - poses.centres, axis=1)
+    turned = rotation_angle_deg(priors.rotation, poses.rotation)
+    same = int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
+    if 2 * same <= len(poses):
+        return priors
+    notes.append(
+        f"the photos' own metadata are the truth in {same} of {len(poses)} photos, and so no "
+        "prior: matching has no truth. --priors gives others; --positions gives processed "
+        "positions for the truth; --prior truth crops by the truth, as a benchmark of another name"
+    )
+    return None
+
+
+def _site_and_hours(scene: str) -> tuple[str, str]:
+    site, first, last = scene.rsplit("-", 2)
+    return site, f"{first}-{last}"
+
+
+def _site_folder(home: Path, scene: str) -> Path | None:
+    """Return the folder of a scene such as "school-06-08"; None where it is not there."""
+    site, hours = _site_and_hours(scene)
+    return sub_path(sub_path(home, _RECON) or home, _SITES[site], hours)
+
+
+def _dom_folder(home: Path, site: Path) -> Path | None:
+    """Return the folder of the rasters of all sites."""
+    return sub_path(site.parent.parent, "dom") or sub_path(home, "dom")
+
+
+def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+    """Read the photos, cameras and poses of a site at some hours, and its true cloud."""
+    home = _home(options)
+    site = _site_folder(home, scene) or home
+    places = ("images", "poses/poses/t_pose.txt", "poses/intrinsics/t_intrinsic.txt")
+    found = [sub_path(site, *place.split("/")) for place in places]
+    lacking = [place for place, one in zip(places, found, strict=True) if one is None]
+    if lacking:
+        raise missing(f"lacks {', '.join(lacking)}", site, _LAYOUT)
+    images, poses, cameras = (path for path in found if path is not None)
+    own = [
+        p.name for p in images.iterdir() if re.fullmatch(r"[^.].*_0\.png", p.name, re.IGNORECASE)
+    ]
+    photos = files_by_key(images, _photo_key, "files such as 0_0.png, 1_0.png", sorted(own))
+    posed = read_posed_lines(
+        images,
+        dict(sorted(photos.items(), key=lambda pair: pair[1])),
+        poses,
+        cameras,
+        _photo_key,
+        progress,
+        axes=_OPENGL,
+        # Lines of the other renderings, <name>_1 and <name>_2.
+        is_other=lambda key, known: key[:-2] in known and key[-2:] in ("_1", "_2"),
+    )
+    cloud, notes = _given_cloud(options, scene), [*posed.notes, *_scaled(posed)]
+    dsm = _site_surface(home, site, cloud is None, notes)
+    if cloud is None and dsm is not None:
+        cloud = _surface_cloud(dsm, posed.photos.poses.centres, options.truth_reach, scene)
+        notes.append(
+            f"the true cloud is made of dom/{_SURFACE}, one point a pixel within "
+            f"{options.truth_reach:g} m of the cameras: the depth that the paper took is not in "
+            "the release. It has no facades and nothing below a roof or a crown; --cloud names "
+            "another"
+        )
+    return NativeScene(
+        scene,
+        images,
+        posed.photos.names,
+        posed.photos.cameras,
+        posed.photos.poses,
+        _CRS,
+        dsm=dsm,
+        cloud=cloud,
+        unposed=posed.unposed,
+        notes=tuple(notes),
+        poses_from=poses,
+        conditions={"hours": [_site_and_hours(scene)[1]] * len(posed.photos.names)},
+    )
+
+
+def _photo_key(name: str) -> str:
+    """Return what a name says of a photo, whether it is written as 12, 12_0 or images/12_0.png."""
+    return stem_key(name).removesuffix("_0")
+
+
+def _scaled(posed: PosedLines) -> list[str]:
+    stated, there = (
+        " and ".join(sorted({f"{w:g}x{h:g}" for w, h in sizes.tolist()}))
+        for sizes in (posed.stated_size, posed.size)
+    )
+    said = f"cameras are written for photos of {stated} px and were scaled to those that are there"
+    return [] if stated == there else [f"{said}, {there} px"]
+
+
+def _site_surface(home: Path, site: Path, needed: bool, notes: list[str]) -> Path | None:
+    """Find the surface model of all sites; it must be there where the cloud is made of it."""
+    folder = _dom_folder(home, site)
+    file = None if folder is None else sub_path(folder, _SURFACE)
+    if file is not None:
+        made = data_root() / "made" / "airzoo-real"
+        path, said = with_georeference(file, made, heights=True)
+        notes += said
+        return path
+    if needed:
+        fix = "download it too, or name a true cloud: --cloud SCENE=FILE"
+        what = f"there is no dom/{_SURFACE} to make the true cloud of"
+        raise missing(what, site.parent.parent, f"{_RECON}/dom/{_SURFACE}", fix)
+    return None
+
+
+def _surface_cloud(dsm: Path, centres: Floats, reach_m: float, scene: str) -> Path:
+    """Write the heights of a surface model around cameras as a cloud, one point a pixel."""
+    low, high = centres[:, :2].min(axis=0) - reach_m, centres[:, :2].max(axis=0) + reach_m
+    field = HeightField.read(dsm, (*low.tolist(), *high.tolist()))
+    rows, columns = np.nonzero(np.isfinite(field.heights))
+    places = pixel_to_world(field.transform, np.stack((columns, rows), axis=1) + 0.5)
+    inside = ((places >= low) & (places <= high)).all(axis=1)
+    heights = field.heights[rows, columns].astype(np.float64)
+    points = np.column_stack((places, heights))[inside]
+    if not len(points):
+        raise BenchmarkError(
+            "has no height around the cameras",
+            where=dsm,
+            expected=f"heights within {reach_m:g} m of them",
+            fix="name a true cloud: --cloud SCENE=FILE",
+        )
+    target = data_root() / "made" / "airzoo-real" / f"{scene}-dsm-{reach_m:g}m.ply"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_ply(target, Cloud(points))
+    return target
 
 
 AIRZOO_REAL = AirZooReal()
-"""What `prepare airzoo-real` makes."""

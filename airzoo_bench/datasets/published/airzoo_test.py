@@ -1,88 +1,143 @@
-"""AirZoo-Test, and AirZoo's own frames: rendered photos with exact depth and poses."""
+"""AirZoo-Test, and AirZoo's own frames: rendered photos with exact depth and poses.
+
+A trajectory is a folder with ``frames.csv``, ``images/`` and ``depth/``, as docs/airzoo-mini.md
+describes it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
+import numpy as np
+
+from airzoo_bench.benchmark.images import photo_size
+from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of
+from airzoo_bench.core.files import fingerprint
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.dataset import Prepared, PrepareSettings
-from airzoo_bench.datasets.native import NativeDataset
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import AIRZOO_TEST_NAME, AirZooTestOptions
+from airzoo_bench.core.registry import Option
+from airzoo_bench.core.validation import SAFE_NAME
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.geometry_checks.depth import find_depths, read_depth
+from airzoo_bench.datasets.mini.frames import ECEF_COLUMNS, PLACE_COLUMNS
+from airzoo_bench.datasets.published.places import (
+    chosen_photos,
+    files_by_key,
+    missing,
+    published_scenes,
+    stem_of,
+)
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
+from airzoo_bench.datasets.tables import Table, read_table
+from airzoo_bench.datasets.truths import BenchmarkProtocols
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.geometry.arrays import Floats, multiply
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import LOCAL_CRS, ecef_to_geodetic, enu_axes, geodetic_to_ecef
+from airzoo_bench.geometry.poses import (
+    Poses,
+    angles_to_rotations,
+    depth_to_points,
+    quaternion_to_matrix,
+    rotation_angle_deg,
+)
+from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
+from airzoo_bench.protocol.model import ProtocolScene
+from airzoo_bench.reconstruction.prepared import grid_origin
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.voxels import VoxelGrid
 
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.truths import BenchmarkProtocols
+__all__ = ["AIRZOO_TEST", "AirZooTestOptions"]
 
-__all__ = ["AIRZOO_TEST", "AirZooTest"]
+_NAME = "airzoo-test"
+_TABLE = "frames.csv"
+_LAYOUT = "a folder for each trajectory, with frames.csv, images/ and depth/"
+_LENS = ("width", "height", "fx", "fy", "cx", "cy")
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+_CONDITIONS = ("weather", "time_of_day")
+_OPTIONAL = (*PLACE_COLUMNS, *ECEF_COLUMNS, *_DISTORTION, *_CONDITIONS)
+# Two statements of one pose that are farther apart are of other frames or axes.
+_APART_M, _APART_DEG = 1.0, 1.0
+_DECIMALS = 4
 
 
-class AirZooTest(NativeDataset[AirZooTestOptions]):
+@dataclass(frozen=True)
+class AirZooTestOptions(SourceOptions):
+    """Which frames are reconstructed, and how depth is encoded."""
+
+    name: Annotated[
+        str, Option("name", "Of the benchmark; another name takes any number of trajectories.")
+    ] = _NAME
+    every: Annotated[
+        int,
+        Option("every", "Take every Nth frame of a trajectory, starting with the first.", least=1),
+    ] = 30
+    depth_kind: Annotated[
+        Literal["z", "ray"],
+        Option("depth-kind", "Depth along the optical axis, or from the camera along the ray."),
+    ] = "z"
+    depth_scale: Annotated[
+        float | None, Option("depth-scale", "Metres of a unit of depth, where it is not metres.")
+    ] = None
+    clouds: Annotated[
+        Path | None,
+        Option("clouds", "Folder to keep the true clouds in (default: one in the data root)."),
+    ] = None
+
+
+class AirZooTest(Dataset[AirZooTestOptions]):
     """Trajectories of AirZoo."""
 
-    summary = (
-        "Make a benchmark folder of AirZoo-Test, or of other trajectories of AirZoo.\n\n"
-        "Each trajectory is a folder with frames.csv, images and depth. The true cloud is made of "
-        "the depth of the frames that are taken."
-    )
-    example = "airzoo-test --source AirZoo-Test"
+    name = _NAME
+    about = about_of("airzoo-test")
     options = AirZooTestOptions
-    without_truth = MappingProxyType({})
-    about = About(
-        title="AirZoo-Test",
-        page="https://huggingface.co/datasets/choyaa/AirZoo-Data",
-        licence="stated on the dataset's page, which is gated",
-        repository="choyaa/AirZoo-Data",
-        assumptions=(
-            "The frames that a reconstruction is made from are every thirtieth, one a second "
-            "(--every); the paper does not say which it took.",
-            "The true cloud is the surface that the depth of these frames shows, up to the "
-            "protocol's fusion.max_depth_m, a point in each voxel of the protocol's "
-            "preparation.voxel_m.",
-            "The sixteen trajectories are numbered by their folders' names, in which numbers "
-            "count as such (2 before 10).",
-            "Depth is in metres along the optical axis (--depth-kind, --depth-scale).",
-        ),
-        unverified=(
-            "The layout of AirZoo's archives, the names of the test trajectories, the encoding of "
-            "depth and the axes of poses: nobody of us has seen them. What is read is the layout "
-            "that airzoo-bench writes frames in: frames.csv, images/, depth/.",
-        ),
-    )
 
     def benchmark(self, options: AirZooTestOptions) -> str:
-        """Return the name."""
+        """Return the name that was given."""
         return options.name
 
-    def protocols(self, options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
-        """Return airzoo-test-reconstruction, or one of the trajectories that are there."""
-        from airzoo_bench.datasets.published.airzoo_test_files import trajectory_protocol
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
+    def benchmark_protocols(self, options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
+        """Return the shipped protocol; for a benchmark of another name, one of its trajectories."""
+        shipped = _protocol(root)
+        if options.name == _NAME:
+            return BenchmarkProtocols((shipped,))
+        if not re.match(SAFE_NAME, options.name):
+            raise UsageError(
+                f"--name {options.name[:80]!r} cannot be the name of a benchmark",
+                expected="letters, digits, '.', '_' and '-', at most 64",
+            )
+        scenes = tuple(ProtocolScene(id=name, title=name) for name in self.scenes(options))
+        protocol = protocol_for(shipped, options.name, {})
+        return BenchmarkProtocols((protocol.model_copy(update={"scenes": scenes}),))
 
-        return BenchmarkProtocols(reconstruction=trajectory_protocol(options, root))
-
-    def scenes(self, options: AirZooTestOptions) -> list[str]:
-        """Return the ids of the trajectories."""
-        from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
-
-        return list(find_trajectories(options.source, published=options.name == AIRZOO_TEST_NAME))
-
-    def files(self, options: AirZooTestOptions, scene: str) -> list[Path]:
-        """Return a trajectory's folder."""
-        from airzoo_bench.datasets.published.airzoo_test_files import find_trajectories
-
-        return [
-            find_trajectories(options.source, published=options.name == AIRZOO_TEST_NAME)[scene]
-        ]
-
-    def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a trajectory, and make its true cloud if that has not been made yet."""
-        from airzoo_bench.datasets.published.airzoo_test_files import read_trajectory
-
-        return read_trajectory(options, scene, progress)
+    def scenes(self, options: AirZooTestOptions) -> Mapping[str, Sequence[Path]]:
+        """Return the folders of trajectories by scene id, by name: 2 before 10."""
+        source = options.source
+        patterns = (_TABLE, f"*/{_TABLE}", f"*/*/{_TABLE}")
+        tables = [path for pattern in patterns for path in source.glob(pattern)]
+        folders = sorted((path.resolve().parent for path in tables), key=_name_order)
+        names = [folder.name for folder in folders]
+        if options.name == _NAME:
+            ids = published_scenes(f"{_NAME}-reconstruction")
+            expected = f"the {len(ids)} trajectories of AirZoo-Test, which are numbered by name"
+            sound = len(folders) == len(ids)
+        else:
+            ids, expected = names, f"{_LAYOUT}; names of letters, digits, '.', '_' and '-'"
+            sound = all(re.match(SAFE_NAME, n) for n in names) and len({*names}) == len(names)
+        if not sound or not folders:
+            raise missing(
+                f"holds {len(folders)} trajectories, {first_of(names)}",
+                source,
+                expected,
+                "complete the download; or --name OTHER for a benchmark of what is there",
+            )
+        return {one: [folder] for one, folder in zip(ids, folders, strict=True)}
 
     def is_prepared(self, options: AirZooTestOptions, settings: PrepareSettings) -> bool:
         """Whether the folder is complete, and made from files that did not change since."""
@@ -92,6 +147,64 @@ class AirZooTest(NativeDataset[AirZooTestOptions]):
         """Make the benchmark folder; true clouds are kept, so that they are not made again."""
         return super().prepare(_with_clouds(options, settings), settings)
 
+    def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read a trajectory in a local frame of east, north and up, and make its true cloud."""
+        folder = self.scenes(options)[scene][0]
+        columns = {name: (name,) for name in ("name", *_LENS, *_OPTIONAL)}
+        table = read_table(folder / _TABLE, columns, _OPTIONAL)
+        table.require_unique("name")
+        photos = files_by_key(folder / "images", stem_of, _LAYOUT)
+        absent = [name for name in table.texts("name") if stem_of(name) not in photos]
+        if absent:
+            raise BenchmarkError(
+                f"names photos that are not there: {first_of(absent, len(table))}",
+                where=table.path,
+                expected="a row for each photo of images/, by its name without the ending",
+                fix="complete the download",
+            )
+        images = [photos[stem_of(name)] for name in table.texts("name")]
+        rows, notes = chosen_photos(range(len(table)), options.every)
+        names = tuple(images[row] for row in rows)
+        shown = progress(names, scene, len(names))
+        sizes = [photo_size(folder / "images" / name) for name in shown]
+        try:
+            cameras = _cameras(table, rows, sizes)
+            centres, rotations = _ecef_poses(table)
+        except CameraError as error:
+            raise error.inside(table.path) from error
+        poses, place = _local(centres, rotations, rows, names)
+        check_centred(PosedPhotos(names, cameras, poses), table.path)
+        own = "" if folder.name == scene else f"is the trajectory {folder.name}; "
+        frame = f"{own}its frame is east, north and up about {place}"
+        return NativeScene(
+            scene,
+            folder / "images",
+            names,
+            cameras,
+            poses,
+            LOCAL_CRS,
+            cloud=_cloud(
+                folder / "depth", names, cameras, poses.rounded(), options, scene, progress
+            ),
+            poses_from=table.path,
+            conditions={
+                column: [table.texts(column)[row] for row in rows]
+                for column in _CONDITIONS
+                if table.has(column)
+            },
+            unposed=tuple(sorted(set(photos.values()) - set(images))),
+            notes=(*notes, frame),
+        )
+
+
+def _protocol(root: Path) -> ReconstructionProtocol:
+    return protocol_of_track(f"{_NAME}-reconstruction", root, ReconstructionProtocol)
+
+
+def _name_order(path: Path) -> list[tuple[str, int]]:
+    """Return what sorts names with the numbers in them as numbers: 2 before 10."""
+    return [(text, int(n or 0)) for text, n in re.findall(r"([^0-9]*)([0-9]*)", path.name)]
+
 
 def _with_clouds(options: AirZooTestOptions, settings: PrepareSettings) -> AirZooTestOptions:
     """Return the options with a folder for clouds, in the data root where none is named."""
@@ -99,5 +212,119 @@ def _with_clouds(options: AirZooTestOptions, settings: PrepareSettings) -> AirZo
     return replace(options, clouds=clouds)
 
 
+def _cameras(table: Table, rows: Sequence[int], sizes: Sequence[tuple[int, int]]) -> Cameras:
+    values = {name: table.numbers(name)[rows] for name in _LENS}
+    names = [table.texts("name")[row] for row in rows]
+    stated = np.stack([values["width"], values["height"]], axis=1)
+    other = [name for name, bad in zip(names, (stated != sizes).any(axis=1), strict=True) if bad]
+    if other:
+        raise CameraError(f"photos of another size than stated: {first_of(other, len(names))}")
+    matrices = np.zeros((len(rows), 3, 3))
+    matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = values["fx"], values["fy"], 1.0
+    matrices[:, 0, 2], matrices[:, 1, 2] = values["cx"], values["cy"]
+    bent = [
+        table.numbers(name)[rows] if table.has(name) else np.zeros(len(rows))
+        for name in _DISTORTION
+    ]
+    width, height = stated.T
+    return Cameras.from_matrices(matrices, width, height, np.stack(bent, axis=1), names=names)
+
+
+def _ecef_poses(table: Table) -> tuple[Floats, Floats]:
+    """Return centres (N, 3) and rotations (N, 3, 3) from ECEF, as the table states them."""
+    found = []
+    if table.has(*ECEF_COLUMNS):
+        values = table.columns(ECEF_COLUMNS)
+        found.append((values[:, :3], quaternion_to_matrix(values[:, 3:], table.texts("name"))))
+    if table.has(*PLACE_COLUMNS):
+        limits = {"longitude": 180.0, "latitude": 90.0}
+        stated = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in PLACE_COLUMNS]
+        place, (roll, pitch, yaw) = np.stack(stated[:3], axis=1), stated[3:]
+        local = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
+        ecef_to_enu = np.swapaxes(enu_axes(place[:, :2]), -1, -2)
+        found.append((geodetic_to_ecef(place), multiply(local, ecef_to_enu)))
+    if not found:
+        raise CameraError(
+            f"has the columns {', '.join(table.names)}",
+            expected=f"{', '.join(ECEF_COLUMNS)}; or {', '.join(PLACE_COLUMNS)}",
+        )
+    (centres, rotations), (other_centres, other_rotations) = found[0], found[-1]
+    apart = np.sqrt(((centres - other_centres) ** 2).sum(axis=1)).max()
+    turned = rotation_angle_deg(rotations, other_rotations).max()
+    if apart > _APART_M or turned > _APART_DEG:
+        raise CameraError(
+            f"poses in ECEF and in WGS84 contradict: they are up to {apart:.1f} m and "
+            f"{turned:.1f} degrees apart",
+            expected="one pose, world-to-camera with OpenCV axes, and DJI's yaw, pitch and roll",
+            fix="correct one of them, or leave out its columns",
+        )
+    return centres, rotations
+
+
+def _local(
+    centres: Floats, rotations: Floats, rows: Sequence[int], names: Sequence[str]
+) -> tuple[Poses, str]:
+    """Return the chosen poses in east, north, up about the middle of all, and where that is."""
+    middle = np.round(ecef_to_geodetic(centres.mean(axis=0))[:2], 5)
+    if not np.isfinite(middle).all():
+        raise CameraError("positions in ECEF are far from the earth", expected="metres")
+    to_enu = enu_axes(middle[None])[0].T
+    origin = geodetic_to_ecef((*middle, 0.0))
+    moved: Floats = (centres[rows] - origin) @ to_enu.T
+    turned: Floats = rotations[rows] @ to_enu.T
+    return Poses.from_centres(turned, moved, names), f"({middle[0]:.5f}, {middle[1]:.5f})"
+
+
+def _cloud(
+    folder: Path,
+    names: tuple[str, ...],
+    cameras: Cameras,
+    poses: Poses,
+    options: AirZooTestOptions,
+    label: str,
+    progress: Progress,
+) -> Path:
+    """Make the true cloud of what depth maps show, unless one of the same frames is kept."""
+    protocol = _protocol(Path())
+    stated, most_m = protocol.preparation.voxel_m, protocol.fusion.max_depth_m
+    voxel = 0.5 if stated == "none" else stated
+    found = find_depths(folder, names)
+    absent = [name for name, path in zip(names, found, strict=True) if path is None]
+    if absent:
+        raise missing(
+            f"photos without a depth map ({first_of(absent, len(names))})", folder, _LAYOUT
+        )
+    paths = [path for path in found if path is not None]
+    arrays = (*vars(cameras).values(), poses.rotation, poses.centres)
+    key = fingerprint(
+        [
+            [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in paths],
+            [np.asarray(array).tolist() for array in arrays],
+            [options.depth_kind, options.depth_scale, most_m, voxel],
+        ]
+    )
+    kept = (options.clouds or options.source) / f"{label}-{key[:16]}.ply"
+    if kept.is_file():
+        return kept
+    grid = VoxelGrid(voxel, grid_origin(voxel))
+    for row, path in progress(enumerate(paths), f"{label}, true cloud", len(paths)):
+        camera, pose = cameras.take(row), poses.take(row)
+        width, height = int(camera.width[0]), int(camera.height[0])
+        depth = read_depth(path, width, height, options.depth_scale).astype(np.float64)
+        near, along = depth <= most_m, options.depth_kind == "ray"  # NaN where there is none
+        points = depth_to_points(depth, near, camera, pose, along_ray=along)
+        grid.add(points[np.isfinite(points).all(axis=1)])
+    points = grid.points()
+    if not len(points):
+        raise BenchmarkError(
+            f"no depth below {most_m:g} m in {len(paths)} frames",
+            where=folder,
+            expected="metres",
+            fix="name the unit with --depth-scale",
+        )
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    write_ply(kept, Cloud(np.round(points, _DECIMALS) + 0.0))
+    return kept
+
+
 AIRZOO_TEST = AirZooTest()
-"""What `prepare airzoo-test` makes."""

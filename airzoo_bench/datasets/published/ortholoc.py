@@ -1,89 +1,203 @@
-"""OrthoLoC: photos of 47 places, each with the orthophoto and surface model of what it shows."""
+"""OrthoLoC: photos of 47 places, each with the orthophoto and surface model of what it shows.
+
+A sample (.npz) becomes a photo, a map and a surface model.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
+from affine import Affine
+from numpy.typing import NDArray
+from PIL import Image
+from rasterio.io import MemoryFile
+
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, first_of
+from airzoo_bench.core.files import atomic_write, data_root, fingerprint
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.native import NativeDataset, NativeOptions
-from airzoo_bench.datasets.native_scene import NativeScene
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.published.places import missing
+from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.poses import Poses
 
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.truths import BenchmarkProtocols
+__all__ = ["ORTHOLOC"]
 
-__all__ = ["ORTHOLOC", "OrthoLoc"]
+_SETS = ("test_outPlace", "test_inPlace")
+_SAMPLE = re.compile(r"(L\d+)_(R|xDOP|xDOPDSM)\d+")
+_LAYOUT = f"{' and '.join(_SETS)}, with samples such as L08_R0000.npz, L08_xDOP0001.npz"
+_LIMIT_BYTES = 1 << 30
+_OFF_GRID_PX = 0.1
+# GeoTIFFs without a CRS are not read; this one has metres near its origin.
+_MADE_UP_CRS = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+_SHAPES: dict[str, tuple[int | None, ...]] = {
+    "image_query": (None, None, 3),
+    "image_dop": (None, None, 3),
+    "dsm": (None, None, 3),
+    "scale": (2,),
+    "extrinsics": (3, 4),
+    "intrinsics": (3, 3),
+}
+_HALF_PIXEL = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
 
 
-class OrthoLoc(NativeDataset[NativeOptions]):
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """What is kept of a sample when its files are written."""
+
+    size: tuple[int, int]
+    intrinsics: Floats
+    extrinsics: Floats
+
+
+class OrthoLoc(Dataset[SourceOptions]):
     """The two test sets of OrthoLoC, a scene each."""
 
-    about = About(
-        title="OrthoLoC",
-        page="https://github.com/deepscenario/OrthoLoC",
-        licence="CC BY-NC-SA 4.0",
-        links=("https://cvg.cit.tum.de/webshare/g/papers/Dhaouadi/OrthoLoC/",),
-        assumptions=(
-            "The pose of a photo is extrinsics, not extrinsics_refined, as in OrthoLoC's own "
-            "benchmark.",
-            "Whole numbers are centres of pixels in intrinsics, and in scale and dsm, as in "
-            "OrthoLoC's code: both are moved by half a pixel.",
-            "Samples have frames of their own. Their GeoTIFFs name a transverse Mercator at 0 N, "
-            "0 E, since files without a CRS are not read: it is no place on the earth.",
-            "Photos that are black are left out, as OrthoLoC's loader does.",
-            "Thresholds of poses are those of OrthoLoC's code; poses are solved as in the other "
-            "protocols here, where OrthoLoC takes PoseLib.",
-        ),
-        unverified=(
-            "No sample was seen: keys, shapes and conventions are those of OrthoLoC's README and "
-            "loader. A grid of dsm that is not the one that scale states is refused.",
-            "How many samples each set has: 16,427 are published for all four.",
-        ),
-    )
-    summary = (
-        "Make a benchmark folder of OrthoLoC's test sets.\n\n"
-        "Each sample (.npz) becomes a photo, a map and a surface model, written once below the "
-        "data root; photos are matched to the whole of their own map."
-    )
-    example = "ortholoc --source OrthoLoC/full"
-    options = NativeOptions
-    without_truth = MappingProxyType({"matching": "no sample has a photo and a map"})
+    name = "ortholoc"
+    about = about_of("ortholoc")
+    protocols = ("ortholoc-matching",)
 
-    def benchmark(self, options: NativeOptions) -> str:
-        """Return the name."""
-        return "ortholoc"
+    def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
+        """Return the test sets: the source, or below it, or below its ``full``."""
+        source = options.source
+        if source.name in _SETS and source.is_dir():
+            return {source.name: [source]}
+        for home in (source, source / "full"):
+            found = {name: [home / name] for name in _SETS if (home / name).is_dir()}
+            if found:
+                return found
+        raise missing("holds no test set", source, _LAYOUT)
 
-    def protocols(self, options: NativeOptions, root: Path) -> BenchmarkProtocols:
-        """Return ortholoc-matching."""
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
-        from airzoo_bench.matching.settings import MatchingProtocol
-        from airzoo_bench.protocol.lookup import protocol_of_track
-
-        return BenchmarkProtocols(
-            matching=protocol_of_track("ortholoc-matching", root, MatchingProtocol)
+    def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read a set's samples, and write the files of those that were not written before."""
+        folder = self.scenes(options)[scene][0]
+        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".npz")
+        kinds = {path.stem: _SAMPLE.fullmatch(path.stem) for path in paths}
+        if not paths or None in kinds.values():
+            raise missing("holds no .npz, or others than samples", folder, _LAYOUT)
+        stamps = [(str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns) for p in paths]
+        made = data_root() / "made" / self.name / f"{scene}-{fingerprint(stamps)[:16]}"
+        read = {p.stem: _read(p, made) for p in progress(paths, "samples", len(paths))}
+        samples = {name: sample for name, sample in read.items() if sample is not None}
+        black = [name for name, sample in read.items() if sample is None]
+        if not samples:
+            raise BenchmarkError("all photos are black", where=folder)
+        names = tuple(f"{name}.png" for name in samples)
+        size = np.array([sample.size for sample in samples.values()])
+        matrices = np.array([sample.intrinsics for sample in samples.values()]) + _HALF_PIXEL
+        extrinsics = np.array([sample.extrinsics for sample in samples.values()], np.float64)
+        matches = [match for name, match in kinds.items() if match and name in samples]
+        return NativeScene(
+            scene,
+            made / "photos",
+            names,
+            Cameras.from_matrices(matrices, size[:, 0], size[:, 1], names=names),
+            Poses.from_translations(extrinsics[:, :, :3], extrinsics[:, :, 3], names),
+            LOCAL_CRS,
+            maps=made / "maps",
+            conditions={
+                "location": [match[1] for match in matches],
+                "domain": [match[2] for match in matches],
+            },
+            notes=(f"black photos, left out: {first_of(black, len(read))}",) if black else (),
+            poses_from=folder,
         )
 
-    def scenes(self, options: NativeOptions) -> list[str]:
-        """Return the test sets whose folders are there."""
-        from airzoo_bench.datasets.published.ortholoc_files import find_sets
 
-        return list(find_sets(options.source))
+def _read(path: Path, made: Path) -> _Sample | None:
+    """Read a sample and write what is missing of its files; None where its photo is black."""
+    arrays = _arrays(path)
+    photo, dop = arrays["image_query"], arrays["image_dop"]
+    if not photo.any():
+        return None
+    transform = _transform(arrays["dsm"], arrays["scale"], path)
+    files = [made / "photos" / f"{path.stem}.png"]
+    files += [made / "maps" / f"{path.stem}_{kind}.tif" for kind in ("dom", "dsm")]
+    if not all(file.is_file() for file in files):
+        for file in files:
+            file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(files[0]) as stream:
+            Image.fromarray(photo).save(stream, "PNG")
+        _write_raster(files[1], np.moveaxis(dop, -1, 0), transform)
+        _write_raster(files[2], arrays["dsm"][None, ..., 2], transform, nodata=np.nan)
+    size = photo.shape[1], photo.shape[0]
+    return _Sample(size, arrays["intrinsics"].astype(np.float64), arrays["extrinsics"])
 
-    def files(self, options: NativeOptions, scene: str) -> Iterable[Path]:
-        """Return the folder of the set."""
-        from airzoo_bench.datasets.published.ortholoc_files import find_sets
 
-        return [find_sets(options.source)[scene]]
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        file = NpzFile(path, _LIMIT_BYTES)
+        lacking = [name for name in _SHAPES if name not in file.entries]
+        if lacking:
+            raise _unlike(path, f"has no {', '.join(lacking)}; it has {', '.join(file.entries)}")
+        arrays = {name: file.read(name) for name in _SHAPES}
+    except PredictionError as error:
+        raise _unlike(path, error.what) from error
+    for name, shape in _SHAPES.items():
+        array = arrays[name]
+        sound = array.dtype == np.uint8 if name.startswith("image") else array.dtype.kind == "f"
+        sides = zip(shape, array.shape, strict=False)
+        fits = array.ndim == len(shape) and all(want in (None, have) for want, have in sides)
+        if not (sound and fits):
+            raise _unlike(path, f"{name} has shape {array.shape}, {array.dtype}")
+    if arrays["image_dop"].shape != arrays["dsm"].shape:
+        raise _unlike(path, "image_dop and dsm differ in size")
+    return arrays
 
-    def read(self, options: NativeOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a set, and write its photos and maps."""
-        from airzoo_bench.datasets.published.ortholoc_files import read_set
 
-        return read_set(options.source, scene, progress)
+def _transform(dsm: NDArray[Any], scale: NDArray[Any], path: Path) -> Affine:
+    """Return the geotransform of a sample's map, whose grid must be the one that dsm has."""
+    step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
+    if not (np.isfinite(step).all() and step.all() and np.isfinite(first).all()):
+        raise _unlike(path, f"scale is {scale}, and the first cell of dsm {dsm[0, 0]}")
+    rows, columns = np.indices(dsm.shape[:2])
+    off = np.abs((dsm[..., :2] - first) / step - np.stack((columns, rows), axis=-1))
+    if np.nanmax(off) > _OFF_GRID_PX:
+        raise _unlike(path, f"x and y of dsm lie {np.nanmax(off):.3g} px off the grid of scale")
+    (x, y), (across, down) = first - step / 2, step
+    return Affine(across, 0.0, x, 0.0, down, y)
+
+
+def _write_raster(
+    path: Path, bands: NDArray[Any], transform: Affine, nodata: float | None = None
+) -> None:
+    count, height, width = bands.shape
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff",
+            count=count,
+            height=height,
+            width=width,
+            dtype=bands.dtype,
+            crs=_MADE_UP_CRS,
+            transform=transform,
+            nodata=nodata,
+            compress="deflate",
+            tiled=True,
+        ) as raster:
+            raster.write(bands)
+        with atomic_write(path) as stream:
+            stream.write(memory.getbuffer())
+
+
+def _unlike(path: Path, what: str) -> BenchmarkError:
+    return BenchmarkError(
+        what,
+        where=path,
+        expected="a sample of OrthoLoC: image_query and image_dop (H, W, 3) uint8, dsm (H, W, 3), "
+        "scale (2), extrinsics (3, 4), intrinsics (3, 3), numbers all",
+        fix="download it again",
+    )
 
 
 ORTHOLOC = OrthoLoc()
-"""What `prepare ortholoc` makes."""

@@ -1,25 +1,34 @@
-"""Where a benchmark's folders stand below what the user names, and what stands there instead."""
+"""Where a benchmark's files stand below what the user names, and what stands there instead."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 
 __all__ = [
+    "chosen_photos",
     "files_by_key",
     "find_home",
     "folder_content",
-    "name_order",
+    "missing",
+    "published_scenes",
     "stem_key",
-    "sub_folder",
+    "stem_of",
+    "sub_path",
 ]
 
-_PARTIAL = (".part", ".partial", ".crdownload", ".aria2", ".incomplete", ".tmp", ".download")
-_ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz")
+T = TypeVar("T")
+
+_UNFINISHED = (".part", ".partial", ".crdownload", ".aria2", ".incomplete", ".tmp", ".download")
+_ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".z01")
+_ENDING = re.compile("|".join(rf"\{suffix}$" for suffix in PHOTO_SUFFIXES), re.IGNORECASE)
 
 
 def folder_content(folder: Path) -> str:
@@ -27,54 +36,56 @@ def folder_content(folder: Path) -> str:
     if not folder.is_dir():
         return "there is no such folder"
     names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
-    names = [name for name in names if not name.startswith(".")]
-    for what, endings in (("an unfinished download", _PARTIAL), ("an archive", _ARCHIVES)):
+    for what, endings in (
+        ("an unfinished download, to be finished", _UNFINISHED),
+        ("an archive, to be unpacked", _ARCHIVES),
+    ):
         found = [name for name in names if name.lower().endswith(endings)]
         if found:
-            return f"there is {what}, {found[0]}" + (
-                ": unpack it" if what == "an archive" else ": download it again"
-            )
+            return f"there is {what}: {found[0]}"
     return f"there are {first_of(names, shown=6)}" if names else "it is empty"
 
 
-def sub_folder(folder: Path, name: str) -> Path | None:
-    """Return a folder's part of that name, in letters of either case; None where it lacks it."""
-    if (folder / name).exists():
-        return folder / name
-    if not folder.is_dir():
-        return None
-    found = [path for path in folder.iterdir() if path.name.casefold() == name.casefold()]
-    return found[0] if len(found) == 1 else None
+def missing(what: str, folder: Path, layout: str, fix: str | None = None) -> BenchmarkError:
+    """Make the error of a part that is not there, or there twice; it says what is there."""
+    return BenchmarkError(
+        f"{what}: {folder_content(folder)}",
+        where=folder,
+        expected=layout,
+        fix=fix or "download it again, unpack it whole, and name its folder as --source",
+    )
 
 
-def find_home(source: Path, parts: Sequence[str], layout: str) -> Path:
-    """Return the folder that holds a benchmark's parts: the one named, or the only one in it."""
-    inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
-    if _holds(source, parts):
+def sub_path(folder: Path, *parts: str) -> Path | None:
+    """Return what stands below a folder under names in letters of either case; None of nothing."""
+    for part in parts:
+        exact = folder / part
+        if exact.exists():
+            folder = exact
+            continue
+        inside = folder.iterdir() if folder.is_dir() else ()
+        found = [path for path in inside if path.name.casefold() == part.casefold()]
+        if len(found) != 1:
+            return None
+        folder = found[0]
+    return folder
+
+
+def find_home(source: Path, is_home: Callable[[Path], bool], layout: str) -> Path:
+    """Return the folder that is a benchmark: the one named, or the only one in it."""
+    if not source.is_dir():
+        what = "a file, not a folder" if source.exists() else "no such folder"
+        raise BenchmarkError(what, where=source, expected=layout)
+    if is_home(source):
         return source
-    found = [folder for folder in inside if _holds(folder, parts)]
+    inside = sorted(path for path in source.iterdir() if path.is_dir())
+    found = [folder for folder in inside if is_home(folder)]
     if len(found) == 1:
         return found[0]
-    what = (
-        f"several folders could be the benchmark: {first_of(f.name for f in found)}"
-        if found
-        else f"holds none of {', '.join(parts)}: {folder_content(source)}"
-    )
-    raise BenchmarkError(
-        what,
-        where=source,
-        expected=layout,
-        fix="name one of them" if found else "name the folder as it was downloaded and unpacked",
-    )
-
-
-def _holds(folder: Path, parts: Iterable[str]) -> bool:
-    return any(sub_folder(folder, part) is not None for part in parts)
-
-
-def name_order(path: Path) -> list[tuple[str, int]]:
-    """Return what sorts names with the numbers in them as numbers: 2 before 10."""
-    return [(text, int(n or 0)) for text, n in re.findall(r"([^0-9]*)([0-9]*)", path.name)]
+    if found:
+        names = first_of(folder.name for folder in found)
+        raise missing(f"several folders could be the benchmark ({names})", source, layout)
+    raise missing("the benchmark is not there", source, layout)
 
 
 def stem_key(name: str) -> str:
@@ -82,18 +93,35 @@ def stem_key(name: str) -> str:
     return PurePosixPath(name.replace("\\", "/")).name.split(".", 1)[0]
 
 
-def files_by_key(folder: Path, suffixes: Sequence[str]) -> dict[str, str]:
-    """Return the files of a folder by `stem_key`."""
-    there = sorted(folder.iterdir()) if folder.is_dir() else []
-    names = [p.name for p in there if p.suffix.lower() in suffixes and not p.name.startswith(".")]
-    twice = [key for key, count in Counter(map(stem_key, names)).items() if count > 1]
-    if not names or twice:
-        raise BenchmarkError(
-            f"two files each for {first_of(twice)}"
-            if twice
-            else f"holds no photo: {folder_content(folder)}",
-            where=folder,
-            expected=f"a file an image, ending in {', '.join(suffixes)}",
-            fix="keep one of each" if twice else "download the folder again",
+def stem_of(name: str) -> str:
+    """Return a photo's name without its ending, with points for underscores."""
+    return _ENDING.sub("", name.strip()).replace("_", ".")
+
+
+def files_by_key(
+    folder: Path, key: Callable[[str], str], layout: str, names: Iterable[str] | None = None
+) -> dict[str, str]:
+    """Return the photos of a folder, or those named, by the key of their names, in that order."""
+    there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    photos = [n for n in there if n.lower().endswith(PHOTO_SUFFIXES) and not n.startswith(".")]
+    photos = list(photos if names is None else names)
+    twice = [one for one, count in Counter(map(key, photos)).items() if count > 1]
+    if twice:
+        raise missing(
+            f"several files each are {first_of(twice)}", folder, layout, "keep one of each"
         )
-    return {stem_key(name): name for name in names}
+    if not photos:
+        raise missing("holds no photo", folder, layout)
+    return dict(sorted((key(name), name) for name in photos))
+
+
+def published_scenes(protocol: str) -> list[str]:
+    """Return the ids of all scenes of a shipped protocol, in its order."""
+    return [scene.id for scene in load_protocol(shipped_protocols()[protocol]).scenes]
+
+
+def chosen_photos(photos: Sequence[T], every: int) -> tuple[list[T], tuple[str, ...]]:
+    """Choose every Nth photo, starting with the first, and say so."""
+    chosen = list(photos[::every])
+    said = f"one photo in {every} is taken, {len(chosen)} of {len(photos):,} (--every)"
+    return chosen, (said,) if every > 1 else ()

@@ -1,88 +1,278 @@
-"""UAVScenes: 20 flights over four places, each against the DJI Terra cloud of its place."""
+"""UAVScenes: 20 flights over four places, each against the DJI Terra cloud of its place.
+
+::
+
+    interval5_CAM_LIDAR/interval5_<run>/interval5_CAM/*.jpg
+                                       /sampleinfos_interpolated.json
+    terra_3dmap_pointcloud_mesh/<place>/cloud_merged.ply
+"""
 
 from __future__ import annotations
 
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
 
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from airzoo_bench.benchmark.images import photo_size
+from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.native import NativeDataset
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import UavScenesOptions
+from airzoo_bench.core.registry import Option
+from airzoo_bench.core.validation import nearest, validation_message
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.published.places import (
+    chosen_photos,
+    files_by_key,
+    missing,
+    published_scenes,
+    stem_of,
+)
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
+from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.tables import values_by_scene
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.poses import Poses
 
-if TYPE_CHECKING:
-    from pathlib import Path
+__all__ = ["UAVSCENES", "UavScenesOptions"]
 
-    from airzoo_bench.datasets.truths import BenchmarkProtocols
+_POSES, _CLOUD = "sampleinfos_interpolated.json", "cloud_merged.ply"
+_CLOUDS = "terra_3dmap_pointcloud_mesh"
+_LAYOUT = f"interval5_CAM_LIDAR/interval5_<run>/ with interval5_CAM/ and {_POSES}"
+_LIMIT_BYTES = 128 << 20
 
-__all__ = ["UAVSCENES", "UavScenes"]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Row3 = tuple[_Number, _Number, _Number]
+_Row4 = tuple[_Number, _Number, _Number, _Number]
 
 
-class UavScenes(NativeDataset[UavScenesOptions]):
+@dataclass(frozen=True)
+class UavScenesOptions(SourceOptions):
+    """Which photos of a run are reconstructed, and what its files do not settle."""
+
+    interval: Annotated[
+        int, Option("interval", "Take the photos of interval5_... or interval1_...", least=1)
+    ] = 5
+    every: Annotated[
+        int, Option("every", "Take every Nth photo of a run, starting with the first.", least=1)
+    ] = 10
+    cloud: Annotated[
+        list[str] | None,
+        Option(
+            "cloud", "True cloud of a run, as RUN=FILE; repeat it (default: that of its place)."
+        ),
+    ] = None
+    lens: Annotated[
+        Literal["file", "none"],
+        Option("lens", "Lens distortion as the poses' file states it, or none."),
+    ] = "file"
+
+
+class UavScenes(Dataset[UavScenesOptions]):
     """The runs of UAVScenes."""
 
-    summary = (
-        "Make a benchmark folder of UAVScenes.\n\n"
-        "The source holds interval5_CAM_LIDAR and terra_3dmap_pointcloud_mesh, unpacked. Photos "
-        "and clouds are left where they are."
-    )
-    example = "uavscenes --source UAVScenes --scene AMtown01"
+    name = "uavscenes"
+    about = about_of("uavscenes")
     options = UavScenesOptions
-    without_truth = MappingProxyType({})
-    about = About(
-        title="UAVScenes",
-        page="https://github.com/sijieaaa/UAVScenes",
-        licence="CC BY-NC-SA 4.0, academic use only",
-        repository="sijieaaa/UAVScenes",
-        assumptions=(
-            "The photos that a reconstruction is made from are every tenth of interval5 (--every, "
-            "--interval), about five seconds apart; the paper does not say which it took.",
-            "The cloud of a run is that of its place: of HKairport_GNSS01 the one in "
-            "HKairport_GNSS, or else in HKairport (--cloud RUN=FILE names another).",
-            "T4x4 is camera-to-world with OpenCV axes, in the frame of the place's cloud, in "
-            "metres and with z up.",
-            "P3x3 counts pixels from the image's corner.",
-            "Photos have the lens distortion K1, K2, K3, P1, P2 of the poses' file, and none where "
-            "it states none (--lens none).",
-        ),
-        unverified=(
-            "The names of the runs beyond AMtown, AMvalley and HKairport01: nobody of us has seen "
-            "the archives.",
-            "Whether the photos are undistorted already, and whether the HKairport_GNSS and "
-            "HKisland_GNSS runs have clouds of their own.",
-        ),
-    )
+    protocols = ("uavscenes-reconstruction",)
 
-    def benchmark(self, options: UavScenesOptions) -> str:
-        """Return the name."""
-        return "uavscenes"
-
-    def protocols(self, options: UavScenesOptions, root: Path) -> BenchmarkProtocols:
-        """Return uavscenes-reconstruction."""
-        from airzoo_bench.datasets.published.reconstructions import reconstruction_protocol
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
-
-        return BenchmarkProtocols(reconstruction=reconstruction_protocol("uavscenes", root))
-
-    def scenes(self, options: UavScenesOptions) -> list[str]:
-        """Return the runs whose folders stand below the source."""
-        from airzoo_bench.datasets.published.uavscenes_files import find_runs
-
-        return list(find_runs(options.source, options.interval))
-
-    def files(self, options: UavScenesOptions, scene: str) -> list[Path]:
-        """Return a run's folder and the clouds that could be its own."""
-        from airzoo_bench.datasets.published.uavscenes_files import files_of_run
-
-        return files_of_run(options, scene)
+    def scenes(self, options: UavScenesOptions) -> Mapping[str, Sequence[Path]]:
+        """Return the runs below the source, each with its folder and the clouds it may have."""
+        runs, found = _find_runs(options), {}
+        for run, folder in runs.items():
+            given = values_by_scene(options.cloud, "cloud", list(runs)).get(run)
+            places = _clouds_near(options.source, run)
+            found[run] = [folder, *([Path(given)] if given else [path for _, path in places])]
+        return found
 
     def read(self, options: UavScenesOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read the poses and the sizes of a run's photos."""
-        from airzoo_bench.datasets.published.uavscenes_files import read_run
+        """Read a run: its photos, their cameras and poses, and where its cloud is."""
+        home = _find_runs(options)[scene]
+        folder, path = home / f"interval{options.interval}_CAM", home / _POSES
+        photos, samples = files_by_key(folder, stem_of, _LAYOUT), _read_samples(path)
+        posed = [stem for stem in photos if stem in samples]
+        if not posed:
+            raise BenchmarkError(
+                f"names none of {len(photos):,} photos, but {next(iter(samples.values())).name!r}",
+                where=path,
+                expected=f"names such as {next(iter(photos.values()))!r}",
+                fix="put the photos and the poses of one run together",
+            )
+        chosen, notes = chosen_photos(posed, options.every)
+        names, entries = tuple(photos[stem] for stem in chosen), [samples[s] for s in chosen]
+        shown = progress(names, scene, len(names))
+        sizes = [photo_size(folder / name) for name in shown]
+        try:
+            cameras = _cameras(entries, sizes, options.lens)
+            poses = _poses(entries)
+        except CameraError as error:
+            raise error.inside(path) from error
+        check_centred(PosedPhotos(names, cameras, poses), path)
+        cloud, where = _cloud_of(scene, options)
+        return NativeScene(
+            scene,
+            folder,
+            names,
+            cameras,
+            poses,
+            LOCAL_CRS,
+            cloud=cloud,
+            poses_from=path,
+            unposed=tuple(name for stem, name in photos.items() if stem not in samples),
+            notes=(*notes, *where),
+        )
 
-        return read_run(options, scene, progress)
+
+def _find_runs(options: UavScenesOptions) -> dict[str, Path]:
+    """Return the folders of the runs below a source, in the order of the protocol."""
+    source, prefix = options.source.resolve(), f"interval{options.interval}_"
+    pack = f"{prefix}CAM_LIDAR"
+    inside = [source, source / pack, source / pack / pack]
+    folders = {path for place in inside if place.is_dir() for path in place.glob(f"{prefix}*")}
+    runs = [
+        path
+        for path in sorted({source, *folders})
+        if path.name.startswith(prefix)
+        and any((path / part).exists() for part in (f"{prefix}CAM", _POSES))
+    ]
+    found = {path.name.removeprefix(prefix): path for path in runs}
+    if len(found) < len(runs):
+        raise missing("two folders claim to be one run", source, _LAYOUT, "keep one of them")
+    known = published_scenes("uavscenes-reconstruction")
+    strange = [run for run in found if run not in known]
+    if strange:
+        raise BenchmarkError(
+            f"unknown runs: {first_of(strange, len(found))}{nearest(strange[0], known)}",
+            where=source,
+            expected=f"runs such as {known[0]}: {', '.join(known)}",
+            fix="rename the folders, if these are the published runs, and please report the names",
+        )
+    if not found:
+        fix = f"unpack {pack}.zip there; --interval chooses between interval1 and interval5"
+        place = source / pack if (source / pack).is_dir() else source
+        raise missing("holds no run of UAVScenes", place, _LAYOUT, fix)
+    return {run: found[run] for run in known if run in found}
+
+
+def _cloud_of(run: str, options: UavScenesOptions) -> tuple[Path, tuple[str, ...]]:
+    """Return a run's cloud and, where it is that of another name, a sentence that says so."""
+    runs = list(_find_runs(options))
+    given = values_by_scene(options.cloud, "cloud", runs).get(run)
+    if given is not None:
+        return Path(given), ()
+    clouds = _clouds_near(options.source, run)
+    if not clouds:
+        fix = f"unpack {_CLOUDS}.zip there, or name the cloud with --cloud {run}=FILE"
+        layout = f"{_CLOUDS}/{_places(run)[1]}/{_CLOUD}"
+        raise missing(f"there is no cloud for {run}", options.source, layout, fix)
+    place, cloud = clouds[0]
+    several = [str(path) for other, path in clouds if other == place]
+    if len(several) > 1:
+        raise BenchmarkError(
+            f"several clouds could be that of {run}: {first_of(several)}",
+            where=options.source,
+            fix=f"say which: --cloud {run}=FILE",
+        )
+    own = place in _places(run)[:2]
+    return cloud, () if own else (f"its cloud is taken to be that of {place}",)
+
+
+def _clouds_near(source: Path, run: str) -> list[tuple[str, Path]]:
+    """Return the clouds that a run may have, with their places, the most special first."""
+    source = source.resolve()
+    tops = [source, *source.parents[:3]] if source.name.startswith("interval") else [source]
+    folders = [path for top in tops for path in (top / _CLOUDS, top / _CLOUDS / _CLOUDS)]
+    paths = [(place, folder / place / _CLOUD) for place in _places(run) for folder in folders]
+    return [(place, path) for place, path in paths if path.is_file()]
+
+
+def _places(run: str) -> list[str]:
+    """Return the names that a run's cloud may be under, the most special first."""
+    place = re.sub(r"(\d+|_Evening)$", "", run)
+    return list(dict.fromkeys((run, place, place.partition("_")[0])))
+
+
+class _Sample(BaseModel):
+    """An image's entry; keys beyond these are passed over."""
+
+    model_config = ConfigDict(frozen=True)
+    name: str = Field(alias="OriginalImageName", max_length=200)
+    to_world: tuple[_Row4, _Row4, _Row4, _Row4] = Field(alias="T4x4")
+    matrix: tuple[_Row3, _Row3, _Row3] = Field(alias="P3x3")
+    width: _Number | None = Field(default=None, alias="Width")
+    height: _Number | None = Field(default=None, alias="Height")
+    k1: _Number = Field(default=0.0, alias="K1")
+    k2: _Number = Field(default=0.0, alias="K2")
+    p1: _Number = Field(default=0.0, alias="P1")
+    p2: _Number = Field(default=0.0, alias="P2")
+    k3: _Number = Field(default=0.0, alias="K3")
+
+
+_SAMPLES = TypeAdapter(Annotated[list[_Sample], Field(min_length=1)])
+
+
+def _read_samples(path: Path) -> dict[str, _Sample]:
+    """Read a run's poses, by time stamp with a point."""
+    text = read_text(path, BenchmarkError, "file of poses", _LIMIT_BYTES)
+    try:
+        samples = _SAMPLES.validate_json(text.removeprefix("\ufeff"))
+    except ValidationError as error:
+        raise BenchmarkError(
+            validation_message(error, _Sample),
+            where=path,
+            expected="a list of OriginalImageName, T4x4 and P3x3, as UAVScenes has it",
+            fix="download the file again",
+        ) from error
+    found: dict[str, _Sample] = {}
+    for sample in samples:
+        other = found.setdefault(stem_of(sample.name), sample)
+        if (other.to_world, other.matrix) != (sample.to_world, sample.matrix):
+            raise BenchmarkError(
+                f"has two poses of {sample.name!r}", where=path, fix="download the file again"
+            )
+    return found
+
+
+def _poses(samples: Sequence[_Sample]) -> Poses:
+    """Return the poses of images, world-to-camera."""
+    matrices = np.array([sample.to_world for sample in samples])
+    names = [sample.name for sample in samples]
+    odd = np.asarray((np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)) > 1e-6).any(axis=1))
+    if odd.any():
+        listed = [name for name, bad in zip(names, odd, strict=True) if bad]
+        raise CameraError(
+            f"T4x4 whose last row is not 0 0 0 1: {first_of(listed, len(names))}",
+            expected="camera-to-world matrices, rows first",
+            fix="transpose them if columns stand first",
+        )
+    rotations: Floats = np.swapaxes(matrices[:, :3, :3], 1, 2)
+    return Poses.from_centres(rotations, matrices[:, :3, 3], names)
+
+
+def _cameras(samples: Sequence[_Sample], sizes: Sequence[tuple[int, int]], lens: str) -> Cameras:
+    """Return the cameras of images, whose lens is that of the file or "none"."""
+    names = [sample.name for sample in samples]
+    other = [
+        f"{one.name} is {size[0]}x{size[1]} px, not {one.width:g}x{one.height:g}"
+        for one, size in zip(samples, sizes, strict=True)
+        if one.width and one.height and size != (one.width, one.height)
+    ]
+    if other:
+        raise CameraError(
+            f"photos of another size than stated: {first_of(other, len(names))}",
+            fix="use the photos as they were downloaded",
+        )
+    width, height = np.array(sizes).T
+    matrices = np.array([sample.matrix for sample in samples])
+    bent = np.array([(one.k1, one.k2, one.p1, one.p2, one.k3) for one in samples])
+    return Cameras.from_matrices(matrices, width, height, bent * (lens == "file"), names=names)
 
 
 UAVSCENES = UavScenes()
-"""What `prepare uavscenes` makes."""

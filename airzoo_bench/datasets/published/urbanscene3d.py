@@ -1,90 +1,267 @@
-"""UrbanScene3D: the real scenes that were scanned, by poses from COLMAP or Mega-NeRF."""
+"""UrbanScene3D: the real scenes that were scanned, by poses from COLMAP or Mega-NeRF.
+
+Mega-NeRF publishes a file of tensors for each photo. Its world has the axes down, right and back,
+less an origin and divided by a scale; its cameras have NeRF's axes, right, up and back
+(scripts/colmap_to_mega_nerf.py in cmusatyalab/mega-nerf).
+"""
 
 from __future__ import annotations
 
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.benchmark.images import photo_size
+from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, UserError, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.native import NativeDataset
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import UrbanScene3DOptions
+from airzoo_bench.core.registry import Option
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.content import photo_sizes
+from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.published.places import (
+    chosen_photos,
+    files_by_key,
+    missing,
+    published_scenes,
+    stem_of,
+)
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
+from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.surveys.colmap import similarity_of
+from airzoo_bench.datasets.tables import read_matrix, values_by_scene
+from airzoo_bench.formats.torch_files import read_tensors
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.poses import Poses
 
-if TYPE_CHECKING:
-    from pathlib import Path
+__all__ = ["URBANSCENE3D", "UrbanScene3DOptions"]
 
-    from airzoo_bench.datasets.truths import BenchmarkProtocols
+_COORDINATES = "coordinates.pt"
+_LAYOUT = (
+    "a folder a scene, such as residence-pixsfm, with coordinates.pt, and metadata/*.pt with "
+    "rgbs/* in train and val, of Mega-NeRF; or with images/ and a COLMAP model in sparse/0/"
+)
+_OTHER_NAMES = {"sciart": "artsci", "artisci": "artsci"}
+# The axes down, right and back become those of the COLMAP model; the matrix is its own inverse.
+_TO_COLMAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_TO_OPENCV = np.array([1.0, -1.0, -1.0])
 
-__all__ = ["URBANSCENE3D", "UrbanScene3D"]
+
+@dataclass(frozen=True)
+class UrbanScene3DOptions(SourceOptions):
+    """Scans, and how the frame of the poses leads to theirs."""
+
+    scan: Annotated[
+        list[str] | None,
+        Option("scan", "Scan of a scene, PLY, LAS or LAZ, as SCENE=FILE; repeat it."),
+    ] = None
+    transform: Annotated[
+        list[str] | None,
+        Option(
+            "transform",
+            "4 x 4 matrix from the frame of a scene's poses to that of its scan, as SCENE=FILE; "
+            "repeat it.",
+        ),
+    ] = None
+    same_frame: Annotated[
+        bool, Option("same-frame", "Poses without a transform are in the frame of the scan.")
+    ] = False
+    every: Annotated[
+        int, Option("every", "Take every Nth photo of a scene, starting with the first.", least=1)
+    ] = 1
 
 
-class UrbanScene3D(NativeDataset[UrbanScene3DOptions]):
+class UrbanScene3D(Dataset[UrbanScene3DOptions]):
     """The real scenes of UrbanScene3D."""
 
-    summary = (
-        "Make a benchmark folder of UrbanScene3D's real scenes.\n\n"
-        "UrbanScene3D publishes photos and scans, and no poses. A folder a scene holds what "
-        "Mega-NeRF publishes (coordinates.pt, train, val; residence-pixsfm and the like, with "
-        "photos), or images and the COLMAP model sparse/0."
-    )
-    example = (
-        "urbanscene3d --source UrbanScene3D --scan residence=residence.ply --transform "
-        "residence=residence.txt"
-    )
+    name = "urbanscene3d"
+    about = about_of("urbanscene3d")
     options = UrbanScene3DOptions
-    without_truth = MappingProxyType({})
-    about = About(
-        title="UrbanScene3D",
-        page="https://vcc.tech/UrbanScene3D",
-        licence="non-commercial use only; it must not be passed on",
-        links=tuple(
-            f"https://storage.cmusatyalab.org/mega-nerf-data/{scene}-pixsfm.tgz"
-            for scene in ("residence", "sci-art", "campus")
-        ),
-        assumptions=(
-            "Poses are those that the user has, by COLMAP or as Mega-NeRF publishes them; the "
-            "paper does not say which it took.",
-            "All photos with a pose are taken (--every).",
-            "Mega-NeRF's photos have no lens distortion: its script undistorts them.",
-        ),
-        unverified=(
-            "Names, fields and frames of the scans: nobody of us has seen one; so that they are "
-            "named with --scan, and their frame with --transform or --same-frame.",
-            "The scans of PolyTech and ArtSci that UrbanScene3D's own program measures against are "
-            "encrypted and cannot be read.",
-        ),
-    )
+    protocols = ("urbanscene3d-reconstruction",)
 
-    def benchmark(self, options: UrbanScene3DOptions) -> str:
-        """Return the name."""
-        return "urbanscene3d"
-
-    def protocols(self, options: UrbanScene3DOptions, root: Path) -> BenchmarkProtocols:
-        """Return urbanscene3d-reconstruction."""
-        from airzoo_bench.datasets.published.reconstructions import reconstruction_protocol
-        from airzoo_bench.datasets.truths import BenchmarkProtocols
-
-        return BenchmarkProtocols(reconstruction=reconstruction_protocol("urbanscene3d", root))
-
-    def scenes(self, options: UrbanScene3DOptions) -> list[str]:
-        """Return the scenes whose folders stand below the source."""
-        from airzoo_bench.datasets.published.urbanscene3d_files import find_scenes
-
-        return list(find_scenes(options.source))
-
-    def files(self, options: UrbanScene3DOptions, scene: str) -> list[Path]:
-        """Return a scene's folder, its scan and its transform."""
-        from airzoo_bench.datasets.published.urbanscene3d_files import files_of_scene
-
-        return files_of_scene(options, scene)
+    def scenes(self, options: UrbanScene3DOptions) -> Mapping[str, Sequence[Path]]:
+        """Return the scenes below the source, each with its folder, scan and transform."""
+        found = _find_scenes(options.source)
+        named = (("scan", options.scan), ("transform", options.transform))
+        given = [values_by_scene(texts, option, list(found)) for option, texts in named]
+        return {
+            scene: [folder, *(Path(files[scene]) for files in given if scene in files)]
+            for scene, folder in found.items()
+        }
 
     def read(self, options: UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a scene's poses, and take them to the frame of its scan."""
-        from airzoo_bench.datasets.published.urbanscene3d_files import read_scene
+        scenes = _find_scenes(options.source)
+        folder, known = scenes[scene], list(scenes)
+        scan = values_by_scene(options.scan, "scan", known).get(scene)
+        transform = values_by_scene(options.transform, "transform", known).get(scene)
+        if scan is None or (transform is None and not options.same_frame):
+            raise UsageError(
+                f"the scan of {scene} is not named"
+                if scan is None
+                else f"it is not known how the poses of {scene} lie to its scan",
+                where=folder,
+                expected=f"--scan {scene}=FILE, a PLY, LAS or LAZ cloud; and --transform "
+                f"{scene}=FILE, 4 x 4 numbers that take the frame of the poses to that of the "
+                "scan, or --same-frame",
+                fix="find the transform by registering the model's points to the scan, such as "
+                "with CloudCompare; or name the scenes to prepare with --scene",
+            )
+        images, photos, unposed, notes = _photos(folder, options.every, progress)
+        if transform is not None:
+            photos = replace(photos, poses=_moved(photos, Path(transform)))
+        return NativeScene(
+            scene,
+            images,
+            photos.names,
+            photos.cameras,
+            photos.poses,
+            LOCAL_CRS,
+            cloud=Path(scan),
+            poses_from=folder,
+            unposed=unposed,
+            notes=notes,
+        )
 
-        return read_scene(options, scene, progress)
+
+def _find_scenes(source: Path) -> dict[str, Path]:
+    """Return the folders of scenes by id, in the order of the protocol."""
+    known = published_scenes("urbanscene3d-reconstruction")
+    inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
+    found: dict[str, list[Path]] = {}
+    for folder in (source.resolve(), *inside):
+        # Sci-Art-pixsfm is ArtSci.
+        letters = re.sub(r"[^a-z]", "", folder.name.casefold().removesuffix("-pixsfm"))
+        scene = _OTHER_NAMES.get(letters, letters)
+        if scene in known and ((folder / _COORDINATES).is_file() or _model(folder)):
+            found.setdefault(scene, []).append(folder)
+    if not found or any(len(folders) > 1 for folders in found.values()):
+        what = "several folders claim to be one scene" if found else "holds no scene"
+        fix = f"name the folders {', '.join(known)}, each once"
+        raise missing(what, source, _LAYOUT, fix)
+    return {scene: found[scene][0] for scene in known if scene in found}
+
+
+def _model(folder: Path) -> Path | None:
+    """Return the folder of a scene's COLMAP model."""
+    places = (folder / "sparse/0", folder / "sparse")
+    files = ("cameras.bin", "cameras.txt")
+    return next((p for p in places if any((p / file).is_file() for file in files)), None)
+
+
+def _photos(
+    folder: Path, every: int, progress: Progress
+) -> tuple[Path, PosedPhotos, tuple[str, ...], tuple[str, ...]]:
+    """Return the folder of the photos, those chosen, those without pose, and notes."""
+    model, images = _model(folder), folder / "images"
+    if model is None:
+        files = _mega_nerf_photos(folder)
+        in_order = sorted(files, key=lambda photo: photo.rpartition("/")[2])
+        names, notes = chosen_photos(in_order, every)
+        return folder, _read_mega_nerf(folder, files, tuple(names), progress), (), notes
+    if (folder / _COORDINATES).is_file() or not images.is_dir():
+        what = "has no images/, or poses of Mega-NeRF and of COLMAP"
+        raise missing(what, folder, _LAYOUT, "move one of both kinds of poses elsewhere")
+    sizes = photo_sizes(images, progress)
+    photos = read_poses(model, sizes)
+    rows, notes = chosen_photos(range(len(photos.names)), every)
+    return images, photos.take(rows), tuple(sorted(set(sizes) - set(photos.names))), notes
+
+
+def _moved(photos: PosedPhotos, path: Path) -> Poses:
+    """Take poses to the frame of the scan."""
+    matrix = read_matrix(path)
+    if matrix is None:
+        raise BenchmarkError(
+            "holds no 4 x 4 numbers",
+            where=path,
+            expected="four lines of four numbers; the last is 0 0 0 1",
+        )
+    moved = similarity_of(matrix, path).apply_poses(photos.poses)
+    try:
+        return Poses.from_centres(moved.rotation, moved.centres, photos.names)
+    except UserError as error:
+        raise error.inside("--transform") from error
+
+
+def _mega_nerf_photos(folder: Path) -> dict[str, Path]:
+    """Return the file of each photo, by the photo's path relative to the folder."""
+    found: dict[str, Path] = {}
+    for part in ("train", "val"):
+        home, images = folder / part / "metadata", folder / part / "rgbs"
+        files = sorted(home.glob("*.pt")) if home.is_dir() else []
+        if not files:
+            raise missing("holds no .pt file", home, _LAYOUT)
+        photos = files_by_key(images, stem_of, f"{_LAYOUT}; copy_images.py makes them")
+        absent = [file.name for file in files if stem_of(file.stem) not in photos]
+        if absent:
+            what = f"poses without a photo ({first_of(absent, len(files))})"
+            raise missing(what, images, _LAYOUT, "let Mega-NeRF's copy_images.py finish")
+        found |= {f"{part}/rgbs/{photos[stem_of(file.stem)]}": file for file in files}
+    return found
+
+
+def _read_mega_nerf(
+    folder: Path, photos: Mapping[str, Path], names: tuple[str, ...], progress: Progress
+) -> PosedPhotos:
+    """Read the cameras and poses of some photos, in metres and the axes of the COLMAP model."""
+    where = folder / _COORDINATES
+    stated = read_tensors(where)
+    origin = _array(stated, "origin_drb", (3,), where)
+    scale = float(_array(stated, "pose_scale_factor", (), where))
+    if not 0.0 < scale < np.inf:
+        raise BenchmarkError(f"pose_scale_factor is {scale:g}", where=where, expected="above 0")
+    shown = progress(names, folder.name, len(names))
+    parts = [_mega_nerf_photo(photos[name], photo_size(folder / name)) for name in shown]
+    matrices, sizes, to_world = (np.array(values) for values in zip(*parts, strict=True))
+    centres: Floats = (to_world[:, :, 3] * scale + origin) @ _TO_COLMAP.T
+    rotations: Floats = np.swapaxes(_TO_COLMAP @ to_world[:, :, :3] * _TO_OPENCV, 1, 2)
+    try:
+        width, height = sizes.T
+        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+        posed = PosedPhotos(names, cameras, Poses.from_centres(rotations, centres, names))
+    except CameraError as error:
+        raise error.inside(folder) from error
+    check_centred(posed, folder)
+    return posed
+
+
+def _mega_nerf_photo(path: Path, size: tuple[int, int]) -> tuple[Any, ...]:
+    """Return K, size and camera-to-world (3, 4) of a photo."""
+    stated = read_tensors(path)
+    width, height = (int(_array(stated, key, (), path)) for key in ("W", "H"))
+    if (width, height) != size:
+        raise CameraError(
+            f"its photo is {size[0]}x{size[1]} px, not {width}x{height}",
+            where=path,
+            fix="use the photos that copy_images.py makes",
+        )
+    fx, fy, cx, cy = _array(stated, "intrinsics", (4,), path)
+    matrix = ((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0))
+    return matrix, size, _array(stated, "c2w", (3, 4), path)
+
+
+def _array(
+    stated: Mapping[str, Any], key: str, shape: tuple[int, ...], path: Path
+) -> NDArray[np.float64]:
+    """Return a value as numbers of a shape; a number in a row of one is a number."""
+    value = np.asarray(stated.get(key, "nothing"))
+    if shape == () and value.size == 1:
+        value = value.reshape(())
+    if value.dtype.kind not in "fiu" or value.shape != shape or not np.isfinite(value).all():
+        raise BenchmarkError(
+            f"{key!r} is {value.dtype} of shape {value.shape}",
+            where=path,
+            expected=f"finite numbers of shape {shape}, as Mega-NeRF's README names them",
+        )
+    return value.astype(np.float64)
 
 
 URBANSCENE3D = UrbanScene3D()
-"""What `prepare urbanscene3d` makes."""

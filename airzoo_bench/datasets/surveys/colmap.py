@@ -1,65 +1,215 @@
-"""A COLMAP model as a dataset of `prepare`."""
+"""A COLMAP model as a dataset: in a projected CRS, or brought there by a similarity."""
 
 from __future__ import annotations
 
-from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.surveys.options import ColmapOptions
-from airzoo_bench.datasets.surveys.survey import WITHOUT_TRUTH, Survey, given
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
 
-__all__ = ["COLMAP", "ColmapModels"]
+import numpy as np
+from pyproj import CRS
+
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.content import photo_sizes
+from airzoo_bench.datasets.metadata import read_prior
+from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
+from airzoo_bench.datasets.surveys.survey import (
+    FoundPhotos,
+    Survey,
+    SurveyOptions,
+    map_crs,
+    posed_scene,
+    stated_crs,
+)
+from airzoo_bench.datasets.tables import match_names, read_matrix, read_native_text
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import from_lonlat
+from airzoo_bench.geometry.poses import check_rotations
+from airzoo_bench.reconstruction.alignment.camera_sets import PosedCameras, RansacSettings
+from airzoo_bench.reconstruction.alignment.cameras import align
+from airzoo_bench.reconstruction.alignment.similarity import AlignmentError, Similarity
+
+__all__ = ["COLMAP", "ColmapOptions", "similarity_of"]
+
+_LEAST_AGREEING = 0.5
+_LEAST_POSITIONS = 4  # three are always met
+_TOLERANCE = 1e-4
+
+Places = Mapping[str, Sequence[float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColmapOptions(SurveyOptions):
+    """What may be asked of a COLMAP model."""
+
+    source: Annotated[Path, Option("source", "Folder of the model, such as sparse/0.")]
+    georeference: Annotated[
+        Path | None,
+        Option(
+            "georeference",
+            "4 x 4 matrix from the model to the CRS, or lines of name, x, y, z (default: the "
+            "model is in --crs already).",
+        ),
+    ] = None
+    from_exif: Annotated[
+        bool, Option("from-exif", "Bring the model to the positions that its photos state.")
+    ] = False
+    inlier_m: Annotated[
+        float,
+        Option("inlier-m", "Positions that fit to better than this place the model.", least=1e-3),
+    ] = 5.0
 
 
 class ColmapModels(Survey[ColmapOptions]):
-    """Photos registered by COLMAP, in a projected CRS or brought there."""
+    """Photos registered by COLMAP."""
 
-    about = About(
-        title="COLMAP model",
-        page="https://colmap.github.io/format.html",
-        licence="your own data",
-        assumptions=(
-            "Without --georeference and --from-exif the model is in the CRS of --crs, in metres.",
-            "A similarity fits the model to positions; those farther than --inlier-m count not. "
-            "What remains (root mean square) is the accuracy of the truth, unless --truth-accuracy "
-            "says it.",
-        ),
-    )
-    summary = (
-        "Make a benchmark folder out of a COLMAP model.\n\n"
-        "It is in --crs already, or is brought there by a similarity: one that is given, or one "
-        "fitted to positions (--georeference), such as those of the photos (--from-exif)."
-    )
-    example = (
-        "colmap --source sparse/0 --images photos --dom dom.tif --dsm dsm.tif --from-exif "
-        "--name park"
-    )
+    about = about_of("colmap")
     options = ColmapOptions
-    without_truth = WITHOUT_TRUTH
     needs = ("images", "dom")
     needs_ground = True
 
     def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the model, and place it."""
-        from airzoo_bench.datasets.photos import FoundPhotos, posed_scene
-        from airzoo_bench.datasets.poses import read_poses
-        from airzoo_bench.datasets.sources import photo_sizes
-        from airzoo_bench.datasets.surveys.georeference import georeferenced
-
-        images = given(options.images, "images")
+        images = options.images or Path()
         sizes = photo_sizes(images, progress)
-        placed = georeferenced(options, read_poses(options.source, sizes))
+        photos, notes, accuracy = _placed(options, images, read_poses(options.source, sizes))
         found = FoundPhotos(
-            images,
-            sizes,
-            placed.photos,
-            options.source,
-            options.dom,
-            options.dsm,
-            placed.notes,
-            placed.accuracy_m,
+            images, sizes, photos, options.source, options.dom, options.dsm, notes, accuracy
         )
         return posed_scene(options, scene, found, progress)
+
+
+def _placed(
+    options: ColmapOptions, images: Path, photos: PosedPhotos
+) -> tuple[PosedPhotos, tuple[str, ...], float | None]:
+    """Bring the photos to a projected CRS; return notes too, and what remains of the fit."""
+    stated, file = stated_crs(options), options.georeference
+    if file is not None and options.from_exif:
+        raise UsageError("--georeference and --from-exif exclude each other")
+    if file is None and not options.from_exif:
+        if stated is None:
+            raise UsageError(
+                "where the model is, is not known",
+                where=options.source,
+                fix="give --from-exif, or --georeference FILE, or --crs if the model is in it",
+            )
+        return replace(photos, crs=stated.to_string()), (), None
+    crs = stated or map_crs(options.dsm, options.dom)
+    matrix = None if file is None else read_matrix(file)
+    if file is not None and matrix is not None:
+        placed = replace(photos, poses=similarity_of(matrix, file).apply_poses(photos.poses))
+        return replace(placed, crs=crs.to_string()), (), None
+    places = (
+        _exif_positions(images, photos, crs)
+        if file is None
+        else _named_positions(file, photos.names)
+    )
+    transform, notes, left = _fitted(photos, places, options.inlier_m, file or images)
+    placed = replace(photos, poses=transform.apply_poses(photos.poses), crs=crs.to_string())
+    return placed, notes, left
+
+
+def similarity_of(matrix: Floats, path: Path) -> Similarity:
+    """Return a matrix (4, 4) as a turn, a scale and a shift."""
+    linear = matrix[:3, :3]
+    squared = np.trace(linear @ linear.T) / 3.0
+    sheared = np.abs(linear @ linear.T - squared * np.eye(3)).max() > _TOLERANCE * squared
+    scale = float(np.cbrt(np.linalg.det(linear)))
+    if sheared or not scale > 0.0:
+        raise BenchmarkError(
+            "shears, mirrors or flattens",
+            where=path,
+            expected="a similarity: a turn, one scale and a shift",
+            fix="register with a similarity, without shear",
+        )
+    turn = check_rotations([linear / scale], ["the matrix"], where=path)[0]
+    return Similarity(scale, turn, matrix[:3, 3])
+
+
+def _exif_positions(images: Path, photos: PosedPhotos, crs: CRS) -> Places:
+    found = {name: read_prior(images / name) for name in photos.names}
+    whole = {n: p for n, p in found.items() if p.lon is not None and p.altitude_m is not None}
+    if not whole:
+        raise BenchmarkError("no photo has a GPS position", where=images)
+    places = np.array([(p.lon, p.lat, p.altitude_m) for p in whole.values()], dtype=np.float64)
+    places[:, :2] = from_lonlat(crs, places[:, :2])
+    return dict(zip(whole, places.tolist(), strict=True))
+
+
+def _named_positions(path: Path, names: Sequence[str]) -> Places:
+    """Read lines of name, x, y, z, as COLMAP's model_aligner takes them."""
+    rows: dict[str, list[float]] = {}
+    lines = (line.strip() for line in read_native_text(path).splitlines())
+    for line in (line for line in lines if line and not line.startswith("#")):
+        name, *numbers = line.replace(",", " ").rsplit(None, 3)
+        try:
+            place = [float(number) for number in numbers]
+        except ValueError:
+            place = []
+        if len(place) != 3 or not np.isfinite(place).all() or name in rows:
+            raise BenchmarkError(
+                f"holds the line {line[:60]!r}",
+                where=path,
+                expected="a 4 x 4 matrix, or lines of name, x, y, z, each name once",
+            )
+        rows[name] = place
+    return {photo: rows[name] for name, photo in match_names(rows, names, path).items()}
+
+
+def _fitted(
+    photos: PosedPhotos, places: Places, limit_m: float, where: Path
+) -> tuple[Similarity, tuple[str, ...], float | None]:
+    """Fit the model to positions; return notes too, and what remains (root mean square)."""
+    if len(places) < _LEAST_POSITIONS:
+        raise BenchmarkError(
+            f"there are {counted(len(places), 'position')} for a model",
+            where=where,
+            expected=f"at least {_LEAST_POSITIONS}, so that one can be held against the others",
+        )
+    ransac = RansacSettings(
+        min_trials=1000,
+        max_trials=100_000,
+        confidence=0.9999,
+        sample_share=None,
+        inlier_limit=limit_m,
+        inlier_limit_deg=10.0,
+        line_ratio=0.1,
+        seed=0,
+    )
+    model = PosedCameras(photos.names, photos.poses.centres, photos.poses.rotation)
+    truth = PosedCameras(tuple(places), np.array(list(places.values())))
+    try:
+        found = align("sim3", model, truth, ransac)
+    except AlignmentError as error:
+        raise BenchmarkError(
+            f"positions do not place the model: {error.what}",
+            where=where,
+            expected="positions that span an area",
+            fix="give the similarity (--georeference with a 4 x 4 matrix)",
+        ) from error
+    left = found.inlier_centres
+    if left is None or not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
+        raise BenchmarkError(
+            f"{found.inliers} of {counted(found.cameras, 'position')} agree with the model to "
+            f"{limit_m:g} m",
+            where=where,
+            expected="at least half",
+            fix="look at the positions, or give a larger --inlier-m",
+        )
+    notes = [
+        f"a similarity of scale {found.transform.scale:.6g} places the model by {found.inliers} "
+        f"of {counted(found.cameras, 'position')}: {left.rms:.3f} m remain (root mean square), "
+        f"{left.largest:.3f} m at most; no truth is better than these positions"
+    ]
+    out = [name for name in places if name not in found.inlier_names]
+    if out:
+        notes.append(f"positions that do not fit: {first_of(out, len(places))}")
+    return found.transform, tuple(notes), round(left.rms, 4) or None
 
 
 COLMAP = ColmapModels()

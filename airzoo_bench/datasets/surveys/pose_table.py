@@ -1,26 +1,50 @@
-"""Tables of poses as Metashape, Pix4D, DJI Terra and people write them: columns by known names."""
+"""A table of poses as a dataset, as Metashape, Pix4D, DJI Terra and people write it."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
-from airzoo_bench.core.errors import BenchmarkError, counted
+import numpy as np
+from pyproj import CRS
+
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.datasets.native_tables import NativeTable
-from airzoo_bench.datasets.native_text import read_native_text
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
+from airzoo_bench.datasets.content import photo_sizes
+from airzoo_bench.datasets.lenses import (
+    LENS_KEYS,
+    cameras_of_lenses,
+    check_focal_lengths,
+    lens_of,
+    read_camera_file,
+)
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
+from airzoo_bench.datasets.surveys.survey import (
+    FoundPhotos,
+    Survey,
+    SurveyOptions,
+    map_crs,
+    posed_scene,
+    stated_crs,
+)
+from airzoo_bench.datasets.tables import Table, match_names, plain, read_native_text, read_table
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import describe_crs, from_lonlat, grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["PoseTable", "read_pose_table"]
+__all__ = ["POSES", "PoseTableOptions"]
 
-# What a column is called, without case, units in brackets, blanks, '_', '-', '.' and '#'.
-_NAMES: Mapping[str, tuple[str, ...]] = {
-    "image": ("image", "imagename", "label", "name", "filename", "file", "photo", "sourcefile"),
+# What programs call a column, see `tables.plain`.
+_POSE: Mapping[str, tuple[str, ...]] = {
     "lat": ("lat", "latitude", "gpslatitude"),
     "lon": ("lon", "lng", "longitude", "gpslongitude", "gpslongtitude"),
     "x": ("x", "easting", "east", "e", "x/easting", "x/longitude"),
@@ -35,141 +59,102 @@ _NAMES: Mapping[str, tuple[str, ...]] = {
     "omega": ("omega",),
     "phi": ("phi",),
     "kappa": ("kappa",),
+}
+_OTHERS: Mapping[str, tuple[str, ...]] = {
+    "image": ("image", "imagename", "label", "name", "filename", "file", "photo", "sourcefile"),
     "focal_mm": ("focalmm", "focallengthmm"),
     "sensor_mm": ("sensormm", "sensorwidthmm"),
     "fov_deg": ("fovdeg", "fov", "hfov", "hfovdeg"),
     **{name: (name,) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")},
 }
+_YAW, _OMEGA = ("yaw", "pitch", "roll"), ("omega", "phi", "kappa")
 # Units in brackets in which no column can be; others, such as (WGS84), are passed over.
-_GON = ("gon", "gons", "grad", "grads", "gradian", "gradians", "mil", "mils")
-_LENGTHS = ("ft", "feet", "foot", "usft", "ftus", "ussurveyfoot", "yd", "km", "cm", "mm")
-_RADIANS = ("rad", "rads", "radian", "radians")
-# Metashape writes what was given, and what it found under the same names with this ending.
-_FOUND = "est"
-_POSE = ("lat", "lon", "x", "y", "height", "yaw", "pitch", "roll", "omega", "phi", "kappa")
-_HEADINGS = ("heading", "azimuth", "bearing", "course")  # which people write for yaw
-# Columns that may name a lens, beside bodies such as FC6310, and lenses that are not computed.
-_LENS_NAMES = ("model", "cameramodel", "lensmodel", "distortionmodel", "projectiontype")
-_OTHER_LENSES = {
-    *("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"),
-    *("FULL_OPENCV", "FOV", "FISHEYE", "FISHEYE_OPENCV", "EQUIRECTANGULAR", "SPHERICAL"),
-}
-_SEPARATORS = (",", ";", "\t", None)  # None: blanks
-_HEADER_LINES = 20  # within which the header is looked for
-_LEAST_COLUMNS = 4
+_OTHER_UNITS = re.compile(
+    r"[\[(]\s*(gon|grad|mil|ft|feet|foot|us ?ft|yd|km|cm|mm)\w*\s*[\])]", re.I
+)
+_MOST_OFF_NADIR_DEG, _OBLIQUE_DEG = 65.0, -20.0
 _EXPECTED = (
     "columns such as image, latitude, longitude, height, yaw, pitch, roll; or image, easting, "
     "northing, height, omega, phi, kappa"
 )
 
 
-@dataclass(frozen=True, eq=False)
-class PoseTable:
-    """A table of poses, its columns by our names.
+@dataclass(frozen=True, kw_only=True)
+class PoseTableOptions(SurveyOptions):
+    """What a table of poses leaves open."""
 
-    Attributes
-    ----------
-    table : NativeTable
-    header : mapping of str to str
-        What the file calls them.
-    estimated : bool
-        Whether values that a program found were taken, where it also lists those it was given.
-    may_be_degrees : bool
-        Whether x and y, by any of their names, may be longitude and latitude: Metashape writes
-        X/Longitude, and then X_est, for both.
-    """
-
-    table: NativeTable
-    header: Mapping[str, str]
-    estimated: bool
-    may_be_degrees: bool
-
-    def in_radians(self, columns: Sequence[str]) -> bool:
-        """Whether the name of one of these columns says, in brackets, that it is in radians."""
-        return any(_unit(self.header[column]) in _RADIANS for column in columns)
-
-    def has(self, *columns: str) -> bool:
-        """Whether all these columns are there."""
-        return set(columns) <= set(self.header)
-
-    def numbers(self, column: str, rows: list[int], most: float = math.inf) -> Floats:
-        """Return the numbers of a column in some rows; NaN where a cell is empty."""
-        return self.table.numbers(column, -most, most, empty=True)[rows]
-
-
-def read_pose_table(path: Path) -> PoseTable:
-    """Read a table of poses; commas, semicolons, tabs or blanks separate its values."""
-    lines = read_native_text(path).splitlines()
-    try:
-        start, separator, names = _header(path, lines)
-    except csv.Error as error:
-        raise BenchmarkError(f"not a table: {error}", where=path, expected=_EXPECTED) from error
-    header, estimated = _columns(path, names)
-    places = {column: names.index(name) for column, name in header.items()}
-    numbered = [
-        (number, row)
-        for number, row in _rows(path, lines, start + 1, separator)
-        if not row[0].startswith("#")
+    source: Annotated[
+        Path, Option("source", "Table of the photos' positions and angles, a row a photo.")
     ]
-    for number, row in numbered:
-        _check_width(path, number, row, names)
-    if not numbered:
-        raise BenchmarkError("has no row of a photo", where=path, expected="a row for each photo")
-    _refuse_other_lenses(path, names, [row for _, row in numbered])
-    table = NativeTable(
-        path,
-        tuple(places),
-        tuple(name for name in names if name not in header.values()),
-        tuple(tuple(row[place].strip() for place in places.values()) for _, row in numbered),
-        tuple(number for number, _ in numbered),
-        decimal_commas=separator != ",",
-    )
-    table.require_unique("image")
-    across = [name.casefold() for name in names if _column(name) in ("x", "lon")]
-    return PoseTable(table, header, estimated, any("lon" in name for name in across))
+    camera: Annotated[
+        Path | None,
+        Option("camera", "Camera of all photos (JSON: fx, or focal_mm and sensor_mm, or fov_deg)."),
+    ] = None
+    angles: Annotated[
+        Convention | None,
+        Option("angles", "What the angles mean (default: what the columns' names tell)."),
+    ] = None
+    angle_unit: Annotated[
+        Literal["degrees", "radians"] | None, Option("angle-unit", "Default: degrees.")
+    ] = None
+    north: Annotated[
+        Literal["true", "grid"] | None,
+        Option("north", "What angles are relative to (default: yaw true north, kappa the grid's)."),
+    ] = None
 
 
-def _split(line: str, separator: str | None) -> list[str]:
-    if separator is None:
-        return line.split()
-    return next(csv.reader(io.StringIO(line), delimiter=separator), [])
+class PoseTables(Survey[PoseTableOptions]):
+    """Photos whose poses stand in a table."""
+
+    about = about_of("poses")
+    options = PoseTableOptions
+    needs = ("images", "dom")
+    needs_ground = True
+
+    def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read the table, and what the photos' metadata say."""
+        images, path = options.images or Path(), options.source
+        sizes = photo_sizes(images, progress)
+        table, notes = _read(path)
+        found = match_names(table.texts("image"), sizes, path)
+        rows = _whole_rows(table, found, notes)
+        names = tuple(found[table.texts("image")[row]] for row in rows)
+        crs = stated_crs(options) or map_crs(options.dsm, options.dom)
+        lonlat, centres = _positions(table, rows, crs, stated=options.crs is not None)
+        rotations = _rotations(table, rows, options, grid_convergence_deg(crs, lonlat), notes)
+        cameras = _cameras(table, rows, names, images, sizes, options.camera, notes)
+        poses = Poses.from_centres(rotations, centres, names)
+        photos = PosedPhotos(names, cameras, poses, crs.to_string())
+        photos = photos.take([int(row) for row in np.argsort(np.array(names))])
+        posed = FoundPhotos(images, sizes, photos, path, options.dom, options.dsm, tuple(notes))
+        return posed_scene(options, scene, posed, progress)
 
 
-def _header(path: Path, lines: Sequence[str]) -> tuple[int, str | None, list[str]]:
-    """Find the line that names most columns, and what separates them."""
-    best: tuple[int, int, str | None, list[str]] = (0, 0, ",", [])
-    for place, line in enumerate(lines[:_HEADER_LINES]):
-        for separator in _SEPARATORS:
-            names = [name.strip() for name in _split(line.lstrip("# \ufeff"), separator)]
-            known = len({column for column in map(_column, names) if column is not None})
-            if known > best[0]:
-                best = (known, place, separator, names)
-    if best[0] < _LEAST_COLUMNS:
-        found = next((line for line in lines if line.strip()), "")
+def _read(path: Path) -> tuple[Table, list[str]]:
+    """Read the table; what a program found goes before what it was given, and a note says so."""
+    head = read_native_text(path).splitlines()[:20]
+    there = {plain(name) for line in head for name in re.split(r"[,;\t]|\s+", line)}
+    # Metashape writes what was given, and what it found under the same names with this ending.
+    found = {ours: tuple(f"{name}est" for name in names) for ours, names in _POSE.items()}
+    has = {ours for ours, names in found.items() if there & set(names)}
+    estimated = "height" in has and ({"x", "y"} <= has or {"lat", "lon"} <= has)
+    columns = {**(found if estimated else _POSE), **_OTHERS}
+    table = read_table(path, columns, optional=set(columns), blanks=True)
+    lacking = [name for name in ("image", "height") if not table.has(name)]
+    if not (table.has("lat", "lon") or table.has("x", "y")):
+        lacking.append("latitude and longitude, or easting and northing")
+    if not (table.has(*_YAW) or table.has(*_OMEGA)):
+        lacking.append("yaw, pitch and roll, or omega, phi and kappa")
+    if lacking:
+        unknown = [name for name in table.names if name not in table.header.values()]
         raise BenchmarkError(
-            f"has no line that names its columns; it begins with {found[:80]!r}",
+            f"lacks {'; '.join(lacking)}{nearest(lacking[-1].split(',')[0], unknown)}; its columns "
+            f"are {', '.join(table.names)[:300]!r}",
             where=path,
             expected=_EXPECTED,
-            fix="write a first line that names the columns",
+            fix="write a first line that names the columns so",
         )
-    return best[1], best[2], best[3]
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"\[.*?\]|\(.*?\)|[\s_.#-]", "", name.casefold())
-
-
-def _unit(name: str) -> str:
-    """Return what stands in brackets in a name, as `_plain` would leave it."""
-    found = re.search(r"\[(.*?)\]|\((.*?)\)", name.casefold())
-    return re.sub(r"[\s_.#-]", "", found[1] or found[2] or "") if found else ""
-
-
-def _check_units(path: Path, header: Mapping[str, str]) -> None:
-    lengths, angles = ("x", "y", "height"), ("lat", "lon", "yaw", "pitch", "roll")
-    of_angles = (*angles, "omega", "phi", "kappa")
-    odd = [header[c] for c in lengths if c in header and _unit(header[c]) in _LENGTHS]
-    odd += [header[c] for c in of_angles if c in header and _unit(header[c]) in _GON]
+    odd = [name for name in table.header.values() if _OTHER_UNITS.search(name)]
     if odd:
         raise BenchmarkError(
             f"columns in other units: {', '.join(map(repr, odd))}",
@@ -177,92 +162,197 @@ def _check_units(path: Path, header: Mapping[str, str]) -> None:
             expected="lengths in metres, angles in degrees or radians",
             fix="convert them, and name the columns by the new unit",
         )
+    table.require_unique("image")
+    what = "poses that the program found" if estimated else "poses"
+    used = [name for ours, name in table.header.items() if ours in _POSE]
+    return table, [f"{what} are from the columns {', '.join(used)}"]
 
 
-def _refuse_other_lenses(path: Path, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    for place, name in enumerate(names):
-        stated = {row[place].strip() for row in rows} if _plain(name) in _LENS_NAMES else set()
-        other = sorted(one for one in stated if one.upper() in _OTHER_LENSES)
-        if other:
+def _whole_rows(table: Table, found: Mapping[str, str], notes: list[str]) -> list[int]:
+    """Return the rows of photos that are there with a whole pose, and note the others."""
+    names = table.texts("image")
+    columns = [*_place_columns(table), "height", *_angle_columns(table)]
+    texts = [table.texts(column) for column in columns]
+    there = [row for row, name in enumerate(names) if name in found]
+    whole = [row for row in there if all(text[row] for text in texts)]
+    if not whole:
+        raise BenchmarkError("no photo has a whole pose", where=table.path)
+    unplaced = [found[names[row]] for row in sorted(set(there) - set(whole))]
+    absent = [name for name in names if name not in found]
+    if unplaced:
+        notes.append(f"rows without a position or angles: {first_of(unplaced, len(found))}")
+    if absent:
+        notes.append(f"rows whose photo is not there: {first_of(absent, len(table))}")
+    return whole
+
+
+def _place_columns(table: Table) -> tuple[str, str]:
+    return ("lon", "lat") if table.has("lon", "lat") else ("x", "y")
+
+
+def _angle_columns(table: Table) -> tuple[str, ...]:
+    return _OMEGA if table.has(*_OMEGA) else _YAW
+
+
+def _positions(
+    table: Table, rows: Sequence[int], crs: CRS, *, stated: bool
+) -> tuple[Floats, Floats]:
+    """Return longitude and latitude, and centres in the CRS."""
+    columns = _place_columns(table)
+    first, second, height = (
+        table.numbers(column, empty=True)[rows] for column in (*columns, "height")
+    )
+    header = " and ".join(table.header[column] for column in columns)
+    pair = np.stack((first, second), axis=-1)
+    on_earth = bool((np.abs(pair) <= (180.0, 90.0)).all())
+    # Metashape writes X/Longitude, and then X_est, for metres as for degrees.
+    names = [name.casefold() for name in table.names]
+    may_be_degrees = any("lon" in name for name in names) and on_earth
+    if columns == ("lon", "lat") and not on_earth:
+        raise BenchmarkError(
+            f"columns {header} hold {first[0]:.10g} and {second[0]:.10g}, which is no longitude "
+            "and latitude",
+            where=table.path,
+            expected="degrees, at most 180 and 90",
+            fix="look whether they are the wrong way round; name the columns easting and northing, "
+            "and give --crs, if that is what they are",
+        )
+    if columns == ("lon", "lat") or may_be_degrees:
+        lonlat, xy = pair, from_lonlat(crs, pair)
+    elif stated:
+        lonlat, xy = to_lonlat(crs, pair), pair
+    else:
+        raise UsageError(
+            f"the CRS of the columns {header} is not known",
+            where=table.path,
+            fix=f"give --crs, such as that of the map if they are in {describe_crs(crs)}",
+        )
+    beyond = ~np.isfinite(np.column_stack((xy, lonlat))).all(axis=1)
+    if beyond.any():
+        names = [table.texts("image")[rows[i]] for i in np.flatnonzero(beyond).tolist()]
+        raise BenchmarkError(
+            f"positions beyond {describe_crs(crs)}: {first_of(names, len(rows))}", where=table.path
+        )
+    return lonlat, np.column_stack((xy, height))
+
+
+def _rotations(
+    table: Table,
+    rows: Sequence[int],
+    options: PoseTableOptions,
+    convergence_deg: Floats,
+    notes: list[str],
+) -> Floats:
+    """Return the rotations of some rows, and note how they were read."""
+    convention = _convention(table, options.angles)
+    degrees = _degrees(table, rows, convention, options.angle_unit)
+    north = options.north or ("grid" if convention == "omega-phi-kappa" else "true")
+    notes.append(f"angles are read as {convention}, relative to {north} north")
+    convergence = convergence_deg if north == "true" else 0.0
+    rotations = attitudes_to_rotations(convention, degrees, convergence_deg=convergence)
+    if options.angles is None:
+        _check_down(table, rotations, float(np.median(degrees[:, 1])), convention)
+    return rotations
+
+
+def _convention(table: Table, wanted: Convention | None) -> Convention:
+    """Return the convention that was asked for, or that the columns' names tell."""
+    by_name: Convention | None = None
+    if table.has(*_OMEGA):
+        by_name = "omega-phi-kappa"
+    elif "gimbal" in table.header["yaw"].casefold():
+        by_name = "gimbal"
+    elif plain(table.header["image"]) in ("label", "imagename"):
+        by_name = "airframe"
+    found = wanted or by_name
+    if found is None or (found == "omega-phi-kappa") != table.has(*_OMEGA):
+        raise UsageError(
+            f"--angles {wanted} does not go with the columns {', '.join(_angle_columns(table))}"
+            if wanted
+            else "what yaw, pitch and roll mean is not known",
+            where=table.path,
+            expected="columns such as GimbalYawDegree (gimbal), or a table as Metashape or Pix4D "
+            "write it",
+            fix="--angles gimbal if pitch is -90 where a camera looks straight down, --angles "
+            "airframe if it is 0 there",
+        )
+    return found
+
+
+def _degrees(table: Table, rows: Sequence[int], convention: Convention, unit: str | None) -> Floats:
+    columns = _angle_columns(table)
+    values = np.column_stack([table.numbers(c, -1e4, 1e4, empty=True)[rows] for c in columns])
+    names, most = ", ".join(table.header[column] for column in columns), float(np.abs(values).max())
+    if unit == "radians":
+        if most > 2.0 * math.pi:
             raise BenchmarkError(
-                f"camera models that are not computed: {', '.join(other)}",
-                where=f"{path}, column {name!r}",
-                expected="a pinhole camera with k1 k2 p1 p2 k3",
-                fix="undistort the photos and give that camera",
+                f"{names} reach {most:.6g}, which is no angle in radians",
+                where=table.path,
+                expected="radians, at most 2 pi (6.283) in size",
+                fix="leave out --angle-unit radians if they are degrees",
             )
-
-
-def _column(name: str) -> str | None:
-    plain = _plain(name)
-    for given in (plain, plain.removesuffix(_FOUND)):
-        found = next((column for column, known in _NAMES.items() if given in known), None)
-        if found is not None:
-            return found
-    return None
-
-
-def _columns(path: Path, names: Sequence[str]) -> tuple[dict[str, str], bool]:
-    """Return what the file calls each column that is known, and whether it is what was found."""
-    given: dict[str, list[str]] = {}
-    found: dict[str, list[str]] = {}
-    for name in names:
-        column = _column(name)
-        if column is not None:
-            ours = _plain(name) in _NAMES[column]
-            (given if ours else found).setdefault(column, []).append(name)
-    estimated = {"x", "y", "height"} <= set(found) or {"lat", "lon", "height"} <= set(found)
-    if estimated:
-        given = {column: value for column, value in given.items() if column not in _POSE} | found
-    twice = [" and ".join(map(repr, value)) for value in given.values() if len(value) > 1]
-    if twice:
+        return np.degrees(values)
+    heading = values[:, 2] if convention == "omega-phi-kappa" else values[:, 0]
+    off = np.abs(values[:, 1]).max() > 0.5 if convention == "gimbal" else np.abs(heading).max() > 1
+    radians = "rad" in names.casefold() or (most <= 2.0 * math.pi and off)
+    if unit is None and (radians or most > 360.5):
         raise BenchmarkError(
-            f"columns that mean the same: {'; '.join(twice)}", where=path, fix="keep one of each"
+            f"{names} go to {most:.6g}: they look like {'radians' if radians else 'gon'}",
+            where=table.path,
+            expected="degrees, at most 360",
+            fix="--angle-unit radians, or --angle-unit degrees if they are; multiply gon by 0.9",
         )
-    header = {column: value[0] for column, value in given.items()}
-    _require_columns(path, names, header)
-    _check_units(path, header)
-    return header, estimated
+    return values
 
 
-def _require_columns(path: Path, names: Sequence[str], header: Mapping[str, str]) -> None:
-    there = set(header)
-    lacking = [name for name in ("image", "height") if name not in there]
-    if not ({"lat", "lon"} <= there or {"x", "y"} <= there):
-        lacking.append("latitude and longitude, or easting and northing")
-    if not ({"yaw", "pitch", "roll"} <= there or {"omega", "phi", "kappa"} <= there):
-        lacking.append("yaw, pitch and roll, or omega, phi and kappa")
-    if lacking:
-        unknown = [name for name in names if name and _column(name) is None]
-        near = [nearest(name, unknown) for name in lacking[:1]]
-        headings = [name for name in unknown if _plain(name) in _HEADINGS]
-        if "yaw" not in there and headings:
-            near.append(f" (did you mean yaw by {headings[0]!r}? Rename it)")
-        raise BenchmarkError(
-            f"lacks {'; '.join(lacking)}{''.join(near)}; its columns are "
-            f"{', '.join(names)[:300]!r}",
-            where=path,
-            expected=_EXPECTED,
+def _check_down(table: Table, rotations: Floats, pitch: float, convention: str) -> None:
+    """Refuse a convention known by names only that turns most cameras away from the ground.
+
+    Gimbal angles of photos straight down, read as airframe, look back at the horizon; oblique ones
+    look at the ground either way.
+    """
+    away = -rotations[:, 2, 2] < math.cos(math.radians(_MOST_OFF_NADIR_DEG))
+    if away.mean() > 0.5 or (convention == "airframe" and pitch < _OBLIQUE_DEG):
+        raise UsageError(
+            f"read as {convention}, {counted(int(away.sum()), 'camera')} of {len(away)} look more "
+            f"than {_MOST_OFF_NADIR_DEG:g} degrees away from straight down; the second angle is "
+            f"{pitch:.6g} degrees in the median",
+            where=table.path,
+            expected="photos of the ground: gimbal pitch is -90 straight down, airframe pitch 0",
+            fix="name the convention with --angles gimbal, airframe or omega-phi-kappa",
         )
 
 
-def _rows(
-    path: Path, lines: Sequence[str], start: int, separator: str | None
-) -> list[tuple[int, list[str]]]:
-    numbered = enumerate(lines[start:], start + 1)
-    try:
-        return [(number, _split(line, separator)) for number, line in numbered if line.strip()]
-    except csv.Error as error:
-        raise BenchmarkError(f"not a table: {error}", where=path) from error
-
-
-def _check_width(path: Path, number: int, row: Sequence[str], names: Sequence[str]) -> None:
-    spare = [value for value in row[len(names) :] if value.strip()]
-    if len(row) < len(names) or spare:
-        raise BenchmarkError(
-            f"has {counted(len(row), 'value')} for {counted(len(names), 'column')}: "
-            f"{' '.join(row)[:60]!r}",
-            where=f"{path}, line {number}",
-            expected=f"{len(names)} values",
-            fix="write numbers with a decimal point, and names with blanks in a table that commas "
-            "or tabs separate",
+def _cameras(
+    table: Table,
+    rows: Sequence[int],
+    names: Sequence[str],
+    images: Path,
+    sizes: Mapping[str, tuple[int, int]],
+    camera: Path | None,
+    notes: list[str],
+) -> Cameras:
+    columns = [key for key in LENS_KEYS if table.has(key)]
+    if (camera is None) == (not columns):
+        raise UsageError(
+            f"cameras are given twice: by --camera and the columns {', '.join(columns)}"
+            if columns
+            else "no camera is given",
+            where=table.path,
+            expected="--camera FILE, or columns such as fx, or focal_mm and sensor_mm, or fov_deg",
         )
+    where = camera or table.path
+    if camera is not None:
+        values = dict.fromkeys(names, read_camera_file(camera))
+    else:
+        parts = {key: table.numbers(key, empty=True)[rows] for key in columns}
+        values = {
+            name: {key: float(part[i]) for key, part in parts.items() if not np.isnan(part[i])}
+            for i, name in enumerate(names)
+        }
+    lenses = [lens_of(values[name], sizes[name], where) for name in names]
+    notes += check_focal_lengths(images, values, sizes, where)
+    return cameras_of_lenses(lenses, names, sizes)
+
+
+POSES = PoseTables()

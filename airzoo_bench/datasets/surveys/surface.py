@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import rasterio
@@ -30,16 +30,10 @@ _STEP_M = 0.05
 _VERSION = 1
 
 
-@dataclass(frozen=True)
-class GriddedSurface:
+class GriddedSurface(NamedTuple):
     """A surface model that was made.
 
-    Attributes
-    ----------
-    path : Path
-    cell_m : float
-    disagreement_m : float or None
-        Of the heights in cells that two clouds share, the median of the absolute differences.
+    `disagreement_m` is the median difference of heights in cells that two clouds share.
     """
 
     path: Path
@@ -54,20 +48,30 @@ def grid_surface(
     opened = [open_cloud(path, limit_bytes=_MEMORY_BYTES, sampling=None) for path in clouds]
     boxes = [_box(cloud) for cloud in opened]
     cell = cell_m or max(map(_cell, opened, boxes))
-    origin, shape = _grid(np.array(boxes), cell, clouds[0])
-    surface = np.full(shape, np.nan, np.float32)
+    low = np.floor(np.min([box[0] for box in boxes], axis=0) / cell)
+    high = np.floor(np.max([box[1] for box in boxes], axis=0) / cell) + 1
+    columns, rows = (high - low).astype(int).tolist()
+    if columns * rows > _MOST_CELLS:
+        raise BenchmarkError(
+            f"a surface of {columns} x {rows} cells of {cell:g} m is too large",
+            where=clouds[0],
+            expected=f"at most {_MOST_CELLS:,} cells",
+            fix="give a larger --surface-cell, or a surface model (--dsm)",
+        )
+    origin = np.array((low[0], high[1])) * cell
+    surface = np.full((rows, columns), np.nan, np.float32)
     shared: list[NDArray[np.float32]] = []
     for cloud in opened:
-        grid = _highest(cloud, origin, shape, cell)
+        grid = _highest(cloud, origin, surface.shape, cell)
         both = np.isfinite(grid) & np.isfinite(surface)
         shared.append(np.abs(grid[both] - surface[both]))
         surface = np.fmax(surface, grid)
-    sums = [sha256_of(path) for path in clouds]
-    key = fingerprint([sums, cell, crs.to_wkt(), _VERSION])[:16]
+    key = fingerprint([[sha256_of(path) for path in clouds], cell, crs.to_wkt(), _VERSION])[:16]
     path = folder / f"surface-{key}.tif"
-    _write(path, surface, Affine(cell, 0, origin[0], 0, -cell, origin[1]), crs)
-    differences = np.concatenate(shared)
-    return GriddedSurface(path, cell, float(np.median(differences)) if differences.size else None)
+    if not path.is_file():
+        _write(path, surface, Affine(cell, 0, origin[0], 0, -cell, origin[1]), crs)
+    apart = np.concatenate(shared)
+    return GriddedSurface(path, cell, float(np.median(apart)) if apart.size else None)
 
 
 def _box(cloud: FileCloud) -> Floats:
@@ -75,37 +79,21 @@ def _box(cloud: FileCloud) -> Floats:
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for piece in cloud.pieces(_POINTS_A_TIME):
         xy = piece.points[np.isfinite(piece.points).all(axis=1), :2]
-        low, high = (
-            np.minimum(low, xy.min(axis=0, initial=np.inf)),
-            np.maximum(high, xy.max(axis=0, initial=-np.inf)),
-        )
+        low = np.minimum(low, xy.min(axis=0, initial=np.inf))
+        high = np.maximum(high, xy.max(axis=0, initial=-np.inf))
     if not (high > low).all():
         raise BenchmarkError("has no points that span an area", where=cloud.path)
     return np.array((low, high))
 
 
 def _cell(cloud: FileCloud, box: Floats) -> float:
+    """Return the side of a cell that holds four points on average."""
     area = float(np.prod(box[1] - box[0]))
     return _STEP_M * math.ceil(math.sqrt(_POINTS_A_CELL * area / cloud.count) / _STEP_M)
 
 
-def _grid(boxes: Floats, cell: float, where: Path) -> tuple[Floats, tuple[int, int]]:
-    """Return the north-west corner, on whole cells, and the number of rows and columns."""
-    low = np.floor(boxes[:, 0].min(axis=0) / cell)
-    high = np.floor(boxes[:, 1].max(axis=0) / cell) + 1
-    columns, rows = (high - low).astype(int).tolist()
-    if columns * rows > _MOST_CELLS:
-        raise BenchmarkError(
-            f"a surface of {columns} x {rows} cells of {cell:g} m is too large",
-            where=where,
-            expected=f"at most {_MOST_CELLS:,} cells",
-            fix="give a larger --surface-cell, or a surface model (--dsm)",
-        )
-    return np.array((low[0], high[1])) * cell, (rows, columns)
-
-
 def _highest(
-    cloud: FileCloud, origin: Floats, shape: tuple[int, int], cell: float
+    cloud: FileCloud, origin: Floats, shape: tuple[int, ...], cell: float
 ) -> NDArray[np.float32]:
     grid = np.full(shape, -np.inf, np.float32)
     for piece in cloud.pieces(_POINTS_A_TIME):
@@ -119,16 +107,24 @@ def _highest(
 
 
 def _write(path: Path, grid: NDArray[np.float32], transform: Affine, crs: CRS) -> None:
-    if path.is_file():
-        return
     path.parent.mkdir(parents=True, exist_ok=True)
-    profile = {"driver": "GTiff", "dtype": "float32", "count": 1, "nodata": _NODATA}
-    size = {"height": grid.shape[0], "width": grid.shape[1]}
-    packing = {"compress": "deflate", "predictor": 3, "tiled": True, "bigtiff": "if_safer"}
     with (
         atomic_write(path) as stream,
         rasterio.open(
-            stream, "w", crs=crs.to_wkt(), transform=transform, **profile, **size, **packing
+            stream,
+            "w",
+            driver="GTiff",
+            dtype="float32",
+            count=1,
+            nodata=_NODATA,
+            height=grid.shape[0],
+            width=grid.shape[1],
+            crs=crs.to_wkt(),
+            transform=transform,
+            compress="deflate",
+            predictor=3,
+            tiled=True,
+            bigtiff="if_safer",
         ) as raster,
     ):
         raster.write(np.where(np.isnan(grid), np.float32(_NODATA), grid), 1)

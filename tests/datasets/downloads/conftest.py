@@ -30,7 +30,18 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def hub(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hub]:
     made = Hub(dict(FILES))
     scenes = {"01": ("01/*",), "02": ("02/*",)}
-    offer("park", About("Park", "https://park", "CC0", repository="who/park", scene_files=scenes))
+    offer(
+        "park",
+        About(
+            "Park",
+            "A made-up dataset.",
+            "park",
+            "https://park",
+            "CC0",
+            repository="who/park",
+            scene_files=scenes,
+        ),
+    )
     with served(made) as address:
         monkeypatch.setenv("HF_ENDPOINT", address)
         yield made

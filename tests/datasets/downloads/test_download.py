@@ -8,10 +8,8 @@ import pytest
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.downloads import of_scenes
-from airzoo_bench.datasets.hub import HubFile
-from airzoo_bench.datasets.published.airzoo_real_photos import REGIONS
-from airzoo_bench.datasets.published.airzoo_real_sites import DAY, SITE_SCENES, SITES
+from airzoo_bench.datasets.downloads import HubFile, of_scenes
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.datasets.downloads.hub_place import FILES, parts, there
 from tests.datasets.downloads.hub_server import Hub
 from tests.support import run_main
@@ -69,10 +67,18 @@ def test_a_scene_is_fetched_with_what_all_share(hub: Hub, place: Path) -> None:
 
 def test_scenes_of_airzoo_real_are_those_of_prepare() -> None:
     about = DATASETS.get("airzoo-real").about
-    assert set(about.scene_files) == {*REGIONS, *SITE_SCENES}
+    protocols = [
+        load_protocol(shipped_protocols()[f"airzoo-real-{task}"])
+        for task in ("retrieval", "reconstruction")
+    ]
+    assert set(about.scene_files) == {scene.id for one in protocols for scene in one.scenes}
     recon = "airzoo_real_recon"
     paths = ["README.md", "Scene1/a.JPG", "Scene2/a.JPG", f"{recon}/dom/fcw_hangtian_DSM.tif"]
-    paths += [f"{recon}/{site}/{hours}/images/1_0.png" for site in SITES.values() for hours in DAY]
+    paths += [
+        f"{recon}/{site}/{hours}/images/1_0.png"
+        for site in ("guangchang", "jiaxiao")
+        for hours in ("06-08", "12-14")
+    ]
     files = [HubFile(path, 1, "") for path in paths]
     city = [one.path for one in of_scenes(files, about.scene_files, ["City"])]
     assert city == ["README.md", "Scene1/a.JPG"]

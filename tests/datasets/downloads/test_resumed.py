@@ -111,7 +111,7 @@ from airzoo_bench.cli.main import main
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About
 from types import SimpleNamespace
-about = About("Park", "https://park", "CC0", repository="who/park")
+about = About("Park", "A made-up dataset.", "park", "https://park", "CC0", repository="who/park")
 DATASETS.add("park", SimpleNamespace(about=about, is_published=True))
 sys.argv = ["airzoo-bench", "download", "park"]
 main()

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.datasets.geometry_checks.dataset import PosedScene
+from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 

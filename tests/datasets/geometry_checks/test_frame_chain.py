@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyproj import Proj, Transformer
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.datasets.geometry_checks import frame_chain
-from airzoo_bench.datasets.geometry_checks.dataset import scene_from_poses
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, check_frame_chain
+from airzoo_bench.datasets.geometry_checks.scenes import scene_from_poses
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from tests.support import BRIGHTON
@@ -78,14 +77,6 @@ def test_a_place_beyond_the_crs_does_not_close() -> None:
 def test_geographic_crs_is_refused() -> None:
     with pytest.raises(UserError, match="grid"):
         check_frame_chain(cameras(1), poses([(113.0, 28.0, 100.0)]), "EPSG:4326")
-
-
-def test_convergence_is_that_of_proj() -> None:
-    east, north = 401_000.0, 3_120_000.0
-    lon, lat = Transformer.from_crs(4547, 4326, always_xy=True).transform(east, north)
-    known = Proj("EPSG:4547").get_factors(lon, lat).meridian_convergence
-    found = check_frame_chain(cameras(1), poses([(east, north, 50.0)]), "EPSG:4547")
-    assert found.convergence_deg[0] == pytest.approx(known, abs=1e-6)
 
 
 def test_a_link_that_is_broken_shows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,9 +20,8 @@ from PIL import Image
 from pyproj import Geod
 
 from airzoo_bench.core.progress import silent
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.published.options import UavVisLocOptions
-from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC
+from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOptions
+from airzoo_bench.datasets.scenes import NativeScene
 
 PIXEL_DEG = 360 / 2**27
 HEADER = "num,filename,date,lat,lon,height,Omega,Kappa,Phi1,Phi2"

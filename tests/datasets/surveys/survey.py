@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.progress import silent
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.native_scene import NativeScene
-from airzoo_bench.datasets.photos import read_photos
+from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import angles_to_rotations, rotations_to_angles
 from tests.support import write_raster
@@ -154,7 +153,5 @@ def options_of(arguments: list[object]) -> tuple[Any, Any]:
 def read_scene(arguments: list[object]) -> NativeScene:
     """Read a scene of a survey, or of own photos."""
     dataset, options = options_of(arguments)
-    if arguments[0] == "photos":
-        return read_photos(options, "place", silent)
     (scene,) = dataset.scenes(options)
     return dataset.read(options, scene, silent)

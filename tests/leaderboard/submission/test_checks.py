@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.datasets.geometry_checks import footprint_sets
-from airzoo_bench.datasets.geometry_checks.footprint_sets import NamedFootprints
+from airzoo_bench.datasets.geometry_checks import splits
+from airzoo_bench.datasets.geometry_checks.splits import NamedFootprints
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard.predictions_given import FETCHED
 from airzoo_bench.results.result import write_result
@@ -153,8 +153,8 @@ class TestTrainingData:
         [warning] = checked(home, data).warnings
         assert "training data 'drives' were not compared with the benchmark" in warning
         corners = np.array([[[0, 0], [0, 1], [1, 1], [1, 0]]]) * 1e-3
-        sets = [NamedFootprints(name, ("a",), corners, np.zeros(1, bool)) for name in "xy"]
-        with mock.patch(f"{footprint_sets.__name__}.read_footprints", side_effect=sets):
+        sets = [NamedFootprints(("a",), corners, np.zeros(1, bool)) for _ in "xy"]
+        with mock.patch(f"{splits.__name__}.read_footprints", side_effect=sets):
             [warning] = checked(home, data).warnings
         assert "see the ground of 1 test photo of 1: `airzoo-bench check-split drives made`" in (
             warning

@@ -7,10 +7,10 @@ import io
 from pathlib import Path
 
 import numpy as np
-from airzoo_bench.evaluation.prediction_files import QueryPredictions
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import read_text
+from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.readers.names import ImageNames, names_in
 from airzoo_bench.retrieval.predictions import RankedIds

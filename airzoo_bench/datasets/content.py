@@ -1,0 +1,340 @@
+"""A scene as its files state it, checked, and with the truth made: what a folder is written of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from pyproj import CRS
+
+from airzoo_bench.benchmark.images import photo_size
+from airzoo_bench.benchmark.queries import SceneInputs, photo_id, photo_table
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    CameraError,
+    RasterError,
+    UsageError,
+    UserError,
+    first_of,
+)
+from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.clouds import check_cloud
+from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, often_lowest, scene_facts
+from airzoo_bench.datasets.scenes import ImageScene, NativeScene
+from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import (
+    LOCAL_CRS,
+    check_true_metres,
+    describe_crs,
+    horizontal_crs,
+    same_plane,
+    to_lonlat,
+)
+from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, metres_of, survey_heights
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened, to_map_pixels
+from airzoo_bench.retrieval.gallery import tile_starts
+from airzoo_bench.retrieval.prepare import grouped_reasons
+from airzoo_bench.retrieval.settings import Gallery, StatedTruth
+from airzoo_bench.retrieval.stated_truth import build_truth as build_stated_truth
+from airzoo_bench.retrieval.truth import RetrievalTruth
+
+__all__ = [
+    "SceneContent",
+    "check_names",
+    "image_content",
+    "metric_crs",
+    "photo_sizes",
+    "scene_content",
+    "surveyed",
+    "utm_zone",
+]
+
+_LONGEST_PATH = 180  # so that ids are no longer than prediction files may have them
+_MOST_DSM_BANDS = 2  # heights, and perhaps a mask
+# No ground is lower or higher, above sea level or ellipsoid.
+_LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
+_MOST_TILES = 500_000  # some 0.8 GB
+_FOOT_M = 0.3048
+
+
+@dataclass(frozen=True, eq=False)
+class SceneContent:
+    """What is written of a scene into a benchmark folder.
+
+    `files` are photos, maps and clouds by the name that benchmark.toml has for them.
+    """
+
+    inputs: SceneInputs
+    truths: SceneTruths
+    files: Mapping[str, Path]
+    facts: SceneFacts | None = None
+    truth_accuracy_m: float | None = None
+    gallery_size: int | None = None
+
+
+def image_content(native: ImageScene, protocols: BenchmarkProtocols) -> SceneContent:
+    """Make the truth of a scene that a benchmark states by pairs of images."""
+    protocol = protocols.of_scene(native.scene).retrieval
+    if protocol is None or not isinstance(protocol.ground_truth, StatedTruth):
+        raise TypeError(f"scene {native.scene} has no protocol whose truth is stated")
+    prepared = build_stated_truth(
+        native.scene, native.queries, native.gallery, native.pairs, protocol.ground_truth
+    )
+    excluded = prepared.truth.excluded[["id", "image"]]
+    photos = pd.concat([prepared.truth.queries, excluded])
+    inputs = SceneInputs(native.scene, photos, None, None, None, None)
+    files = {"images": native.images, "gallery": native.tiles}
+    truths = SceneTruths(photos, prepared)
+    return SceneContent(inputs, truths, files, gallery_size=native.gallery_size)
+
+
+def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneContent:
+    """Check a scene, measure its parts, and make its truth for every track that they serve."""
+    protocols = protocols.of_scene(native.scene)
+    _check_photos(native)
+    crs = _checked_crs(native)
+    survey = None if native.dsm is None else surveyed(native.dsm)
+    inputs = _inputs(native, crs)
+    cameras = Cameras3D.measure(inputs, native.metadata)
+    _check_above_surface(cameras, native.dsm)
+    if protocols.retrieval is not None and (inputs.dom or inputs.gallery) is not None:
+        _check_tile_count(inputs.gallery_map, protocols.retrieval.map_rules()[0])
+    above = None if native.cloud is None else check_cloud(native.cloud, inputs)
+    truths = build_truths(inputs, protocols, native.cloud)
+    retrieval = None if truths.retrieval is None else truths.retrieval.truth
+    if retrieval is not None and retrieval.queries.empty:
+        raise _nothing_to_ask(retrieval, native, inputs, survey)
+    metadata = None if native.is_metadata else native.metadata
+    dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
+    facts = scene_facts(
+        inputs, metadata, survey, cameras, retrieval, truths.matching, above, dropped
+    )
+    return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
+
+
+def _inputs(native: NativeScene, crs: str) -> SceneInputs:
+    plane = native.plane_height_m
+    if plane is None and native.dsm is not None:
+        plane = median_height(native.dsm)
+    table = photo_table(
+        native.scene, native.names, native.cameras, native.poses, native.priors, plane
+    )
+    if native.conditions:
+        ids = [photo_id(native.scene, name) for name in native.names]
+        table = table.merge(pd.DataFrame({"id": ids, **native.conditions}), on="id")
+    dom, gallery = (None if path is None else _map(path) for path in (native.dom, native.gallery))
+    return SceneInputs(
+        native.scene, table, crs, dom, native.dsm, plane, native.unposed, gallery, native.maps
+    )
+
+
+def _map(path: Path) -> RasterInfo:
+    """Open a map, and read its last block, which a file that was cut lacks."""
+    with opened(path) as dataset:
+        *_, (_, window) = dataset.block_windows(1)
+        dataset.read(1, window=window)
+    return open_info(path)
+
+
+def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
+    """Read width and height of every photo below a folder, by name relative to it."""
+    if not folder.is_dir():
+        raise UsageError("no such folder of photos", where=folder)
+    named = (path for path in folder.rglob("*") if path.suffix.lower() in PHOTO_SUFFIXES)
+    paths = sorted(path for path in named if path.is_file())
+    if not paths:
+        raise BenchmarkError(
+            "holds no photo", where=folder, expected="files ending in " + ", ".join(PHOTO_SUFFIXES)
+        )
+    shown = progress(paths, "photos", len(paths))
+    return {path.relative_to(folder).as_posix(): photo_size(path) for path in shown}
+
+
+def check_names(names: tuple[str, ...], folder: Path) -> None:
+    """Refuse photos whose names cannot become ids, or would become the same id."""
+    odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
+    stems = Counter(Path(name).with_suffix("").as_posix() for name in names)
+    twice = [stem for stem, count in stems.items() if count > 1]
+    if odd or twice:
+        raise BenchmarkError(
+            f"names that cannot become ids: {first_of(odd, len(names))}"
+            if odd
+            else f"photos that differ in their ending only: {first_of(twice, len(names))}",
+            where=folder,
+            expected=f"printable characters, at most {_LONGEST_PATH}; ids lack the ending",
+            fix="rename these photos, or keep one of each",
+        )
+
+
+def _check_photos(native: NativeScene) -> None:
+    check_names(native.names, native.images)
+    missing = [name for name in native.names if not (native.images / name).is_file()]
+    if missing:
+        raise BenchmarkError(
+            f"photos of scene {native.scene} are missing: "
+            f"{first_of(map(repr, missing), len(native.names))}",
+            where=native.images,
+            expected="every photo that has a pose",
+            fix="download them again, or look whether names differ in upper and lower case",
+        )
+
+
+def metric_crs(named: str, where: str) -> CRS:
+    """Return the CRS of poses, which must be projected and in metres."""
+    try:
+        crs = horizontal_crs(named)
+    except UserError as error:
+        raise error.inside(where) from error
+    if not crs.is_projected or any(axis.unit_conversion_factor != 1 for axis in crs.axis_info):
+        raise CameraError(
+            f"poses are in {describe_crs(crs)}, which is not in metres",
+            where=where,
+            expected="a projected CRS in metres, such as UTM",
+            fix="transform the camera centres, rotations and the DSM to one",
+        )
+    return crs
+
+
+def utm_zone(lonlat: ArrayLike) -> str:
+    """Return the UTM zone of most positions (N, 2), in degrees of WGS84."""
+    places = np.array(lonlat, dtype=np.float64)
+    # About the first, since the middle of 179.9 and -179.9 degrees is not 0.
+    places[:, 0] = (places[:, 0] - places[0, 0] + 180.0) % 360.0 - 180.0 + places[0, 0]
+    lon, lat = np.median(places, axis=0).tolist()
+    return f"EPSG:{(32600 if lat >= 0 else 32700) + int((lon + 180.0) // 6.0) % 60 + 1}"
+
+
+def _checked_crs(native: NativeScene) -> str:
+    """Return the CRS of the poses, which is that of the surface model, in true metres."""
+    if native.crs == LOCAL_CRS:
+        return LOCAL_CRS
+    where = native.crs_from or f"{native.pose_source}, scene {native.scene}"
+    crs, xy, dsm = metric_crs(native.crs, where), native.poses.centres[:, :2], native.dsm
+    try:
+        check_true_metres(crs, to_lonlat(crs, xy), where)
+    except CameraError as error:
+        if dsm is None or not _lie_on(xy[:, ::-1], crs, dsm):
+            raise
+        error.fix = "swap x and y of the camera centres: these then lie on the surface model"
+        raise error.inside(native.pose_source) from error
+    if dsm is not None:
+        _check_dsm(crs, dsm, native.pose_source)
+    return crs.to_string()
+
+
+def _lie_on(xy: Floats, crs: CRS, dsm: Path) -> bool:
+    """Whether most places lie within the rectangle of the surface model."""
+    info = open_info(dsm)
+    pixels = to_map_pixels(crs, info)(xy)
+    within = ((pixels >= 0.0) & (pixels <= (info.width, info.height))).all(axis=1)
+    return bool(within.mean() > 0.5)
+
+
+def _check_dsm(crs: CRS, path: Path, poses: Path) -> None:
+    """Refuse a surface model in another CRS than the poses, or that looks like a map."""
+    dsm = open_info(path)
+    if not same_plane(crs, dsm.crs):
+        target = path.with_name(f"{path.stem}_warped.tif")
+        raise RasterError(
+            f"the poses ({poses}) and the DSM ({path}) differ in CRS: {describe_crs(crs)} and "
+            f"{describe_crs(dsm.crs)}",
+            expected="one CRS",
+            fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear '{path}' '{target}' makes a DSM "
+            "in the CRS of the poses; heights stay as they are",
+        )
+    if dsm.bands > _MOST_DSM_BANDS:
+        raise RasterError(
+            f"has {dsm.bands} bands",
+            where=path,
+            expected="one band of heights",
+            fix="look whether --dom and --dsm are the wrong way round",
+        )
+
+
+def surveyed(path: Path) -> HeightSurvey:
+    """Survey the heights of a surface model, and refuse heights that no ground has."""
+    found = survey_heights(path, _LOWEST_M, _HIGHEST_M)
+    if not found.valid:
+        raise RasterError("no valid height", where=path, fix="check its nodata value")
+    if found.beyond:
+        odd = found.low if found.low < _LOWEST_M else found.high
+        with opened(path) as dataset:
+            scale, offset = metres_of(dataset)
+        raise RasterError(
+            f"{found.beyond / found.valid:.1%} of its heights are no heights of the ground: they "
+            f"go from {found.low:.10g} to {found.high:.10g} m",
+            where=path,
+            expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
+            fix="look at their unit: they must be in metres or feet"
+            if found.beyond == found.valid
+            else f"where {odd:.10g} m mean that there is no height, tag the number: "
+            f"gdal_edit.py -a_nodata {(odd - offset) / scale:.10g}",
+        )
+    return found
+
+
+def _check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
+    """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0."""
+    known = np.isfinite(cameras.heights_m)
+    if not known.any() or cameras.below < known.sum():
+        return
+    surface = float(np.median(cameras.surface_m[known]))
+    centre = surface + cameras.height_m
+    in_feet = centre - surface * _FOOT_M
+    hint = "look at the vertical datum and unit of both"
+    if in_feet > 0.0:
+        hint += (
+            f"; were the DSM in feet, the cameras would be {in_feet:.1f} m above it: name the unit "
+            "with gdal_edit.py -units ft"
+        )
+    raise BenchmarkError(
+        f"every camera is below the surface: they are at {centre:.1f} m, the "
+        f"surface below them is at {surface:.1f} m (medians)",
+        where=dsm,
+        expected="cameras above the surface model, both in the same vertical unit and datum",
+        fix=hint,
+    )
+
+
+def _check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
+    """Refuse a gallery of more than 500,000 tiles."""
+    starts = [
+        [len(tile_starts(side, size, gallery.overlap)) for side in (info.width, info.height)]
+        for size in gallery.tile_sizes_px
+    ]
+    count = sum(across * down for across, down in starts)
+    if count > _MOST_TILES:
+        raise RasterError(
+            f"{info.width} x {info.height} px make {count:,} tiles",
+            where=info.path,
+            expected=f"at most {_MOST_TILES:,}",
+            fix="choose a larger --tile-size, or cut the map to the photos: "
+            "gdal_translate -projwin",
+        )
+
+
+def _nothing_to_ask(
+    truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs, survey: HeightSurvey | None
+) -> UserError:
+    reasons, fixes = grouped_reasons(truth.excluded)
+    x, y, z = inputs.photos[["x", "y", "z"]].median()
+    found = f"; cameras are about ({x:.0f}, {y:.0f}, {z:.0f})"
+    if survey is not None:
+        found += f", the surface model is {survey.low:.1f} to {survey.high:.1f} m high"
+        if often_lowest(survey):
+            fixes.insert(
+                0, f"where {survey.low:.10g} m means no height, tag it (gdal_edit.py -a_nodata)"
+            )
+    return BenchmarkError(
+        f"no photo has a tile that answers it ({'; '.join(reasons)}){found}",
+        where=native.pose_source,
+        expected="at least one photo that a tile answers",
+        fix="; or ".join(fixes),
+    )

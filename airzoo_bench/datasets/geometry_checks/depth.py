@@ -1,0 +1,320 @@
+"""Depth maps against each other: back-project one, re-project into another, compare both ways.
+
+A pixel of the source becomes a point by its depth, the point goes into the target's camera, and its
+depth there, z_projected, is held against the depth z_depth of the target's surface at that pixel:
+
+    error = (z_projected - z_depth) / z_depth
+
+On a plane 1/z, not z, is affine in pixels of a camera without distortion; so 1/z is interpolated
+(bilinear over the four pixel centres around), which is exact on planes at any slant. Where the
+second differences of 1/z around exceed `EDGE` of it, the surface is not one smooth piece and
+nothing is compared. A point *behind* the target's surface by more than `OCCLUSION` is hidden from
+the target, and left out. A point in front is never left out: nothing can hide it. Hence a map whose
+depths are too long throws its points behind its neighbour's surface, but finds the neighbour's
+points in front of its own.
+
+A depth map is a ``.tif``, ``.npy``, ``.npz`` or 16-bit ``.png`` of the size of its photo. Where
+depths are zero, negative, NaN, infinite or the file's nodata, there is no depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, RasterError, UsageError
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras, back_project, project
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import opened
+
+__all__ = [
+    "FLOATING_BELOW",
+    "MEDIAN_BELOW",
+    "OCCLUSION",
+    "DepthConsistency",
+    "Frame",
+    "check_depth_consistency",
+    "compare_depths",
+    "find_depths",
+    "read_depth",
+    "sampled_frame",
+]
+
+EDGE = 0.01
+"""Where 1/z bends by more than this share of it from pixel to pixel, there is an edge."""
+OCCLUSION = 0.01
+"""A point that lies behind the surface by more than this share of its depth is hidden."""
+MEDIAN_BELOW = 0.00066
+"""The paper's median for its renders, 0.066 %."""
+FLOATING_BELOW = 0.1
+"""The share of points in front of surfaces must be below this: leaves and wires are."""
+
+DepthKind = Literal["z", "ray"]
+_SUFFIXES = (".tif", ".tiff", ".npy", ".npz", ".png")
+_AROUND = np.arange(-1, 3)
+_PARTNERS = 4
+_FAR_ABOVE = 3.0
+_FLOATING_OF_A_FRAME = 0.25
+
+
+def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
+    """Find the depth map of each photo: its name with another ending, in its own subfolder."""
+    there: dict[str, list[Path]] = {}
+    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+        if path.suffix.lower() in _SUFFIXES and path.is_file():
+            stem = path.relative_to(folder).with_suffix("").as_posix()
+            there.setdefault(stem, []).append(path)
+    found = [there.get(Path(name).with_suffix("").as_posix(), []) for name in images]
+    if not any(found) or any(len(paths) > 1 for paths in found):
+        raise UsageError(
+            "photos have more than one depth map"
+            if any(found)
+            else "holds no depth map of a photo",
+            where=folder,
+            expected=f"one such as {Path(images[0]).with_suffix('').as_posix()}.tif a photo "
+            f"({', '.join(_SUFFIXES)})",
+            fix="name the folder of the depth maps with --depth",
+        )
+    return tuple(paths[0] if paths else None for paths in found)
+
+
+def read_depth(
+    path: Path, width: int, height: int, scale_m: float | None = None
+) -> NDArray[np.float32]:
+    """Read a depth map in metres, NaN where there is none."""
+    try:
+        stored, nodata = _stored(path)
+    except (RasterError, PredictionError, OSError, ValueError) as error:
+        raise BenchmarkError(
+            f"is no depth map: {str(error)[:200]}", where=path, expected=", ".join(_SUFFIXES)
+        ) from error
+    stored = stored.squeeze()
+    whole = stored.dtype.kind in "iu"
+    if stored.shape != (height, width) or stored.dtype.itemsize == 1 or (whole and not scale_m):
+        raise BenchmarkError(
+            f"holds {stored.dtype} of {' x '.join(map(str, stored.shape[::-1]))}",
+            where=path,
+            expected=f"a depth for each of the photo's {width} x {height} px, rows before columns: "
+            "metres as float32, or 16-bit whole numbers with their unit",
+            fix="name the unit of whole numbers with --depth-scale, such as 0.001 for millimetres",
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = (stored * (1.0 if scale_m is None else scale_m)).astype(np.float32)
+        there = (depth > 0.0) & np.isfinite(depth)
+    if nodata is not None:
+        there &= stored != nodata
+    return np.where(there, depth, np.float32(np.nan))
+
+
+def _stored(path: Path) -> tuple[NDArray[Any], float | None]:
+    if path.suffix.lower() == ".npy":
+        return np.load(path, mmap_mode="r", allow_pickle=False), None
+    if path.suffix.lower() == ".npz":
+        file = NpzFile(path, limit_bytes=1 << 30)
+        name = "depth" if "depth" in file.entries else next(iter(file.entries), "depth")
+        return file.read(name), None
+    with opened(path) as dataset:
+        return dataset.read(), dataset.nodata
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A photo's camera, pose and depth.
+
+    `points` (S, 3) are the sampled pixels that have a depth, in the camera's frame.
+    """
+
+    camera: Cameras
+    rotation: Floats
+    centre: Floats
+    depth: NDArray[np.float32]
+    kind: DepthKind
+    points: Floats
+
+
+def sampled_frame(
+    camera: Cameras,
+    pose: Poses,
+    depth: NDArray[np.float32],
+    kind: DepthKind,
+    pixels: int,
+    seed: tuple[int, int],
+) -> Frame:
+    """Sample pixels of a depth map, and back-project them."""
+    count = min(pixels, depth.size)
+    picked = np.random.default_rng(seed).choice(depth.size, count, replace=False)
+    row, column = np.divmod(picked, depth.shape[1])
+    rays = back_project(camera, np.stack((column, row), axis=-1)[None] + 0.5)[0]
+    if kind == "z":
+        rays = rays / rays[:, 2:]
+    points: Floats = rays * depth[row, column].astype(np.float64)[:, None]
+    points = points[np.isfinite(points).all(axis=1)]
+    return Frame(camera, pose.rotation[0], pose.centres[0], depth, kind, points)
+
+
+def compare_depths(source: Frame, target: Frame) -> tuple[Floats, int]:
+    """Return the signed relative errors of a source's points in a target, and how many are hidden.
+
+    Points are left out that lie outside the target's image, where it has no depth or an edge, or
+    behind its surface.
+    """
+    turn = target.rotation @ source.rotation.T
+    # Centres are subtracted first: they may be millions of metres, their difference is not.
+    shift = apply_matrix(target.rotation, source.centre - target.centre)
+    projected = apply_matrix(turn, source.points) + shift
+    pixels = project(target.camera, projected[None])[0]
+    height, width = target.depth.shape
+    with np.errstate(invalid="ignore"):
+        # A whole block of 4 x 4 pixel centres lies around; NaN has none.
+        inside = (pixels >= 1.5).all(axis=1) & (pixels < (width - 1.5, height - 1.5)).all(axis=1)
+    surface, smooth = _surface_planes(target, pixels[inside], projected[inside])
+    # The plane n of the surface holds n . X = 1 for its points X.
+    error: Floats = (surface * projected[inside]).sum(axis=1)[smooth] - 1.0
+    return error[error <= OCCLUSION], int((error > OCCLUSION).sum())
+
+
+def _surface_planes(target: Frame, pixels: Floats, projected: Floats) -> tuple[Floats, Bools]:
+    """Tangent planes (M, 3) of the target's surface at pixels (M, 2), and which are smooth (M,)."""
+    corner = np.floor(pixels - 0.5).astype(np.int64)
+    row = corner[:, 1, None, None] + _AROUND[:, None]
+    column = corner[:, 0, None, None] + _AROUND
+    depth: Floats = target.depth[row, column].astype(np.float64)
+    if target.kind == "ray":
+        around = np.stack(np.broadcast_arrays(column, row), axis=-1).reshape(1, -1, 2) + 0.5
+        depth *= back_project(target.camera, around)[0, :, 2].reshape(depth.shape)
+    inverse = 1.0 / depth
+    along_rows = np.abs(np.diff(inverse[:, 1:3], n=2, axis=2)).max(axis=(1, 2))
+    along_columns = np.abs(np.diff(inverse[:, :, 1:3], n=2, axis=1)).max(axis=(1, 2))
+    level = inverse[:, 1:3, 1:3].mean(axis=(1, 2))
+    smooth: Bools = np.maximum(along_rows, along_columns) <= EDGE * level
+    a, b, c, d = np.moveaxis(inverse[:, 1:3, 1:3].reshape(-1, 4), 1, 0)
+    x, y = (pixels - 0.5 - corner).T
+    value = (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * c + x * d)
+    slope_x = ((1 - y) * (b - a) + y * (d - c)) * target.camera.focal[0, 0]
+    slope_y = ((1 - x) * (c - a) + x * (d - b)) * target.camera.focal[0, 1]
+    px, py = (projected[:, :2] / projected[:, 2:]).T
+    return np.stack((slope_x, slope_y, value - slope_x * px - slope_y * py), axis=-1), smooth
+
+
+@dataclass(frozen=True, eq=False)
+class DepthConsistency:
+    """Depth errors of a scene.
+
+    `error` are all relative errors, with sign. A row of `frames` is id, median error without sign,
+    ratio (by which its depths are longer than its partners'), floating (share of its points in
+    front of surfaces), compared. `hidden` points lie behind the surface that they should be on.
+    """
+
+    frames: pd.DataFrame
+    error: Floats
+    pairs: int
+    hidden: int
+    without_depth: int
+    median_below: float
+
+    def quantile(self, share: float) -> float:
+        """Return a quantile of the relative error without sign; infinite without comparisons."""
+        return float(np.quantile(np.abs(self.error), share)) if self.error.size else np.inf
+
+    @property
+    def floating(self) -> float:
+        """Share of the compared points that float before the surface."""
+        return _floating(self.error)
+
+    @property
+    def bad_frames(self) -> pd.DataFrame:
+        """Frames that stand out, the worst first."""
+        limit = max(self.median_below, _FAR_ABOVE * self.quantile(0.5))
+        most = max(_FLOATING_OF_A_FRAME, _FAR_ABOVE * self.floating)
+        chosen = (self.frames["median"] >= limit) | (self.frames["floating"] >= most)
+        return self.frames[chosen].sort_values("median", ascending=False, kind="stable")
+
+
+def check_depth_consistency(
+    ids: Sequence[str],
+    cameras: Cameras,
+    poses: Poses,
+    depths: Sequence[Path | None],
+    *,
+    kind: DepthKind = "z",
+    scale_m: float | None = None,
+    pixels: int = 4096,
+    seed: int = 0,
+    median_below: float = MEDIAN_BELOW,
+    progress: Progress = silent,
+) -> DepthConsistency:
+    """Compare the depth of each frame with that of the next, and of four that look near."""
+    rows = [row for row, path in enumerate(depths) if path is not None]
+    if len(rows) < 2:
+        raise BenchmarkError("fewer than two photos have a depth map")
+
+    @lru_cache(maxsize=16)
+    def frame(number: int) -> Frame:
+        row = rows[number]
+        camera, path = cameras.take(row), depths[row] or Path()
+        depth = read_depth(path, int(camera.width[0]), int(camera.height[0]), scale_m)
+        return sampled_frame(camera, poses.take(row), depth, kind, pixels, (seed, number))
+
+    middles = np.empty((len(rows), 3))
+    for number in progress(range(len(rows)), "depth maps", len(rows)):
+        one = frame(number)
+        seen = one.points if len(one.points) else np.zeros((1, 3))
+        middles[number] = apply_matrix(one.rotation.T, seen.mean(axis=0)) + one.centre
+    pairs = _pairs(middles)
+    of_frame: list[list[Floats]] = [[] for _ in rows]
+    floating: list[list[Floats]] = [[] for _ in rows]
+    errors, hidden = [], 0
+    for source, target in progress(pairs.tolist(), "pairs of frames", len(pairs)):
+        for first, second in ((source, target), (target, source)):
+            error, behind = compare_depths(frame(first), frame(second))
+            # Depths of a frame too long: its points lie behind, those of others in front.
+            of_frame[first].append(error)
+            of_frame[second].append(-error)
+            for one in (first, second):
+                floating[one].append(error)
+            errors.append(error)
+            hidden += behind
+    table = pd.DataFrame(
+        [_frame_row(ids[row], *both) for row, *both in zip(rows, of_frame, floating, strict=True)],
+        columns=["id", "median", "ratio", "floating", "compared"],
+    )
+    without = len(depths) - len(rows)
+    return DepthConsistency(
+        table, np.concatenate(errors), len(pairs), hidden, without, median_below
+    )
+
+
+def _pairs(middles: Floats) -> Ints:
+    """Pair each frame with the next, and with the four whose middles of sight are nearest."""
+    count = min(_PARTNERS + 1, len(middles))
+    nearest = cKDTree(middles).query(middles, k=np.arange(1, count + 1))[1]
+    own = np.repeat(np.arange(len(middles)), count)
+    following = np.stack((np.arange(len(middles) - 1), np.arange(1, len(middles))), axis=1)
+    both = np.sort(np.concatenate((following, np.column_stack((own, nearest.ravel())))), axis=1)
+    pairs: Ints = np.unique(both[both[:, 0] < both[:, 1]], axis=0)
+    return pairs
+
+
+def _frame_row(
+    name: str, signed: Sequence[Floats], unsigned: Sequence[Floats]
+) -> tuple[str, float, float, float, int]:
+    error = np.concatenate([np.empty(0), *signed])
+    if not error.size:
+        return name, np.nan, np.nan, 0.0, 0
+    floats = _floating(np.concatenate(unsigned))
+    return name, float(np.median(np.abs(error))), float(np.median(error)), floats, error.size
+
+
+def _floating(error: Floats) -> float:
+    return float((error < -OCCLUSION).mean()) if error.size else 0.0

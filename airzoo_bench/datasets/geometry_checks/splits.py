@@ -1,0 +1,232 @@
+"""Whether two sets of photos, such as training and test, see the same ground.
+
+A footprint is the quadrilateral of ground below the four corners of a photo, on the plane of the
+ground. Two footprints overlap where they share an area; to touch is not to overlap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import shapely
+from shapely import STRtree
+
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.datasets.geometry_checks.scenes import open_benchmark, scenes_of_benchmark
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.geometry.crs import to_lonlat
+from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.geometry.rays import intersect_plane
+from airzoo_bench.retrieval.footprints import untangled
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
+from airzoo_bench.tables.model import Cell, Column, Row, Table
+
+__all__ = [
+    "NamedFootprints",
+    "SplitOverlap",
+    "cast_corners",
+    "compare_splits",
+    "read_footprints",
+    "split_table",
+    "split_values",
+]
+
+_BLOCK = 2048
+_SHOWN = 20
+_COLUMNS = ("train", "test", "shared_m2", "share_of_test")
+_METRES_OF_A_DEGREE = np.pi / 180 * 6_371_008.8
+_LEAST_AREA_M2 = 1e-4  # what rounding makes of borders that touch: 1e-9 degrees by 1 km
+
+
+@dataclass(frozen=True, eq=False)
+class NamedFootprints:
+    """Footprints of N photos.
+
+    `lonlat` (N, 4, 2) are corners in order, NaN for a photo that sees no ground; `unknown` (N,) are
+    photos of which it is not known where they look.
+    """
+
+    ids: tuple[str, ...]
+    lonlat: Floats
+    unknown: Bools
+
+
+def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
+    """Read footprints of a benchmark folder's photos, or of a CSV."""
+    if place.suffix.lower() == ".csv":
+        return _read_csv(place)
+    scenes = scenes_of_benchmark(open_benchmark(place))
+    lacking = [one.name for one in scenes if one.plane_height_m is None or one.crs is None]
+    if lacking:
+        raise BenchmarkError("has no ground plane or no CRS", where=lacking[0])
+    parts = [
+        cast_corners(one.cameras, one.poses, one.crs, one.plane_height_m or 0.0, max_range_m)
+        for one in scenes
+    ]
+    ids = tuple(name for scene in scenes for name in scene.ids)
+    lonlat, unknown = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return NamedFootprints(ids, lonlat, unknown)
+
+
+def cast_corners(
+    cameras: Cameras, poses: Poses, crs: Any, plane_height_m: float, max_range_m: float
+) -> tuple[Floats, Bools]:
+    """Cast the corners of N photos onto a plane; return footprints and which are not known."""
+    rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, 0.0)))
+    hits = intersect_plane(poses.centres, rays, plane_height_m, max_range_m)
+    ends = poses.centres[:, None] + max_range_m * rays
+    lonlat = to_lonlat(crs, np.where(hits.valid[..., None], hits.points, ends)[..., :2])
+    unknown = (poses.centres[:, 2] <= plane_height_m) | np.isnan(lonlat).any(axis=(1, 2))
+    blind = (rays[..., 2] >= 0.0).all(axis=1)
+    lonlat[unknown | blind] = np.nan
+    return lonlat, unknown
+
+
+def _read_csv(path: Path) -> NamedFootprints:
+    table = read_table(path, ("id", *ANCHOR_COLUMNS))
+    columns = [pd.to_numeric(table[name], errors="coerce") for name in ANCHOR_COLUMNS]
+    lonlat = np.stack(columns, axis=1).astype(np.float64).reshape(-1, 4, 2)
+    ids = tuple(table["id"].astype(str))
+    beyond = (np.abs(lonlat) > (360.0, 90.0)).any(axis=(1, 2))
+    if beyond.any():
+        names = [ids[row] for row in np.flatnonzero(beyond)]
+        raise BenchmarkError(
+            f"coordinates that are no degrees: {first_of(names, len(ids))}",
+            where=path,
+            expected="longitude and latitude in WGS84",
+        )
+    unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2)))
+    lonlat[unknown] = np.nan
+    return NamedFootprints(ids, lonlat, unknown)
+
+
+@dataclass(frozen=True, eq=False)
+class SplitOverlap:
+    """The ground that two sets share.
+
+    A row of `pairs` is train and test id, shared m2, and the share of the test footprint.
+    """
+
+    train: NamedFootprints
+    test: NamedFootprints
+    pairs: pd.DataFrame
+
+    @property
+    def tainted(self) -> int:
+        """How many photos of the test set overlap one of the training set."""
+        return int(self.pairs["test"].nunique())
+
+    @property
+    def unknown(self) -> list[str]:
+        """Photos of either set whose footprint is not known."""
+        sets = (self.train, self.test)
+        return [s.ids[row] for s in sets for row in np.flatnonzero(s.unknown)]
+
+    @property
+    def passes(self) -> bool:
+        """Whether nothing overlaps, and all footprints are known."""
+        return self.pairs.empty and not self.unknown
+
+
+def compare_splits(
+    train: NamedFootprints,
+    test: NamedFootprints,
+    *,
+    csv: Path | None = None,
+    progress: Progress = silent,
+) -> SplitOverlap:
+    """Look for ground that both sets see."""
+    found = pd.concat(list(_overlaps(train, test, progress)), ignore_index=True)
+    if csv is not None:
+        with atomic_write(csv, "w") as stream:
+            found.to_csv(stream, index=False, lineterminator="\n")
+    return SplitOverlap(train, test, found)
+
+
+def _overlaps(
+    train: NamedFootprints, test: NamedFootprints, progress: Progress
+) -> Iterator[pd.DataFrame]:
+    """Yield the pairs of footprints that share an area, block by block of the test set."""
+    turn = np.array((360.0, 0.0))
+    around, rows = _polygons(
+        np.concatenate([_unwrapped(train.lonlat) + n * turn for n in (-1, 0, 1)])
+    )
+    tree = STRtree(around)
+    asked, kept = _polygons(_unwrapped(test.lonlat))
+    yield pd.DataFrame({name: [] for name in _COLUMNS})
+    starts = range(0, len(asked), _BLOCK)
+    for start in progress(starts, "footprints", len(starts)):
+        block = asked[start : start + _BLOCK]
+        first, second = tree.query(block, predicate="intersects")
+        shared = shapely.intersection(block[first], around[second])
+        # Degrees of longitude shrink with the latitude of what is seen.
+        latitude = np.radians(shapely.get_y(shapely.centroid(block[first])))
+        square = _METRES_OF_A_DEGREE**2 * np.cos(latitude)
+        area, whole = shapely.area(shared) * square, shapely.area(block[first]) * square
+        rows_test, rows_train = kept[start + first], rows[second] % max(len(train.ids), 1)
+        order = np.lexsort((rows_train, rows_test))
+        order = order[area[order] > _LEAST_AREA_M2]
+        values = (
+            [train.ids[row] for row in rows_train[order]],
+            [test.ids[row] for row in rows_test[order]],
+            np.round(area[order], 3),
+            np.round(area[order] / whole[order], 6),
+        )
+        yield pd.DataFrame(dict(zip(_COLUMNS, values, strict=True)))
+
+
+def _polygons(lonlat: Floats) -> tuple[Any, Ints]:
+    """Return shapes of the footprints that there are, and their rows."""
+    there = np.isfinite(lonlat).all(axis=(1, 2))
+    return shapely.polygons(untangled(lonlat[there])), np.flatnonzero(there)
+
+
+def _unwrapped(lonlat: Floats) -> Floats:
+    """Unwrap the corners of each footprint about its first, which is put within +-180 degrees."""
+    lon = lonlat[..., 0]
+    first = (lon[:, :1] + 180.0) % 360.0 - 180.0
+    lon = first + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
+    return np.stack((lon, lonlat[..., 1]), axis=-1)
+
+
+def split_table(found: SplitOverlap) -> Table:
+    """Lay out the first pairs that overlap, with the counts below."""
+    columns = (
+        Column("Training photo"),
+        Column("Test photo"),
+        Column("Shared", "m²", decimals=1),
+        Column("Of the test photo", "%", decimals=2),
+    )
+    rows = tuple(
+        Row((Cell(train), Cell(test), Cell(area), Cell(100 * share)))
+        for train, test, area, share in found.pairs.head(_SHOWN).itertuples(index=False)
+    )
+    sizes = f"{len(found.train.ids):,} training and {counted(len(found.test.ids), 'test photo')}"
+    notes = [f"{sizes}: {len(found.pairs):,} pairs overlap, with {found.tainted:,} test photos"]
+    if len(found.pairs) > _SHOWN:
+        notes.append(f"the first {_SHOWN} are shown; --out writes all")
+    if found.unknown:
+        notes.append(f"it is not known where photos look: {first_of(found.unknown)}")
+    return Table("Ground that both sets see", columns, rows, tuple(notes))
+
+
+def split_values(found: SplitOverlap) -> dict[str, object]:
+    """Return the same as JSON values."""
+    return {
+        "passes": found.passes,
+        "train_photos": len(found.train.ids),
+        "test_photos": len(found.test.ids),
+        "overlapping_pairs": len(found.pairs),
+        "test_photos_that_overlap": found.tainted,
+        "first_pairs": found.pairs.head(_SHOWN).to_dict("records"),
+        "not_known": found.unknown,
+    }

@@ -1,0 +1,142 @@
+"""Cameras from what is known of them: pixels, millimetres, field of view, or EXIF."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.validation import nearest, unambiguous_json
+from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.cameras import Cameras
+
+__all__ = [
+    "LENS_KEYS",
+    "Lens",
+    "cameras_of_lenses",
+    "check_focal_lengths",
+    "film_focal_px",
+    "lens_of",
+    "read_camera_file",
+]
+
+Lens = tuple[list[list[float]], tuple[float, ...]]
+"""A camera's matrix in pixels, and k1 k2 p1 p2 k3."""
+_WAYS = (("fx",), ("focal_mm", "sensor_mm"), ("fov_deg",))
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+LENS_KEYS = ("fx", "fy", "cx", "cy", *_DISTORTION, "focal_mm", "sensor_mm", "fov_deg")
+"""What a camera may be stated by, in a file or in columns of a table."""
+_EXPECTED = (
+    "one of fx (px); focal_mm and sensor_mm (width of the sensor); fov_deg (across the width)"
+)
+_EXIF_IFD, _FOCAL_35MM = 0x8769, 0xA405
+_DIAGONAL_MM = math.hypot(36.0, 24.0)
+_MOST_RATIO = 1.3  # between two focal lengths of one camera
+
+
+def read_camera_file(path: Path) -> dict[str, float]:
+    """Read a camera from JSON: an object of numbers."""
+    text = read_text(path, BenchmarkError, "camera file")
+    try:
+        values: Any = unambiguous_json(text)
+    except ValueError as error:
+        raise BenchmarkError(f"not JSON: {error}", where=path, expected=_EXPECTED) from error
+    known = [*LENS_KEYS, "width", "height"]
+    if not isinstance(values, dict) or not values:
+        raise BenchmarkError("is no object with values", where=path, expected=_EXPECTED)
+    for key, value in values.items():
+        if key not in known:
+            raise BenchmarkError(
+                f"unknown key {key[:40]!r}{nearest(key, known)}",
+                where=path,
+                expected=f"some of {', '.join(known)}",
+            )
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise BenchmarkError(f"{key} is {str(value)[:40]!r}", where=path, expected="a number")
+    return {key: float(value) for key, value in values.items()}
+
+
+def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -> Lens:
+    """Return a camera's matrix and distortion."""
+    width, height = size
+    stated = (values.get("width", float(width)), values.get("height", float(height)))
+    if stated != (float(width), float(height)):
+        raise CameraError(
+            f"the camera is for photos of {stated[0]:g}x{stated[1]:g} px, not {width}x{height}",
+            where=where,
+            fix="give the camera for the photos' own size",
+        )
+    ways = [way for way in _WAYS if way[0] in values]
+    if len(ways) != 1 or not set(ways[0]) <= set(values):
+        given = ", ".join(key for key in LENS_KEYS if key in values) or "nothing"
+        raise CameraError(
+            f"the focal length does not follow from {given}", where=where, expected=_EXPECTED
+        )
+    fx = values.get("fx", math.nan)
+    if "fov_deg" in values and 0.0 < values["fov_deg"] < 180.0:
+        fx = width / 2 / math.tan(math.radians(values["fov_deg"]) / 2)
+    if "focal_mm" in values and values["sensor_mm"] > 0.0:
+        fx = values["focal_mm"] / values["sensor_mm"] * width
+    if not fx > 0.0:
+        given = ", ".join(f"{key} {values[key]:g}" for key in ways[0])
+        raise CameraError(f"no focal length: {given}", where=where, expected=_EXPECTED)
+    fy, cx, cy = values.get("fy", fx), values.get("cx", width / 2), values.get("cy", height / 2)
+    distortion = tuple(values.get(key, 0.0) for key in _DISTORTION)
+    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], distortion
+
+
+def cameras_of_lenses(
+    lenses: Sequence[Lens], names: Sequence[str], sizes: Mapping[str, tuple[int, int]]
+) -> Cameras:
+    """Return the cameras of photos, each with its lens."""
+    width, height = np.array([sizes[name] for name in names]).T
+    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
+    return Cameras.from_matrices(matrices, width, height, distortion, names=names)
+
+
+def check_focal_lengths(
+    images: Path,
+    values: Mapping[str, Mapping[str, float]],
+    sizes: Mapping[str, tuple[int, int]],
+    where: Path,
+) -> list[str]:
+    """Hold fx that does not say of which size of photo it is to EXIF; return a note on the size."""
+    known = {name: one["fx"] for name, one in values.items() if "fx" in one}
+    focal_px = {n: fx for n, fx in known.items() if not {"width", "cx"} & set(values[n])}
+    if not focal_px:
+        return []
+    film = {name: film_focal_px(images / name, sizes[name])[0] for name in focal_px}
+    pairs = {name: (focal_px[name], fx) for name, fx in film.items() if fx is not None}
+    off = [name for name, pair in pairs.items() if not are_alike(*pair)]
+    if off:
+        (fx, of_film), (width, height) = pairs[off[0]], sizes[off[0]]
+        raise CameraError(
+            f"fx is {fx:g} px, and the focal length of 35 mm film makes {of_film:g} px in a photo "
+            f"of {width}x{height} px: {first_of(off, len(pairs))}",
+            where=where,
+            expected="the focal length in pixels of photos of this size",
+            fix=f'scale fx to the photos; if it is right, give --camera with "width": {width} and '
+            f'"height": {height}',
+        )
+    shown = sorted({f"{width}x{height}" for width, height in map(sizes.__getitem__, focal_px)})
+    stated = f"by EXIF in {len(pairs)} of {len(focal_px)}" if pairs else "which no EXIF confirms"
+    return [f"fx is taken for photos of {first_of(shown, noun='size')} px, {stated}"]
+
+
+def are_alike(first: float, second: float) -> bool:
+    """Return whether two focal lengths may be those of one camera."""
+    return 1 / _MOST_RATIO < first / second < _MOST_RATIO
+
+
+def film_focal_px(path: Path, size: tuple[int, int]) -> tuple[float | None, int]:
+    """Return the focal length of 35 mm film, of the same diagonal, in pixels and in mm."""
+    with opened_photo(path) as image:
+        focal = image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
+    if not isinstance(focal, int) or not 0 < focal < 10_000:
+        return None, 0
+    return focal / _DIAGONAL_MM * math.hypot(*size), focal

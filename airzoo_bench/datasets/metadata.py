@@ -1,0 +1,301 @@
+"""Where a photo says that it was taken: position in EXIF, gimbal angles in DJI's XMP.
+
+Position is EXIF's where it has one (its seconds have four decimals, 3 mm), DJI's otherwise. Angles
+are as `geometry.rotations` takes them.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from numbers import Real
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.files import read_text
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.geometry.crs import (
+    describe_crs,
+    from_lonlat,
+    grid_convergence_deg,
+    horizontal_crs,
+)
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
+
+__all__ = [
+    "PRIOR_VALUES",
+    "PhotoPrior",
+    "metadata_priors",
+    "photo_metadata",
+    "priors_to_poses",
+    "read_dji_texts",
+    "read_prior",
+    "read_prior_file",
+]
+
+PRIOR_VALUES = ("lon", "lat", "altitude_m", "yaw_deg", "pitch_deg", "roll_deg")
+_LIMITS = {"lon": 180.0, "lat": 90.0}
+_XMP = b"http://ns.adobe.com/xap/1.0/\0"
+_NAMESPACE = "http://www.dji.com/drone-dji/1.0/"
+_GPS_IFD = 0x8825
+_LATITUDE, _LONGITUDE, _ALTITUDE = 2, 4, 6  # the tag before each is the reference of its sign
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
+# Above sea level or ellipsoid, and below; EXIF 3.0 added 2 and 3.
+_ALTITUDE_SIGN = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
+
+
+@dataclass(frozen=True)
+class PhotoPrior:
+    """Position and attitude that a photo's metadata state.
+
+    Position in WGS84, angles of the gimbal; photos do not say reliably whether the altitude is
+    above the sea or the ellipsoid. `relative_altitude_m` is above the place of take-off.
+    """
+
+    lon: float | None = None
+    lat: float | None = None
+    altitude_m: float | None = None
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+    relative_altitude_m: float | None = None
+
+    @property
+    def values(self) -> tuple[float | None, ...]:
+        """Position, altitude and attitude."""
+        return tuple(getattr(self, name) for name in PRIOR_VALUES)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether position, altitude and attitude are all there."""
+        return None not in self.values
+
+
+def read_prior(path: Path) -> PhotoPrior:
+    """Read a photo's position and attitude from its EXIF and DJI's XMP."""
+    gps, packet = _metadata(path)
+    try:
+        texts = _dji_texts(packet)
+        lon, lat = _position(gps, texts)
+        return PhotoPrior(
+            lon,
+            lat,
+            _altitude(gps, texts),
+            _dji_number(texts, "GimbalYawDegree"),
+            _dji_number(texts, "GimbalPitchDegree"),
+            _dji_number(texts, "GimbalRollDegree"),
+            _dji_number(texts, "RelativeAltitude"),
+        )
+    except BenchmarkError as fault:
+        raise fault.inside(path) from fault
+
+
+def read_dji_texts(path: Path) -> dict[str, str]:
+    """Read all that DJI's XMP of a photo states, by the names without its namespace."""
+    packet = _metadata(path)[1]
+    try:
+        return _dji_texts(packet)
+    except BenchmarkError as fault:
+        raise fault.inside(path) from fault
+
+
+def photo_metadata(
+    names: Sequence[str],
+    images: Path,
+    priors: Path | None,
+    photos: Iterable[str],
+    progress: Progress,
+) -> dict[str, PhotoPrior]:
+    """Read what photos state; a table of priors goes before that."""
+    given = read_prior_file(priors, photos) if priors is not None else {}
+    shown = progress(names, "metadata", len(names))
+    return {name: replace(read_prior(images / name), **given.get(name, {})) for name in shown}
+
+
+def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`."""
+    text = read_text(path, BenchmarkError, "table of priors", 64 << 20)
+    try:
+        table = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
+        rows, names = list(table), list(table.fieldnames or ())
+    except csv.Error as error:
+        raise BenchmarkError(f"not a CSV: {error}", where=path) from error
+    known = "image" in names and set(names) <= {"image", *PRIOR_VALUES}
+    if not known or len(set(names)) < len(names):
+        raise BenchmarkError(
+            f"has the columns {', '.join(map(str, names))}",
+            where=path,
+            expected=f"image, and some of {', '.join(PRIOR_VALUES)}, each once",
+        )
+    images, there = [row["image"] for row in rows], set(photos)
+    twice = [name for name, count in Counter(images).items() if count > 1]
+    unknown = [name for name in images if name not in there]
+    if twice or unknown:
+        raise BenchmarkError(
+            f"named twice: {first_of(map(repr, twice))}"
+            if twice
+            else f"no photos: {first_of(map(repr, unknown))}",
+            where=path,
+            expected="each photo once, by its name relative to the folder of the photos",
+        )
+    return {row["image"]: _values(row, line, path) for line, row in enumerate(rows, start=2)}
+
+
+def _values(row: Mapping[str, str | None], line: int, path: Path) -> dict[str, float]:
+    found = {}
+    for name in PRIOR_VALUES:
+        text = (row.get(name) or "").strip()
+        if not text:
+            continue
+        try:
+            value = math.nan if "_" in text else float(text)
+        except ValueError:
+            value = math.nan
+        limit = _LIMITS.get(name, 1e6)
+        if not abs(value) <= limit:
+            raise BenchmarkError(
+                f"column {name}, line {line}: {text[:40]!r}",
+                where=path,
+                expected=f"a number, at most {limit:g} either way",
+                fix="look whether lon and lat are swapped" if name == "lat" else None,
+            )
+        found[name] = value
+    return found
+
+
+def priors_to_poses(priors: Mapping[str, PhotoPrior], crs: Any) -> Poses:
+    """Turn complete priors into poses in a projected CRS."""
+    rows = np.array([prior.values for prior in priors.values()], np.float64).reshape(-1, 6)
+    lonlat, altitude, angles = np.split(rows, (2, 3), axis=1)
+    xy, convergence = from_lonlat(crs, lonlat), grid_convergence_deg(crs, lonlat)
+    beyond = np.isnan(xy).any(axis=1) | np.isnan(convergence)
+    if beyond.any():
+        names = [name for name, bad in zip(priors, beyond, strict=True) if bad]
+        raise BenchmarkError(
+            f"positions beyond {describe_crs(horizontal_crs(crs))}: {first_of(names, len(priors))}",
+            expected="photos as the drone wrote them, with EXIF GPS and DJI's XMP",
+            fix="give poses for these photos, or take them out",
+        )
+    rotations = angles_to_rotations(*angles.T, convergence_deg=convergence)
+    return Poses.from_centres(rotations, np.hstack((xy, altitude)), names=list(priors))
+
+
+def metadata_priors(metadata: Mapping[str, PhotoPrior], crs: str) -> Poses | None:
+    """Return a prior for each photo, NaN where its metadata lack one; None where all lack one."""
+    whole = {name: prior for name, prior in metadata.items() if prior.is_complete}
+    if not whole:
+        return None
+    found = priors_to_poses(whole, crs)
+    rows = np.array([prior.is_complete for prior in metadata.values()])
+    rotation = np.full((len(metadata), 3, 3), np.nan)
+    centres = np.full((len(metadata), 3), np.nan)
+    rotation[rows], centres[rows] = found.rotation, found.centres
+    return Poses(rotation=rotation, centres=centres)
+
+
+def _metadata(path: Path) -> tuple[dict[int, Any], bytes]:
+    """Read the GPS part of EXIF and DJI's XMP packet; empty where there is none."""
+    with opened_photo(path) as image:
+        gps = dict(image.getexif().get_ifd(_GPS_IFD))
+        segments = getattr(image, "applist", [])
+    packets = (data for name, data in segments if name == "APP1" and data.startswith(_XMP))
+    return gps, next((data for data in packets if _NAMESPACE.encode() in data), b"")
+
+
+def _dji_texts(packet: bytes) -> dict[str, str]:
+    """Read DJI's namespace, whether attributes or elements."""
+    if not packet:
+        return {}
+    try:
+        text = packet[len(_XMP) :].decode("utf-8-sig").strip("\0 \r\n\t")
+        # Without a document type there are no entities, neither large nor from elsewhere.
+        if "<!DOCTYPE" in text:
+            raise BenchmarkError("DJI's XMP declares a document type")
+        root = ElementTree.fromstring(text)
+    except (UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise BenchmarkError(
+            f"DJI's XMP is damaged: {error}", expected="an XMP packet as the drone wrote it"
+        ) from error
+    texts: dict[str, str] = {}
+    for element in root.iter():
+        for name, value in ((element.tag, element.text or ""), *element.attrib.items()):
+            if name.startswith("{" + _NAMESPACE + "}") and value.strip():
+                texts.setdefault(name.partition("}")[2], value.strip())
+    return texts
+
+
+def _dji_number(texts: Mapping[str, str], name: str) -> float | None:
+    if name not in texts:
+        return None
+    if not _NUMBER.fullmatch(texts[name]):
+        raise BenchmarkError(
+            f"DJI's {name} is {texts[name][:40]!r}", expected="a decimal number, such as +12.30"
+        )
+    return float(texts[name])
+
+
+def _position(gps: dict[int, Any], dji: Mapping[str, str]) -> tuple[float | None, float | None]:
+    lon, lat = _degrees(gps, _LONGITUDE, "EW"), _degrees(gps, _LATITUDE, "NS")
+    if lon is None or lat is None:
+        # Some bodies misspell it.
+        name = "GpsLongitude" if "GpsLongitude" in dji else "GpsLongtitude"
+        lon, lat = _dji_number(dji, name), _dji_number(dji, "GpsLatitude")
+    if lon is None or lat is None or (lon, lat) == (0.0, 0.0):
+        return None, None
+    if abs(lon) > 180.0 or abs(lat) > 90.0:
+        raise BenchmarkError(
+            f"no position on the earth: longitude {lon}, latitude {lat}",
+            expected="at most 180 and 90 degrees",
+        )
+    return lon, lat
+
+
+def _degrees(gps: dict[int, Any], tag: int, signs: str) -> float | None:
+    """Read degrees, minutes and seconds; the sign is in the tag before."""
+    parts = _numbers(gps, tag, 3)
+    if parts is None:
+        return None
+    reference = str(gps.get(tag - 1, "")).strip("\0 ").upper()
+    if reference not in tuple(signs):
+        raise BenchmarkError(
+            f"EXIF GPS tag {tag - 1} is {reference[:40]!r}", expected=f"{signs[0]} or {signs[1]}"
+        )
+    size = parts[0] + parts[1] / 60.0 + parts[2] / 3600.0
+    return size if reference == signs[0] else -size
+
+
+def _altitude(gps: dict[int, Any], dji: Mapping[str, str]) -> float | None:
+    parts = _numbers(gps, _ALTITUDE, 1)
+    if parts is None:
+        return _dji_number(dji, "AbsoluteAltitude")
+    reference = gps.get(_ALTITUDE - 1, b"\0")
+    code = reference[0] if isinstance(reference, bytes) and reference else reference
+    if code not in _ALTITUDE_SIGN:
+        raise BenchmarkError(
+            f"EXIF GPSAltitudeRef is {str(code)[:40]}", expected="0 to 3; 1 and 3 are below"
+        )
+    return _ALTITUDE_SIGN[code] * parts[0]
+
+
+def _numbers(gps: dict[int, Any], tag: int, count: int) -> list[float] | None:
+    """Read the numbers of a tag; None where it is missing, or 0/0, EXIF's way of saying so."""
+    value = gps.get(tag)
+    parts = value if isinstance(value, tuple) else (value,)
+    numbers = [float(part) for part in parts if isinstance(part, Real)]
+    if value is None or (len(numbers) == len(parts) and all(map(math.isnan, numbers))):
+        return None
+    if len(parts) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise BenchmarkError(
+            f"EXIF GPS is damaged: {str(value)[:40]}", expected=f"{count} finite numbers"
+        )
+    return numbers

@@ -1,0 +1,153 @@
+"""A scene as the files of a dataset state it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import CameraError, first_of
+from airzoo_bench.datasets.metadata import PhotoPrior
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs
+
+__all__ = ["ImageScene", "NativeScene", "PosedPhotos", "check_centred"]
+
+_OFF_CENTRE = 0.2  # a matrix for photos of half the size has its principal point 0.25 off
+
+
+@dataclass(frozen=True, eq=False)
+class NativeScene:
+    """Photos, poses and maps of a scene, in the conventions of `geometry`.
+
+    Attributes
+    ----------
+    scene : str
+        Its id, that of the protocols.
+    images : Path
+        Folder of the photos.
+    names : tuple of N str
+        Photos with a pose, relative to `images`.
+    cameras : Cameras
+        For the photos' own size.
+    poses : Poses
+        In `crs`.
+    crs : str
+        Projected, in metres; `geometry.crs.LOCAL_CRS` for a frame in metres, z up, that has no
+        place on the earth, where there is neither map nor surface model.
+    dom, dsm, gallery, cloud : Path or None
+        Map, surface model, the map that tiles are cut from where it is another than `dom`, true
+        cloud. Tracks that need one that is missing have no truth.
+    maps : Path or None
+        Folder of a map and a surface model for each photo, where there are none of the whole
+        scene, see `matching.truth.own_map`.
+    plane_height_m : float or None
+        z0; None for the median height of the surface model, or where there is no ground.
+    priors : Poses or None
+        NaN where a photo has none.
+    metadata : mapping of str to PhotoPrior
+        What photos state, by name.
+    is_metadata : bool
+        Whether poses are the metadata's, which are no priors then.
+    conditions : mapping of str to sequence of N
+        Further columns of queries.csv, by which scores can be broken down.
+    unposed : tuple of str
+        Names of photos without a pose.
+    notes : tuple of str
+        Sentences for the user about this scene, such as values that were assumed.
+    poses_from : Path or None
+        The file of the poses, for messages.
+    crs_from : str
+        Where the CRS is stated, for messages.
+    truth_accuracy_m : float or None
+        Standard error of the true positions, where it is stated.
+    """
+
+    scene: str
+    images: Path
+    names: tuple[str, ...]
+    cameras: Cameras
+    poses: Poses
+    crs: str
+    dom: Path | None = None
+    dsm: Path | None = None
+    gallery: Path | None = None
+    cloud: Path | None = None
+    maps: Path | None = None
+    plane_height_m: float | None = None
+    priors: Poses | None = None
+    metadata: Mapping[str, PhotoPrior] = field(default_factory=dict)
+    is_metadata: bool = False
+    conditions: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    unposed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    poses_from: Path | None = None
+    crs_from: str = ""
+    truth_accuracy_m: float | None = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        names = ("images", "dom", "dsm", "gallery", "cloud", "maps")
+        return {name: path for name in names if (path := getattr(self, name)) is not None}
+
+    @property
+    def pose_source(self) -> Path:
+        """What messages about poses name: their file, or the folder of the photos."""
+        return self.poses_from or self.images
+
+
+@dataclass(frozen=True, eq=False)
+class ImageScene:
+    """Queries and gallery of a benchmark that gives images, and states which belong together."""
+
+    scene: str
+    queries: ImageSet
+    gallery: ImageSet
+    images: Path
+    tiles: Path
+    pairs: StatedPairs
+    gallery_size: int | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PosedPhotos:
+    """N photos with cameras and poses."""
+
+    names: tuple[str, ...]
+    cameras: Cameras
+    poses: Poses
+    crs: str | None = None
+
+    def take(self, rows: Sequence[int]) -> PosedPhotos:
+        """Return some of the photos, by their rows."""
+        chosen = np.asarray(rows, dtype=np.int64)
+        names = tuple(self.names[row] for row in rows)
+        return PosedPhotos(names, self.cameras.take(chosen), self.poses.take(chosen), self.crs)
+
+
+def check_centred(photos: PosedPhotos, path: Path) -> None:
+    """Refuse cameras whose principal point is far from the middle of the photo."""
+    size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
+    off: NDArray[np.float64] = np.abs(photos.cameras.principal_point / size - 0.5)
+    bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1))
+    if bad.size:
+        row = bad[0]
+        cx, cy = photos.cameras.principal_point[row]
+        sizes = {f"{width}x{height}" for width, height in size.tolist()}
+        raise CameraError(
+            f"camera matrices of another image size: "
+            f"{first_of([photos.names[i] for i in bad], len(photos.names))}; the first is "
+            f"{size[row, 0]}x{size[row, 1]} px, with the principal point at ({cx:.1f}, {cy:.1f})"
+            + (f"; photos have the sizes {', '.join(sorted(sizes))} px" if len(sizes) > 1 else ""),
+            where=path,
+            expected="a principal point near the middle of the photo",
+            fix="scale K to the size of the photos; photos of several cameras need a K each (in "
+            "their entry of 'images'), or a benchmark for each camera, from a folder of its own",
+        )

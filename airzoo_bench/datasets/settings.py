@@ -1,0 +1,129 @@
+"""What is asked of every dataset, and what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.registry import Option
+from airzoo_bench.engines.engine import HERE, Engine
+
+if TYPE_CHECKING:
+    from airzoo_bench.datasets.facts import SceneFacts
+
+__all__ = [
+    "PrepareSettings",
+    "Prepared",
+    "SceneSummary",
+    "SourceOptions",
+    "TrackSummary",
+    "path_options",
+]
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """The options that a dataset has unless it states more."""
+
+    source: Annotated[Path, Option("source", "Folder of the benchmark, as it is downloaded.")]
+    scene: Annotated[
+        list[str] | None, Option("scene", "Only this scene; repeat it (default: all).")
+    ] = None
+    keep_going: Annotated[
+        bool, Option("keep-going", "Leave out scenes that cannot be read, instead of stopping.")
+    ] = False
+
+
+@dataclass(frozen=True)
+class PrepareSettings:
+    """What can be asked of every dataset.
+
+    Attributes
+    ----------
+    folder : Path
+        The benchmark folder to make; it appears when it is complete.
+    root : Path
+        The data root, for protocols to start from and for what is kept between runs.
+    tiles_on_disk : bool
+        Write each tile as PNG; otherwise tiles are windows of the map.
+    crops_on_disk : bool
+        Write the crop of each query as two GeoTIFF; otherwise crops are windows of the map.
+    copy : bool
+        Copy photos, maps and clouds into the folder; otherwise they are left where they are.
+    replace : bool
+        Whether a folder that stands there is replaced.
+    engine : Engine
+        Where work is done that is shared out; the benchmark does not depend on it.
+    progress : Progress
+    note : callable
+        Takes a sentence for the user while the folder is made.
+    """
+
+    folder: Path
+    root: Path
+    tiles_on_disk: bool = False
+    crops_on_disk: bool = False
+    copy: bool = False
+    replace: bool = False
+    engine: Engine = HERE
+    progress: Progress = silent
+    note: Callable[[str], None] = lambda _: None
+
+    def __reduce__(self) -> tuple[Callable[[], PrepareSettings], tuple[()]]:
+        """Leave out what other processes cannot show; they may work in another folder."""
+        left_out = ("engine", "progress", "note")
+        names = [one.name for one in fields(self) if one.name not in left_out]
+        values = {name: getattr(self, name) for name in names}
+        places = {name: value.absolute() for name, value in values.items() if name in _PLACES}
+        return partial(PrepareSettings, **{**values, **places}), ()
+
+
+_PLACES = ("folder", "root")
+
+
+@dataclass(frozen=True)
+class TrackSummary:
+    """A line on a scene's truth for a track, its queries, and how many photos are left out."""
+
+    text: str
+    count: int
+    left_out: int = 0
+
+
+@dataclass(frozen=True)
+class SceneSummary:
+    """What `prepare` prints of a scene.
+
+    `facts` has a line for each part of the scene.
+    """
+
+    photos: int
+    facts: tuple[str, ...] = ()
+    tracks: Mapping[str, TrackSummary] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What was made.
+
+    `protocols` are names with their tracks; `summaries`, `facts` (measured in this run) and
+    `failed` (why it could not be made) are by scene.
+    """
+
+    folder: Path
+    protocols: Mapping[str, str]
+    summaries: Mapping[str, SceneSummary] = field(default_factory=dict)
+    facts: Mapping[str, SceneFacts] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+
+def path_options(options: Any) -> list[Path]:
+    """Return the options that are paths."""
+    values = [getattr(options, one.name) for one in fields(options)]
+    return [value for value in values if isinstance(value, Path)]

@@ -1,0 +1,61 @@
+"""Own photos, their poses, a map and a surface model as a dataset of `prepare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import Option
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.content import photo_sizes
+from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.surveys.survey import FoundPhotos, SceneOptions, Survey, posed_scene
+
+__all__ = ["PHOTOS", "PhotoOptions"]
+
+
+@dataclass(frozen=True)
+class PhotoOptions(SceneOptions):
+    """Where the parts of a scene lie."""
+
+    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
+    images: Annotated[Path, Option("images", "Folder of the photos.")]
+    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
+    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
+
+
+class Photos(Survey[PhotoOptions]):
+    """A scene of own photos."""
+
+    about = about_of("photos")
+    options = PhotoOptions
+    needs_ground = True
+
+    def read(self, options: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
+        """Read the poses of own photos, and what the photos' metadata say."""
+        sizes = photo_sizes(options.images, progress)
+        photos = read_poses(options.poses, sizes)
+        if options.crs is None and photos.crs is None:
+            raise UsageError(
+                "the CRS of the poses is not known",
+                where=options.poses,
+                expected="a projected CRS in metres",
+                fix="add the key 'crs' to the file, or give --crs EPSG:...",
+            )
+        found = FoundPhotos(
+            options.images,
+            sizes,
+            photos,
+            options.poses,
+            options.dom,
+            options.dsm,
+            crs_from=f"{options.poses}, key 'crs'",
+        )
+        return posed_scene(options, scene, found, progress)
+
+
+PHOTOS = Photos()

@@ -1,0 +1,342 @@
+"""Tables as other programs and benchmarks write them: columns by name, checked numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of
+from airzoo_bench.core.validation import nearest
+from airzoo_bench.geometry.arrays import Floats
+
+__all__ = [
+    "Table",
+    "match_names",
+    "plain",
+    "read_lines",
+    "read_matrix",
+    "read_native_text",
+    "read_table",
+    "values_by_scene",
+]
+
+_LIMIT_BYTES = 64 << 20
+_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_HEADER_LINES = 20  # within which the line that names the columns is looked for
+_STARTS = {
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+    b"pk\x03\x04": "a zip archive or an Excel workbook",
+    b"version https://git-lfs": "a Git LFS pointer, not the file itself",
+    b"<!doctype": "a web page",
+    b"<html": "a web page",
+}
+
+
+def read_native_text(path: Path, limit_bytes: int = _LIMIT_BYTES) -> str:
+    """Read a text in UTF-8, with or without a byte-order mark, or in GB18030."""
+    if not path.is_file():
+        raise BenchmarkError(
+            "a folder, not a table" if path.is_dir() else "no such table", where=path
+        )
+    if path.stat().st_size > limit_bytes:
+        raise BenchmarkError("too large", where=path, expected=f"at most {limit_bytes:,} bytes")
+    content = path.read_bytes()
+    start = content[:64].lstrip().lower()
+    kinds = [kind for mark, kind in _STARTS.items() if start.startswith(mark)]
+    if kinds or b"\0" in content:
+        raise BenchmarkError(
+            f"is {(kinds or ['not text: it holds zero bytes'])[0]}",
+            where=path,
+            expected="a table as text",
+            fix="save it as CSV in UTF-8, or download it again",
+        )
+    for encoding in ("utf-8-sig", "gb18030"):
+        try:
+            return content.decode(encoding)
+        except UnicodeDecodeError as error:
+            line = content.count(b"\n", 0, error.start) + 1
+    raise BenchmarkError(
+        "not text: neither UTF-8 nor GB18030",
+        where=f"{path}, line {line}",
+        fix="save the table in UTF-8, or download it again",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows whose columns are known by our names.
+
+    `header` is what the file calls each column that is there, `names` are all of its columns,
+    `rows` the values of `header`, `lines` their lines in the file, counted from 1.
+    """
+
+    path: Path
+    header: Mapping[str, str]
+    names: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    decimal_commas: bool = False
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def has(self, *columns: str) -> bool:
+        """Return whether all these columns are there."""
+        return set(columns) <= set(self.header)
+
+    def texts(self, column: str) -> tuple[str, ...]:
+        """Return the values of a column as they stand there."""
+        place = list(self.header).index(column)
+        return tuple(row[place] for row in self.rows)
+
+    def numbers(
+        self, column: str, least: float = -math.inf, most: float = math.inf, *, empty: bool = False
+    ) -> Floats:
+        """Return the values of a column as numbers; NaN for empty cells, where these may be."""
+        texts = self.texts(column)
+        comma = self.decimal_commas and not any("." in text for text in texts)
+        values = [_number(text, comma) for text in texts]
+        for text, value, line in zip(texts, values, self.lines, strict=True):
+            if not (least <= value <= most and math.isfinite(value)) and (text or not empty):
+                raise BenchmarkError(
+                    f"column {self.header[column]}: {text[:40]!r}",
+                    where=f"{self.path}, line {line}",
+                    expected="a number"
+                    if math.isinf(most)
+                    else f"a number from {least:g} to {most:g}",
+                    fix="write numbers with a decimal point"
+                    if _DECIMAL_COMMA.fullmatch(text)
+                    else None,
+                )
+        return np.array(values, dtype=np.float64)
+
+    def columns(self, names: Sequence[str], least: float = -1e9, most: float = 1e9) -> Floats:
+        """Return several columns of numbers side by side."""
+        return np.stack([self.numbers(name, least, most) for name in names], axis=1)
+
+    def require_unique(self, column: str) -> None:
+        """Refuse a value that two rows have."""
+        counts = Counter(self.texts(column))
+        twice = [value for value, count in counts.items() if count > 1]
+        if twice:
+            raise BenchmarkError(
+                f"column {self.header[column]}: several rows have "
+                f"{first_of(map(repr, twice), noun='value')}",
+                where=self.path,
+                expected="each once",
+            )
+
+
+def plain(name: str) -> str:
+    """Return a column's name without case, units in brackets, blanks, '_', '-', '.' and '#'."""
+    return re.sub(r"\[.*?\]|\(.*?\)|[\s_.#\"\ufeff-]", "", name.casefold())
+
+
+def read_table(
+    path: Path,
+    columns: Mapping[str, Iterable[str]],
+    optional: Collection[str] = (),
+    *,
+    blanks: bool = False,
+) -> Table:
+    """Read a table whose first lines name its columns.
+
+    `columns` are the names that the file may have for each of ours, of which those in `optional`
+    may be missing. Raise BenchmarkError with the line or the column.
+    """
+    lines = read_native_text(path).splitlines()
+    known = {plain(name): ours for ours, names in columns.items() for name in names}
+    separators = [mark for mark in _SEPARATORS if mark is not None or blanks]
+    try:
+        place, separator, names = _header(lines, known, separators)
+        header = _found_columns(path, names, known, columns, optional)
+        numbered = [
+            (number, row)
+            for number, line in enumerate(lines[place + 1 :], place + 2)
+            if any(map(str.strip, row := _split(line, separator))) and not row[0].startswith("#")
+        ]
+    except csv.Error as error:
+        raise BenchmarkError(f"not a table: {error}", where=path) from error
+    for number, row in numbered:
+        if len(row) < len(names) or any(map(str.strip, row[len(names) :])):
+            raise BenchmarkError(
+                f"has {counted(len(row), 'value')} for {counted(len(names), 'column')}",
+                where=f"{path}, line {number}",
+                expected=f"{len(names)} values, separated by {_SEPARATORS[separator]}",
+                fix="write numbers with a decimal point; download it again if it ends here",
+            )
+    if not numbered:
+        raise BenchmarkError("has no row", where=path, expected="a row a photo")
+    places = [names.index(name) for name in header.values()]
+    return Table(
+        path,
+        header,
+        tuple(names),
+        tuple(tuple(row[i].strip() for i in places) for _, row in numbered),
+        tuple(number for number, _ in numbered),
+        decimal_commas=separator != ",",
+    )
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    return next(csv.reader(io.StringIO(line), delimiter=separator, strict=True), [])
+
+
+def _header(
+    lines: Sequence[str], known: Mapping[str, str], separators: Sequence[str | None]
+) -> tuple[int, str | None, list[str]]:
+    """Find the line that names most columns, and what separates them."""
+    best: tuple[int, int, str | None, list[str]] = (-1, 0, ",", [])
+    for place, line in enumerate(lines[:_HEADER_LINES]):
+        for separator in separators if line.strip() else ():
+            try:
+                names = [name.strip() for name in _split(line.lstrip("# \ufeff"), separator)]
+            except csv.Error:  # quotes belong to another separator
+                continue
+            found = len({known[plain(name)] for name in names if plain(name) in known})
+            if found > best[0]:
+                best = (found, place, separator, names)
+    return best[1], best[2], best[3]
+
+
+def _found_columns(
+    path: Path,
+    names: Sequence[str],
+    known: Mapping[str, str],
+    columns: Mapping[str, Iterable[str]],
+    optional: Collection[str],
+) -> dict[str, str]:
+    """Return what the file calls each of our columns."""
+    given: dict[str, list[str]] = {}
+    for name in names:
+        if plain(name) in known:
+            given.setdefault(known[plain(name)], []).append(name)
+    twice = [" and ".join(map(repr, found)) for found in given.values() if len(found) > 1]
+    missing = [ours for ours in columns if ours not in given and ours not in optional]
+    if twice or missing:
+        unknown = [name for name in names if name and plain(name) not in known]
+        meant = (f"{ours}{nearest(ours, unknown)}" for ours in missing)
+        raise BenchmarkError(
+            (f"columns that mean the same: {'; '.join(twice)}" if twice else "")
+            or f"lacks the columns {', '.join(meant)}; it has {', '.join(names)[:300]!r}",
+            where=path,
+            expected="a first line with "
+            + ", ".join(
+                "/".join(called) for ours, called in columns.items() if ours not in optional
+            ),
+            fix="keep one of each" if twice else "name the columns so, or download the table again",
+        )
+    return {ours: found[0] for ours, found in given.items()}
+
+
+def read_lines(path: Path, columns: Sequence[str]) -> Table:
+    """Read lines of values separated by blanks, without a line that names them."""
+    text = read_native_text(path)
+    numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1)]
+    kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
+    rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]
+    odd = next(((i, row) for i, row in rows if len(row) != len(columns)), None)
+    if odd is not None or not rows:
+        raise BenchmarkError(
+            "is empty" if odd is None else f"has {counted(len(odd[1]), 'value')}",
+            where=path if odd is None else f"{path}, line {odd[0]}",
+            expected=f"{len(columns)} values in a line, separated by blanks: {' '.join(columns)}",
+        )
+    header = {name: name for name in columns}
+    lines = tuple(line for line, _ in rows)
+    return Table(path, header, tuple(columns), tuple(tuple(row) for _, row in rows), lines)
+
+
+def _number(text: str, comma: bool) -> float:
+    if comma and _DECIMAL_COMMA.fullmatch(text):
+        text = text.replace(",", ".")
+    try:
+        # Python's own grouping of digits is no number here.
+        return math.nan if "_" in text else float(text)
+    except ValueError:
+        return math.nan
+
+
+def read_matrix(path: Path) -> Floats | None:
+    """Read four lines of four numbers, the last of them 0 0 0 1; None where a text holds others."""
+    lines = [
+        line.split("#")[0].replace(",", " ").split() for line in read_native_text(path).splitlines()
+    ]
+    try:
+        matrix = np.array([line for line in lines if line], dtype=np.float64)
+    except ValueError:
+        return None
+    sound = matrix.shape == (4, 4) and np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0))
+    return matrix if sound and np.isfinite(matrix).all() else None
+
+
+def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> dict[str, str]:
+    """Find the photo that each name means: as it stands, whatever its case, path or ending."""
+    names, there = list(given), list(photos)
+    tables = [_unique(form, there) for form in range(4)]
+    found = {}
+    for name in names:
+        hits = (table.get(_form(name, form)) for form, table in enumerate(tables))
+        photo = next((hit for hit in hits if hit is not None), None)
+        if photo is not None:
+            found[name] = photo
+    if not found:
+        raise BenchmarkError(
+            f"none of its {counted(len(names), 'name')} is among {counted(len(there), 'photo')}",
+            where=where,
+            expected=f"names such as {min(there, default='')!r}",
+            fix=f"it has names such as {names[0]!r}: rename one or the other" if names else None,
+        )
+    twice = [photo for photo, count in Counter(found.values()).items() if count > 1]
+    if twice:
+        raise BenchmarkError(
+            f"more than one name means {first_of(twice, len(there))}",
+            where=where,
+            expected="each photo once",
+        )
+    return found
+
+
+def _form(name: str, form: int) -> str:
+    """Return a name as it is, in one case, without its folders, or without its ending too."""
+    path = name.replace("\\", "/").casefold()
+    base = path.rpartition("/")[2]
+    return (name, path, base, base.rpartition(".")[0] or base)[form]
+
+
+def _unique(form: int, photos: Sequence[str]) -> dict[str, str]:
+    counts = Counter(_form(photo, form) for photo in photos)
+    return {_form(photo, form): photo for photo in photos if counts[_form(photo, form)] == 1}
+
+
+def values_by_scene(
+    given: Sequence[str] | None, option: str, scenes: Collection[str]
+) -> dict[str, str]:
+    """Read an option that is given as SCENE=VALUE, repeated; with one scene, VALUE will do."""
+    found: dict[str, str] = {}
+    for text in given or ():
+        scene, equals, value = text.partition("=")
+        if not equals and len(scenes) == 1:
+            scene, value = next(iter(scenes)), text
+        if scene not in scenes or scene in found or not value:
+            raise BenchmarkError(
+                f"names {scene[:80]!r} twice"
+                if scene in found
+                else f"names no scene that is there{nearest(scene[:80], list(scenes))}",
+                where=f"--{option} {text}",
+                expected=f"SCENE=VALUE with a scene among {first_of(scenes)}",
+            )
+        found[scene] = value
+    return found

@@ -1,0 +1,114 @@
+"""Tables of benchmarks: columns by name, separators, encodings, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.datasets.tables import Table, match_names, read_lines, read_table
+
+COLUMNS = {name: (name,) for name in ("filename", "lat", "height")}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "航线 01.csv"
+
+
+def read(path: Path, content: str | bytes) -> Table:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_table(path, {**COLUMNS, "Phi1": ("Phi1",)}, ("Phi1",))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "num,filename,lat,height\n1,a.JPG,29.5,405\n2,b.JPG,-1e1,406.25\n",
+        "\ufeffnum,filename,lat,height\r\n1,a.JPG,29.5,405\r\n2,b.JPG,-10,406.25\r\n",
+        "height,Lat , FILENAME\n405, 29.5 ,a.JPG\n\n406.25,-10,b.JPG\n\n",
+        "filename;lat;height\na.JPG;29,5;405\nb.JPG;-10;406,25\n",
+        'filename\tlat\theight\t\na.JPG\t29.5\t405\t\n"b.JPG"\t-10\t406.25\t\n',
+        "filename,地点,lat,height\na.JPG,长江,29.5,405\nb.JPG,,-10,406.25".encode("gb18030"),
+    ],
+)
+def test_columns_by_name(path: Path, content: str | bytes) -> None:
+    table = read(path, content)
+    assert table.texts("filename") == ("a.JPG", "b.JPG")
+    assert len(table) == 2
+    np.testing.assert_array_equal(table.numbers("lat"), [29.5, -10.0])
+    np.testing.assert_array_equal(table.numbers("height"), [405.0, 406.25])
+    assert not table.has("Phi1")
+
+
+def test_optional_and_further_columns(path: Path) -> None:
+    table = read(path, "filename,lat,height,phi1,date\na,1,2,,x\nb,1,2,-3,x\n")
+    assert table.names == ("filename", "lat", "height", "phi1", "date")
+    np.testing.assert_array_equal(table.numbers("Phi1", empty=True), [np.nan, -3.0])
+    with pytest.raises(BenchmarkError, match=r"line 2: column phi1: ''"):
+        table.numbers("Phi1")
+
+
+@pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        ("", ["filename", "lat", "height"]),
+        ("filename,latt,height\na,1,2\n", ["'latt'"]),
+        ("filename,lat,height,LAT\na,1,2,3\n", ["'lat'", "'LAT'"]),
+        ("filename,lat,height\na,29,5,405\n", ["line 2"]),
+        ("filename,lat,height\na,1,2\nb,1", ["line 3"]),
+        ('filename,lat,height\n"a,1,2\n', ["not a table"]),
+        ("<!DOCTYPE html><html>not found</html>", ["web page"]),
+        ("version https://git-lfs.github.com/spec/v1\n", ["Git LFS"]),
+        (b"PK\x03\x04workbook", ["Excel"]),
+        ("filename,lat,height\n".encode("utf-16"), ["UTF-16"]),
+        (b"filename,lat,height\na,1,\0\0\0", ["zero bytes"]),
+    ],
+)
+def test_refused(path: Path, content: str | bytes, names: list[str]) -> None:
+    with pytest.raises(BenchmarkError) as error:
+        read(path, content)
+    assert all(name in str(error.value) for name in [str(path), *names])
+
+
+@pytest.mark.parametrize("value", ["", "x", "nan", "inf", "91", "1_0", "29,5", "1.000,5"])
+def test_numbers_that_are_none(path: Path, value: str) -> None:
+    table = read(path, f'filename,lat,height\na,1.5,2\nb,"{value}",2\n')
+    with pytest.raises(BenchmarkError, match=r"line 3: column lat(.|\n)*a number from -90 to 90"):
+        table.numbers("lat", -90, 90)
+
+
+def test_two_kinds_of_decimal_mark_are_refused(path: Path) -> None:
+    table = read(path, "filename;lat;height\na;1,5;2\nb;1.5;2\n")
+    with pytest.raises(BenchmarkError, match=r"line 2: column lat: '1,5'"):
+        table.numbers("lat")
+
+
+def test_a_value_twice(path: Path) -> None:
+    table = read(path, "filename,lat,height\na,1,2\na,1,2\nb,1,2\n")
+    with pytest.raises(BenchmarkError, match=r"column filename: several rows have 1 value \('a'"):
+        table.require_unique("filename")
+
+
+def test_names_of_other_programs_mean_photos() -> None:
+    photos = ["a/DJI_1.JPG", "b/DJI_2.JPG", "b/DJI_3.JPG"]
+    given = ["DJI_1", "B\\dji_2.jpg", "b/DJI_3.JPG", "DJI_9"]
+    assert match_names(given, photos, "poses.csv") == dict(zip(given[:3], photos, strict=True))
+    with pytest.raises(BenchmarkError, match="more than one name"):
+        match_names(["DJI_1", "dji_1.jpg"], photos, "poses.csv")
+
+
+def test_lines_without_a_header(path: Path) -> None:
+    path.write_text("# made by hand\n\nDJI 0001.JPG 1 0.5\nb.JPG  2\t-1e-3 \n")
+    table = read_lines(path, ("name", "qw", "qx"))
+    assert table.texts("name") == ("DJI 0001.JPG", "b.JPG")
+    assert table.lines == (3, 4)
+    np.testing.assert_array_equal(table.numbers("qx"), [0.5, -1e-3])
+    path.write_text("a.JPG 1\n")
+    with pytest.raises(BenchmarkError, match="line 1: has 2 values"):
+        read_lines(path, ("name", "qw", "qx"))
+    path.write_text("\n")
+    with pytest.raises(BenchmarkError, match="is empty"):
+        read_lines(path, ("name", "qw", "qx"))
