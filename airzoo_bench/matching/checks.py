@@ -1,4 +1,4 @@
-"""What users do wrong and cannot see: a function a check, which raises an error or asks in a note.
+"""Mistakes of users that they cannot see: a check is a function that raises an error, or asks.
 
 Poses are held against the photos' own GPS positions and gimbal angles; where the true poses are
 known, matches and heights are held against these.
@@ -6,7 +6,7 @@ known, matches and heights are held against these.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -57,7 +57,7 @@ def check_file(
 ) -> Iterator[PredictionError]:
     """Yield the errors that can be found without truth, which digits need where it is there."""
     content, ids = predictions.content, predictions.query_ids
-    checks = [partial(check_ids, ids, "field 'query_ids'")]
+    checks: list[Callable[[], object]] = [partial(check_ids, ids, "field 'query_ids'")]
     if isinstance(content, Correspondences):
         checks += [partial(_check_offsets, content, ids), partial(_check_finite, content, ids)]
     elif finest_m is not None:
@@ -96,9 +96,9 @@ def _check_poses(
     _check_camera_to_world(given, gps)
     _check_axes(given.rotation, gps.rotation, quaternions=content.quaternions)
     # After the convention, which decides the digits that count.
-    _check_digits(content, truth.queries["id"].to_numpy(str), scores.finest_m, true_centres)
+    ids = truth.queries["id"].to_numpy(str)
+    yield _check_digits(content, ids, scores.finest_m, true_centres)
     yield _suspect_inverted(given, gps)
-    yield _suspect_lattice(content, true_centres)
     yield _suspect_far(given.centres, gps.centres, "pose")
     yield _suspect_copies(given, gps)
     if truth.has_poses:
@@ -164,8 +164,9 @@ def _check_image_size(content: Correspondences, truth: MatchingTruth, answered: 
         fix = "multiply x and y by the ratio of the widths and of the heights"
         if (stated[bad] == true[bad, ::-1]).all():
             fix = "write x, the column, before y, and width before height"
+        which = _first_queries(truth, answered[bad])
         raise PredictionError(
-            f"matches in another image size than the query's: {_named(truth, answered[bad])}; the "
+            f"matches in another image size than the query's: {which}; the "
             f"first is {_sides(true[bad[0]])} px, its matches are for {_sides(stated[bad[0]])}",
             where="field 'image_size'",
             fix=fix,
@@ -287,7 +288,7 @@ def _check_degrees(coordinates: Floats, true_centres: Floats, where: str) -> Non
 
 
 def _check_camera_to_world(given: Poses, priors: Poses) -> None:
-    """Refuse poses most of whose translations lie ten times nearer to GPS than their centres."""
+    """Refuse poses if most translations lie ten times nearer to GPS than the centres do."""
     with np.errstate(over="ignore"):
         as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
         inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
@@ -355,15 +356,15 @@ def _check_digits(
     query_ids: NDArray[np.str_],
     finest_m: float,
     true_centres: Floats | None = None,
-) -> None:
-    """Refuse poses whose rounding may have moved their cameras by more than a centimetre.
+) -> str | None:
+    """Refuse poses if rounding may have moved their cameras by more than a centimetre.
 
-    Of centres that are given, by more than half of the finest threshold: whole metres lose 0.5 m,
-    which passes beside 1 m; six digits lose 2.9 m of a northing, which does not beside 5 m.
+    Of centres that are given, by more than half of the finest threshold, and a note is made of
+    less: whole metres lose 0.5 m, which passes beside 1 m; six digits lose 2.9 m of a northing,
+    which does not beside 5 m. Centres of a made-up scene may lie on a lattice themselves.
     """
-    limit = COARSEST_M
-    if given.centred:
-        limit = max(limit, 0.55 * finest_m, _lattice_m(true_centres))
+    meant = 0.0 if true_centres is None else float(centre_errors_m(true_centres).max(initial=0.0))
+    limit = max(COARSEST_M, 0.55 * finest_m, meant) if given.centred else COARSEST_M
     coarse = np.flatnonzero(given.errors_m > limit)
     if coarse.size:
         what, hint = "centres", ""
@@ -377,17 +378,8 @@ def _check_digits(
             expected=f"digits that fix camera centres to {limit:g} m",
             fix=f"compute in float64 and write all digits (%.17g in text){hint}",
         )
-
-
-def _lattice_m(centres: Floats | None) -> float:
-    """Return how far centres may lie from what was meant if they were rounded, 0 for none."""
-    return 0.0 if centres is None else float(centre_errors_m(centres).max(initial=0.0))
-
-
-def _suspect_lattice(given: GivenPoses, true_centres: Floats) -> str | None:
-    """Say how much centres lose that are all places of a lattice, such as whole metres."""
     lost = float(given.errors_m.max(initial=0.0))
-    if not given.centred or lost <= max(COARSEST_M, _lattice_m(true_centres)):
+    if not given.centred or lost <= max(COARSEST_M, meant):
         return None
     return (
         "centres lie on a lattice, such as whole metres: if they were rounded to it, they are "
@@ -433,7 +425,7 @@ def _suspect_heights(centres: Floats, true: Floats) -> str | None:
 
 
 def _judge(what: str, where: str, off: float, left: float, clear: float, unit: str) -> str | None:
-    """Refuse a clear misfit of which another reading leaves a tenth, ask where it leaves a half."""
+    """Refuse a clear misfit if another reading leaves a tenth of it, ask if it leaves a half."""
     said = f"they are {off:.4g} {unit} off as they stand, {left:.4g} {unit} read so (medians)"
     if off > clear and left < 0.1 * off:
         raise PredictionError(
@@ -490,10 +482,10 @@ def _refuse_outside(
     outside = ~_inside(xy, size)
     if outside.any():
         x, y = xy[outside][0]
+        which, sides = _first_queries(truth, np.unique(query[outside])), _sides(size[outside][0])
         raise PredictionError(
             f"{counted(int(outside.sum()), 'pixel')} outside the {picture}, in "
-            f"{_named(truth, np.unique(query[outside]))}; the first is ({x:.1f}, {y:.1f}) in a "
-            f"{picture} of {_sides(size[outside][0])} px",
+            f"{which}; the first is ({x:.1f}, {y:.1f}) in a {picture} of {sides} px",
             **error,
         )
 
@@ -502,7 +494,7 @@ def _sides(size: Ints) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def _named(truth: MatchingTruth, rows: Ints) -> str:
+def _first_queries(truth: MatchingTruth, rows: Ints) -> str:
     return first_of(truth.queries["id"].iloc[rows], len(truth.queries), noun="query")
 
 

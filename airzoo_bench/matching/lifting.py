@@ -36,7 +36,7 @@ _POINTS = 1 << 16  # that a thread handles at a time, which bounds its memory
 
 
 class LiftStatus(IntEnum):
-    """What became of a match; the names are those of reports."""
+    """The end of a match; its name in lower case is a column of the records."""
 
     LIFTED = 0
     OUTSIDE_MAP = 1
@@ -68,7 +68,7 @@ def lift(
     heights_above_m: float | None = None,
     jobs: int,
 ) -> Lifted:
-    """Lift pixels (M, 2) of the map onto the surface model by so many threads."""
+    """Lift pixels (M, 2) of the map onto the surface model in `jobs` threads."""
     xy = np.asarray(map_xy, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise PredictionError(f"map pixels have shape {xy.shape}", expected="shape (M, 2)")

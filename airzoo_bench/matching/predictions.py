@@ -63,7 +63,7 @@ class Correspondences:
 
     @property
     def kind(self) -> str:
-        """What they are, for results."""
+        """The name of this kind of prediction in results."""
         return "matches" if self.points3d is None else "pairs"
 
     @cached_property
@@ -77,7 +77,7 @@ class Correspondences:
         return [slice(start, stop) for start, stop in pairwise(ends)]
 
     def take(self, rows: Ints) -> Correspondences:
-        """Return those of some queries, in this order; -1 stands for a query without any."""
+        """Return the matches of some queries, in this order; a row of -1 has none."""
         counts = np.where(rows >= 0, np.diff(self.offsets)[rows], 0)
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         taken = np.repeat(self.offsets[rows] - offsets[:-1], counts) + np.arange(offsets[-1])
@@ -103,11 +103,11 @@ class GivenPoses:
 
     @property
     def kind(self) -> str:
-        """What they are, for results."""
+        """The name of this kind of prediction in results."""
         return "poses"
 
     def take(self, rows: Ints) -> GivenPoses:
-        """Return those of some queries, NaN where there is none, or where the row is -1."""
+        """Return the poses of some queries, NaN where there is none; a row of -1 has none."""
         found = (rows >= 0) & self.found[rows]
         rotation = np.where(found[:, None, None], self.poses.rotation[rows], np.nan)
         centres = np.where(found[:, None], self.poses.centres[rows], np.nan)

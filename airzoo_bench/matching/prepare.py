@@ -64,7 +64,7 @@ PixelWindow = tuple[int, int, int, int]
 
 
 class CropStatus(StrEnum):
-    """What became of a crop; the texts are the reasons for photos that are left out."""
+    """The end of a crop; its text is the reason why a photo is left out."""
 
     CROPPED = "cropped"
     NO_PRIOR = "no GPS position or gimbal angles in the metadata"

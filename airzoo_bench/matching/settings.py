@@ -1,4 +1,4 @@
-"""What a protocol of the matching track states."""
+"""Protocols of the matching track."""
 
 from __future__ import annotations
 

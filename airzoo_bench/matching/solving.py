@@ -1,4 +1,4 @@
-"""Camera poses from 2D-3D matches, by robust solvers whose answers do not depend on threads.
+"""Camera poses from 2D-3D matches; no answer depends on threads or on the order of matches.
 
 The default, ``colmap``, is the setting of AerialExtreMatch's evaluation: LO-RANSAC and no
 refinement after it. Points go to the solver relative to their median: in projected coordinates
@@ -92,7 +92,7 @@ class PoseEstimate(Shown):
 
 @dataclass(frozen=True, eq=False)
 class PoseQueries:
-    """Matches of Q queries, those of query q in the rows ``offsets[q]:offsets[q + 1]``."""
+    """Matches of Q queries; query q has the rows ``offsets[q]:offsets[q + 1]``."""
 
     name: str  # what they are called in messages
     cameras: Cameras
@@ -165,7 +165,7 @@ def solve_pose(camera: Cameras, query_xy: Floats, points: Floats, solver: Solver
 
 
 def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> PoseEstimate:
-    """Solve for rows (M, 5) of pixels and points, with as many trials as their number leaves."""
+    """Solve for rows (M, 5) of pixels and points, whose number limits the trials."""
     most = max(1, solver.max_trials_times_matches // len(rows))
     trials = (min(solver.min_trials, most), min(solver.max_trials, most))
     query_xy, points = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]

@@ -18,7 +18,6 @@ from airzoo_bench.benchmark.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
-    conditions_of,
     poses_of,
     read_excluded,
     read_queries,
@@ -38,8 +37,7 @@ __all__ = [
     "CROP_COLUMNS",
     "MatchingTruth",
     "ReferenceMap",
-    "check_dsm",
-    "dsm_checksum",
+    "checked_dsm",
     "own_map",
     "read_truth",
     "with_truth_as_prior",
@@ -54,7 +52,7 @@ _ANEW = "prepare the benchmark again"
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMap:
-    """A map, of which scoring uses the georeference, and the surface model below it."""
+    """A map, used for its georeference alone, and the surface model below it."""
 
     dom: RasterInfo
     dsm: Path
@@ -95,7 +93,7 @@ class MatchingTruth:
 
     @property
     def has_poses(self) -> bool:
-        """Whether the true poses are known: those of a sealed benchmark are not."""
+        """Whether the true poses are known, as they are unless the benchmark is sealed."""
         return set(POSE_COLUMNS) <= set(self.queries.columns)
 
     @property
@@ -107,11 +105,6 @@ class MatchingTruth:
     def priors(self) -> Poses:
         """Prior poses of the Q queries."""
         return poses_of(self.queries, PRIOR_COLUMNS)
-
-    @property
-    def conditions(self) -> pd.DataFrame:
-        """The columns of the queries that are neither identity nor geometry."""
-        return conditions_of(self.queries)
 
     @property
     def fingerprint(self) -> str:
@@ -237,24 +230,24 @@ def _read_grid(path: Path) -> dict[str, Any]:
 def _checked_map(
     dom: Path, dsm: Path, dsm_sha256: str | None, prepared: dict[str, Any]
 ) -> ReferenceMap:
-    """Open a map whose grid and surface model are those that were prepared."""
-    reference = ReferenceMap(open_info(dom), dsm, dsm_checksum(dsm))
-    found = reference.grid
-    if prepared | {"crs": found["crs"]} != found:  # one CRS has several spellings
+    """Open a map, whose grid and surface model must be those that were prepared."""
+    found = ReferenceMap(open_info(dom), dsm, dsm_sha256 or "")
+    if prepared | {"crs": found.grid["crs"]} != found.grid:  # one CRS has several spellings
         raise BenchmarkError(
             "the map's grid is not the one that the benchmark was prepared with: "
-            f"{json.dumps(found)}",
+            f"{json.dumps(found.grid)}",
             where=dom,
             expected=json.dumps(prepared),
             fix=f"put the map back, or {_ANEW}",
         )
-    check_same_crs(reference.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
-    check_dsm(dsm, reference.dsm_sha256, dsm_sha256)
-    return reference
+    what = f"{dom} and the map that was prepared"
+    check_same_crs(found.dom.crs, prepared.get("crs"), what)
+    checked_dsm(dsm, dsm_sha256)
+    return found
 
 
-def dsm_checksum(dsm: Path) -> str:
-    """Return the SHA-256 of a surface model."""
+def checked_dsm(dsm: Path, prepared: str | None) -> str:
+    """Return the SHA-256 of a surface model, which must be the one that was prepared."""
     if not pointed(dsm).is_file():
         raise BenchmarkError(
             "the surface model is not there",
@@ -262,11 +255,7 @@ def dsm_checksum(dsm: Path) -> str:
             expected="the DSM that matches are lifted by",
             fix="put it back where benchmark.toml says, or prepare with --copy",
         )
-    return raster_sha256(dsm)
-
-
-def check_dsm(dsm: Path, found: str, prepared: str | None) -> None:
-    """Refuse a surface model that is not the one that was prepared."""
+    found = raster_sha256(dsm)
     if found != prepared:
         raise BenchmarkError(
             "the surface model is not the one that the benchmark was prepared with",
@@ -275,3 +264,4 @@ def check_dsm(dsm: Path, found: str, prepared: str | None) -> None:
             fix="put it back, and what lies beside it and changes its heights (.aux.xml, .msk, "
             f"world files); or {_ANEW}",
         )
+    return found

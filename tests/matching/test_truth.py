@@ -38,7 +38,6 @@ def test_truth_is_read_as_it_was_written(world: World) -> None:
     assert read.crops.dtype == np.int64
     assert read.maps[0].dsm_sha256 == world.truth.maps[0].dsm_sha256
     assert read.fingerprint == world.truth.fingerprint
-    assert read.conditions.columns.tolist() == ["altitude_m", "pitch_deg"]
 
 
 @pytest.mark.parametrize("column", ["fx", "cy", "k1", "p2", "width", *POSE_COLUMNS[1:], "id"])

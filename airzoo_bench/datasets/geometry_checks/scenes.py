@@ -29,9 +29,8 @@ from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS, describe_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.truth import check_dsm
+from airzoo_bench.matching.truth import checked_dsm
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
 
@@ -126,7 +125,7 @@ def _check_entry(benchmark: Benchmark, scene: SceneFile, photos: pd.DataFrame) -
         if scene.crs is None or not same_plane(scene.crs, crs):
             said = f"its CRS is {scene.crs}, that of the surface model {describe_crs(crs)}"
         if scene.dsm_sha256 is not None:
-            check_dsm(dsm, raster_sha256(dsm), scene.dsm_sha256)
+            checked_dsm(dsm, scene.dsm_sha256)
     if said:
         raise BenchmarkError(
             said,
