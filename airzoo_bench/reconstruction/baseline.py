@@ -89,6 +89,7 @@ def predict(
 ) -> None:
     """Reconstruct every scene, and write a cloud and cameras of each."""
     check_output_folder(out, ("protocol.txt",))
+    out.parent.mkdir(parents=True, exist_ok=True)
     for scene in protocol.scenes:
         truth = read_truth(benchmark, scene.id)
         images = benchmark.resolve(benchmark.scene(scene.id).images)
