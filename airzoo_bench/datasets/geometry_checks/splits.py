@@ -211,7 +211,8 @@ def split_table(found: SplitOverlap) -> Table:
         for train, test, area, share in found.pairs.head(_SHOWN).itertuples(index=False)
     )
     sizes = f"{len(found.train.ids):,} training and {counted(len(found.test.ids), 'test photo')}"
-    notes = [f"{sizes}: {len(found.pairs):,} pairs overlap, with {found.tainted:,} test photos"]
+    tainted = counted(found.tainted, "test photo")
+    notes = [f"{sizes}: overlap in {counted(len(found.pairs), 'pair')}, of {tainted}"]
     if len(found.pairs) > _SHOWN:
         notes.append(f"the first {_SHOWN} are shown; --out writes all")
     if found.unknown:
