@@ -155,16 +155,19 @@ def test_scenes_of_another_run_and_damaged_ones_are_not_used(tmp_path: Path) -> 
     store = SceneStore(tmp_path / "kept")
     records = pd.DataFrame({"scene": ["park"], "error_m": [0.1], "points": [3]})
     scored = Scored(records.astype({"points": "Int64"}), {"queries": 1}, "poses", ("a note",))
-    assert store.load("one run", "park") is None
-    store.save("one run", "park", scored)
-    kept = store.load("one run", "park")
+    store.begin("one run")
+    assert store.load("park") is None
+    store.save("park", scored)
+    kept = store.load("park")
     assert kept is not None
     pd.testing.assert_frame_equal(kept.records, scored.records)
     assert (kept.counts, kept.kind, kept.notes) == ({"queries": 1}, "poses", ("a note",))
-    assert store.load("another run", "park") is None
+    store.begin("another run")
+    assert store.load("park") is None
+    store.begin("one run")
     (path,) = store.folder.glob("*.records")
     path.write_bytes(path.read_bytes()[:-30])
-    assert store.load("one run", "park") is None
+    assert store.load("park") is None
     store.remove()
     assert not (tmp_path / "kept").exists()
 
