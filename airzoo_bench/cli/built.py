@@ -105,14 +105,15 @@ def option_parameters(settings: type[Any]) -> list[Parameter]:
         default = Parameter.empty if field.default is MISSING else field.default
         for one in extras:
             if isinstance(one, Option):
-                found.append(parameter(field.name, _typed(kind, one), default))
+                found.append(parameter(field.name, _typed(kind, one, default), default))
     return found
 
 
-def _typed(kind: Any, one: Option) -> Any:
+def _typed(kind: Any, one: Option, default: Any) -> Any:
     """Return the type of an option, as a number within bounds or as a flag."""
     if kind is bool:
-        return Annotated[bool, typer.Option(f"--{one.name}/--no-{one.name}", help=one.help)]
+        flag = f"--{one.name}/--no-{one.name}" if default else f"--{one.name}"
+        return Annotated[bool, typer.Option(flag, help=one.help)]
     option = typer.Option(f"--{one.name}", min=one.least, max=one.most, help=one.help)
     return Annotated[kind, option]
 

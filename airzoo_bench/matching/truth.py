@@ -18,6 +18,7 @@ from airzoo_bench.benchmark.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
+    conditions_of,
     poses_of,
     read_excluded,
     read_queries,
@@ -100,6 +101,11 @@ class MatchingTruth:
     def poses(self) -> Poses:
         """True poses of the Q queries."""
         return poses_of(self.queries)
+
+    @property
+    def conditions(self) -> pd.DataFrame:
+        """Conditions of the Q queries, by which scores can be broken down."""
+        return conditions_of(self.queries)
 
     @property
     def priors(self) -> Poses:

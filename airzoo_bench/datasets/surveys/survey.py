@@ -82,8 +82,8 @@ class SceneOptions:
             "truth-accuracy",
             "Standard error of the poses' positions in metres, such as the residuals of GCPs "
             "(default: what the source states, if it does).",
-            least=1e-6,
-            most=1e6,
+            least=0.001,
+            most=100,
         ),
     ] = None
     protocol: Annotated[

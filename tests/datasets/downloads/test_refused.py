@@ -80,7 +80,7 @@ def test_a_file_that_is_refused_is_named(
 def test_a_dataset_that_does_not_exist(hub: Hub, capsys: pytest.CaptureFixture[str]) -> None:
     hub.repository = "who/else"
     assert run_main("download", "park") == 2
-    assert "there is no such dataset" in capsys.readouterr().err
+    assert "who/park: is not there" in capsys.readouterr().err
 
 
 def test_a_server_that_is_not_there(
