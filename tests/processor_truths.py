@@ -49,7 +49,8 @@ def flights(home: Path) -> dict[str, str]:
         inputs = airzoo_mini._inputs(region, photos, files, 0)
         gallery = protocols.retrieval.gallery.model_copy(update={"gsd_m": "any"})
         retrieval = protocols.retrieval.model_copy(update={"gallery": gallery})
-        truths = build_truths(inputs, replace(protocols, retrieval=retrieval))
+        every = (retrieval, *(one for one in protocols.every if one.track != "retrieval"))
+        truths = build_truths(inputs, replace(protocols, every=every))
         truth, crops = truths.retrieval.truth, truths.matching
         depth = np.tile(np.arange(100.0, 164.0), (48, 1))
         camera, poses = photos.frames.camera, photos.frames.poses

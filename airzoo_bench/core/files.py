@@ -482,3 +482,14 @@ def read_text(path: Path, kind: type[UserError], what: str, limit_bytes: int = L
             where=path,
             expected=f"a {what} in UTF-8",
         ) from error
+
+
+def npz_fields(path: Path) -> frozenset[str]:
+    """Return the names of the arrays in an npz; none where it is no such file."""
+    if path.suffix.lower() != ".npz" or not path.is_file():
+        return frozenset()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+    except (OSError, RuntimeError, ValueError, zipfile.BadZipFile):
+        return frozenset()

@@ -19,13 +19,14 @@ from airzoo_bench.core.errors import (
     UnreadableError,
     UsageError,
 )
-from airzoo_bench.core.files import sha256_of, temporary_folder
+from airzoo_bench.core.files import npz_fields, sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited, check_limits
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.reader import Reader, Reading, find_reader, image_size_of, reader_named
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
-from airzoo_bench.formats.arrays import open_arrays, protocol_name
+from airzoo_bench.formats.arrays import protocol_name
+from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ReaderUsed
@@ -81,8 +82,9 @@ def open_predictions(
     _refuse_special(path)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
-    arrays = open_arrays(path, run.memory_bytes) if path.suffix == ".npz" else None
-    fields = arrays.names() if arrays else set[str]()
+    fields = npz_fields(path)
+    others = fields - {"protocol"}  # they may be a method's own, which its reader opens
+    arrays = NpzFile(path, run.memory_bytes, others) if path.suffix == ".npz" else None
     chosen = _find_protocol(path, protocol, protocol_name(arrays) if arrays else None, data)
     asked = track or (None if chosen is None else chosen.track)
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
@@ -145,7 +147,7 @@ def _check_track(path: Path, chosen: Protocol, track: str) -> None:
         )
 
 
-def _track_of(path: Path, asked: str | None, fields: set[str]) -> TrackInfo:
+def _track_of(path: Path, asked: str | None, fields: frozenset[str]) -> TrackInfo:
     """Return the track that was asked for, or find it; a kind of file that it lacks is refused."""
     tracks: dict[str, TrackInfo] = {name: TRACKS.get(name) for name in TRACKS.names()}
     kind = path.name.lower()
@@ -203,7 +205,10 @@ def _open_native(
         scenes = tuple(scene.id for scene in benchmark.file.scenes)
         reading = replace(reading, truths=truths, folders=benchmark.image_folders, scenes=scenes)
     reader.check_options(path, reading)
-    read = reader.read(path, reading)
+    try:
+        read = reader.read(path, reading)
+    except IsADirectoryError as error:
+        raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
     beside = [*read.beside, *([read_by.names] if read_by.names else [])]
     also = (f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in beside)
     used = ReaderUsed(name=name, conventions=(*read.conventions, *also))

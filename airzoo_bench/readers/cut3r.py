@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.readers.map_files import (
     check_same_number,
     maps_of_files,
@@ -21,7 +22,6 @@ from airzoo_bench.readers.view_files import (
     check_count,
     in_photo_order,
     inverted,
-    npz_fields,
     view_names,
 )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.evaluation.reader import Reading, ReadPredictions
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
@@ -15,7 +16,6 @@ from airzoo_bench.readers.view_files import (
     as_maps,
     in_photo_order,
     inverted,
-    npz_fields,
     view_names,
 )
 

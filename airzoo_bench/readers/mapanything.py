@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.readers.colmap_models import first_cameras, is_model, model_scene
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
     ViewFields,
     in_photo_order,
-    npz_fields,
     read_views,
     view_names,
 )

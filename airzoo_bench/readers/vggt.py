@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.view_files import (
     ViewFields,
     in_photo_order,
-    npz_fields,
     read_views,
     view_names,
 )

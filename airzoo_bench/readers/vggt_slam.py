@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.readers.map_files import maps_of_files
 from airzoo_bench.readers.scene_folders import ScenePlaces, SceneReader
 from airzoo_bench.readers.trajectories import (
@@ -19,7 +20,7 @@ from airzoo_bench.readers.trajectories import (
     looks_like_trajectory,
     read_trajectory,
 )
-from airzoo_bench.readers.view_files import GivenArrays, inverted, npz_fields
+from airzoo_bench.readers.view_files import GivenArrays, inverted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

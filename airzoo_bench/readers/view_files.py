@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,27 +24,10 @@ __all__ = [
     "check_count",
     "in_photo_order",
     "inverted",
-    "npz_fields",
     "read_views",
     "sorted_images",
     "view_names",
 ]
-
-_MOST_FIELDS = 64
-# What zipfile raises over damaged bytes, and opening over what may not be read.
-_UNREADABLE = (OSError, RuntimeError, ValueError, zipfile.BadZipFile)
-
-
-def npz_fields(path: Path) -> frozenset[str]:
-    """Return the names of the arrays in an npz; none where it is no such file."""
-    if path.suffix.lower() != ".npz" or not path.is_file():
-        return frozenset()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-    except _UNREADABLE:
-        return frozenset()
-    return frozenset(name.removesuffix(".npy") for name in names[:_MOST_FIELDS])
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def test_a_list_of_names_is_refused_since_a_model_has_them(world: World, tmp_pat
     path = vggt_colmap.write(tmp_path / "out", world)
     names = [f"{scene}/{name}" for scene in ("yard", "lot") for name in world.images(scene)]
     (tmp_path / "names.txt").write_text("\n".join(names))
-    with pytest.raises(PredictionError, match="a COLMAP model, where images have names"):
+    with pytest.raises(PredictionError, match="--names is not used"):
         scored(world, path, names=tmp_path / "names.txt")
 
 

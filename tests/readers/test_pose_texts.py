@@ -81,7 +81,7 @@ def test_a_folder_before_the_name_needs_the_reader(
         tmp_path / "r.txt", [f"query/{line}" for line in poses.hloc_lines(world).values()]
     )
     assert find_reader(path, "matching") is None
-    with pytest.raises(PredictionError, match="paths of photos, --reader hloc-poses"):
+    with pytest.raises(PredictionError, match="query_ids"):
         evaluated(path)
     assert evaluated(path, reader="hloc-poses").overall["error_m"] < 1e-6
 

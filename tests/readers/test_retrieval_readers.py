@@ -259,7 +259,7 @@ class TestTrec:
 
     def test_a_folder_is_none(self, home: Path, tmp_path: Path) -> None:
         trec.write(tmp_path, Place())
-        with pytest.raises(UnreadableError, match="is a directory, and so not a TREC run"):
+        with pytest.raises(UnreadableError, match="a folder, and so not"):
             scored(tmp_path, home, reader="trec")
 
     def test_order_of_lines_is_nothing(self, tmp_path: Path, home: Path) -> None:

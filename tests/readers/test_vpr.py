@@ -67,9 +67,8 @@ def test_photos_of_another_scene_are_no_queries(tmp_path: Path, home: Path) -> N
 
 
 def test_a_part_of_a_folder_is_refused_as_such(one: Path, log: Path) -> None:
-    with pytest.raises(UserError, match="a part of a log folder of VPR") as refused:
+    with pytest.raises(UserError, match=r"database_descriptors\.npy"):
         scored(log / "database_descriptors.npy", one)
-    assert f"name the folder: {log}" in str(refused.value)
 
 
 @pytest.mark.parametrize("lists", [False, True])

@@ -178,8 +178,9 @@ def test_a_map_in_another_crs_still_lies_under_its_queries(
     monkeypatch.setattr(matching_figures, "draw_queries_on_map", look)
     reference = truth.maps[0]
     for number, one in enumerate((reference, replace(reference, dom=lonlat))):
-        scored, path = run.scored["hills"].details[1], tmp_path / f"{number}.png"
-        matching_figures._draw_map(truth, one, scored, "Hills", path)
+        centres = np.array([found.centre for found in run.scored["hills"].details[1]])
+        path = tmp_path / f"{number}.png"
+        matching_figures._draw_map(truth, one, centres, "Hills", path)
     np.testing.assert_allclose(seen[0][0], (0, 600, 0, 600))
     expected = world.truth.poses.centres[:, :2] - (5e5, 5.2e6 - 600)
     np.testing.assert_allclose(seen[0][1], expected, atol=1e-6)

@@ -54,7 +54,7 @@ def test_a_url_with_one_slash(
     [
         "plot recall r.json --out s3://bucket/a.png",
         "report r.json --out s3://bucket/a.html",
-        "prepare photos --name park --images i --poses p.json --dom d.tif --out s3://bucket/park",
+        "prepare photos --name park --images i --poses p.json --dom d.tif --plane-height 0 --out s3://bucket/park",
     ],
 )
 def test_only_runs_are_written_to_urls(call: str, capsys: pytest.CaptureFixture[str]) -> None:
