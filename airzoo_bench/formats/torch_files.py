@@ -29,14 +29,8 @@ _STORAGES = {
 }
 _DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError),
-    *(
-        RuntimeError,
-        TypeError,
-        ValueError,
-        pickle.UnpicklingError,
-        struct.error,
-        zipfile.BadZipFile,
-    ),
+    *(RuntimeError, TypeError, ValueError, pickle.UnpicklingError, struct.error),
+    zipfile.BadZipFile,
 )
 
 
@@ -66,6 +60,9 @@ class _Tensors(pickle.Unpickler):
         (found,) = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         self._archive, self._root = archive, found.removesuffix("data.pkl")
         self._storages: dict[str, NDArray[Any]] = {}
+        order = self._root + "byteorder"
+        if order in archive.namelist() and archive.read(order) != b"little":
+            raise ValueError("its numbers are big-endian")
         super().__init__(io.BytesIO(self._member("data.pkl")))
 
     def find_class(self, module: str, name: str, /) -> Any:

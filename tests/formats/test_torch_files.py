@@ -91,6 +91,7 @@ DAMAGED: dict[str, dict[str, bytes]] = {
     "a negative shape": {"data.pkl": _spoiled(SHAPE, b"J\xff\xff\xff\xffK\x04\x86"), **STORED},
     "numbers cut off": {"data.pkl": _spoiled(SHAPE, SHAPE), "data/0": b"12"},
     "no numbers": {"data.pkl": _spoiled(SHAPE, SHAPE)},
+    "big-endian numbers": {"data.pkl": _spoiled(SHAPE, SHAPE), **STORED, "byteorder": b"big"},
     "no pickle": STORED,
     "cut off": {"data.pkl": _spoiled(SHAPE, SHAPE)[:60], **STORED},
     "no dictionary": {"data.pkl": pickle.dumps([1], 2)},
