@@ -47,18 +47,6 @@ from airzoo_bench.results.result import (
 )
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
-__all__ = [
-    "Checked",
-    "Evaluation",
-    "Template",
-    "accuracy_notes",
-    "check",
-    "evaluate",
-    "run_baseline",
-    "truth_fingerprint",
-    "write_template",
-]
-
 FACTOR = 3.0
 """Errors of method and truth add as squares: a truth that is wrong by a third of a threshold makes
 an error there larger by 5 % (the root of 1 + 1/9); one that is wrong by half of it, by 12 %."""

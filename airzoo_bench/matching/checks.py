@@ -35,14 +35,6 @@ from airzoo_bench.matching.predictions import (
 from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.matching.truth import MatchingTruth
 
-__all__ = [
-    "NEAR_DEG",
-    "NEAR_M",
-    "check_file",
-    "count_near",
-    "open_scene",
-]
-
 NEAR_M, NEAR_DEG = 0.05, 0.1
 """An answer this near to its prior counts as the prior, however it was written or solved."""
 

@@ -33,15 +33,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
 
-__all__ = [
-    "Correspondences",
-    "GivenPoses",
-    "MatchingPredictions",
-    "ScenePredictions",
-    "given_poses",
-    "read_matching",
-]
-
 NO_POSE = "write NaN in all of a pose that was not found"
 _EXPECTED = (
     "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,25 +14,16 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.track import Run, Scored
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, count_near
 from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
-from airzoo_bench.matching.metrics import PoseErrors, area_share, pose_errors, within
+from airzoo_bench.matching.metrics import pose_errors
 from airzoo_bench.matching.predictions import Correspondences, GivenPoses, ScenePredictions
+from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
 from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.results.scores import Score
-
-__all__ = [
-    "RECORDED",
-    "matching_scores",
-    "pose_columns",
-    "score_priors",
-    "score_scene",
-    "translation_column",
-]
 
 RECORDED = frozenset(
     (
@@ -50,49 +40,6 @@ _NOT_LIFTED = {
     "no_height": "where the surface model has no height",
 }
 _SAME_M, _SAME_DEG = 1e-3, 1e-3  # a prior that was copied went through a file at most
-
-
-def matching_scores(settings: MatchingScores) -> list[Score]:
-    """Return the scores that a protocol asks for."""
-    error = partial(Score, higher_is_better=False, average="median")
-    share = Score.share
-    scores = [error("error_m", "Median", "m", headline=True)]
-    for m in settings.translation_below_m:
-        scores.append(share(translation_column(m), f"@{m:g}m", headline=True))
-    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
-        scores.append(share(_pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True))
-    scores += [error("horizontal_m", "Horizontal", "m"), error("vertical_m", "Vertical", "m")]
-    if settings.orientation_is_trusted:
-        scores.append(error("rotation_deg", "Rotation", "deg"))
-    return scores + [share(f"auc_{m:g}m", f"AUC@{m:g}m") for m in settings.auc_up_to_m]
-
-
-def translation_column(limit_m: float) -> str:
-    """Name the column of translation recall."""
-    return f"within_{limit_m:g}m"
-
-
-def _pose_column(limit_m: float, limit_deg: float) -> str:
-    return f"within_{limit_m:g}m_{limit_deg:g}deg"
-
-
-def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    """Return the columns of the records that errors of Q poses give: the errors, then scores."""
-    metres, degrees = errors.translation_m, errors.rotation_deg
-    columns = {
-        "error_m": metres,
-        "horizontal_m": errors.horizontal_m,
-        "vertical_m": errors.vertical_m,
-    }
-    if degrees is not None:
-        worst = settings.failed_rotation_deg
-        failed = np.inf if worst == "infinite" else worst
-        columns["rotation_deg"] = np.where(np.isfinite(degrees), degrees, failed)
-    for m in settings.translation_below_m:
-        columns[translation_column(m)] = within(metres, None, m)
-    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
-        columns[_pose_column(m, deg)] = within(metres, degrees, m, deg)
-    return columns | {f"auc_{m:g}m": area_share(metres, m) for m in settings.auc_up_to_m}
 
 
 def score_scene(

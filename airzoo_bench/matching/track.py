@@ -21,7 +21,8 @@ from airzoo_bench.matching.predictions import (
     ScenePredictions,
     read_matching,
 )
-from airzoo_bench.matching.scoring import RECORDED, matching_scores, score_priors, score_scene
+from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.scoring import RECORDED, score_priors, score_scene
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference

@@ -34,17 +34,6 @@ from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.storage.mirror import pointed
 
-__all__ = [
-    "CROP_COLUMNS",
-    "MatchingTruth",
-    "ReferenceMap",
-    "checked_dsm",
-    "own_map",
-    "read_truth",
-    "with_truth_as_prior",
-    "write_truth",
-]
-
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 _GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
 _MAP_LIMIT_BYTES = 1 << 20

@@ -50,7 +50,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
 def test_scores_of_arrays_need_no_reader_and_no_solver() -> None:
     of_arrays = [name for name in FUNCTIONS if name not in OF_FILES]
     loaded = modules_after(f"import airzoo_bench as ab\nfor n in {of_arrays}: getattr(ab, n)")
-    assert loaded.isdisjoint({"open3d", "faiss", "matplotlib", "pycolmap"})
+    assert loaded.isdisjoint({"open3d", "faiss", "rasterio", "matplotlib", "pycolmap"})
 
 
 def test_all_the_lazy_table_and_what_type_checkers_see_agree() -> None:
