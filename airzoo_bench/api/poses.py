@@ -15,8 +15,12 @@ from airzoo_bench.api.scores import QueryScores
 from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching import metrics
-from airzoo_bench.matching.metrics import PoseErrors
-from airzoo_bench.matching.scores import matching_scores, pose_columns, translation_column
+from airzoo_bench.matching.metrics import (
+    PoseErrors,
+    matching_scores,
+    pose_columns,
+    translation_column,
+)
 from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.results.scores import summarise
 

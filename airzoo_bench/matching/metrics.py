@@ -1,4 +1,4 @@
-"""Errors of estimated poses, and what each query is worth.
+"""Errors of estimated poses, what each query is worth, and the columns that hold it.
 
 Errors are (Q,) float64, a value a query, and a failure is an infinite error: it stays in every
 denominator and in the median.
@@ -8,14 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.matching.settings import MatchingScores
+from airzoo_bench.results.scores import Score
 
-__all__ = ["PoseErrors", "area_share", "pose_errors", "within"]
+__all__ = [
+    "PoseErrors",
+    "area_share",
+    "matching_scores",
+    "pose_columns",
+    "pose_errors",
+    "translation_column",
+    "within",
+]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,3 +142,46 @@ def _checked(errors: Floats) -> Floats:
     if errors.ndim != 1 or not (errors >= 0.0).all():
         raise ValueError("errors must be (Q,), not NaN and not negative")
     return errors
+
+
+def matching_scores(settings: MatchingScores) -> list[Score]:
+    """Return the scores that a protocol asks for."""
+    error = partial(Score, higher_is_better=False, average="median")
+    share = Score.share
+    scores = [error("error_m", "Median", "m", headline=True)]
+    for m in settings.translation_below_m:
+        scores.append(share(translation_column(m), f"@{m:g}m", headline=True))
+    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
+        scores.append(share(_pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True))
+    scores += [error("horizontal_m", "Horizontal", "m"), error("vertical_m", "Vertical", "m")]
+    if settings.orientation_is_trusted:
+        scores.append(error("rotation_deg", "Rotation", "deg"))
+    return scores + [share(f"auc_{m:g}m", f"AUC@{m:g}m") for m in settings.auc_up_to_m]
+
+
+def translation_column(limit_m: float) -> str:
+    """Name the column of translation recall."""
+    return f"within_{limit_m:g}m"
+
+
+def _pose_column(limit_m: float, limit_deg: float) -> str:
+    return f"within_{limit_m:g}m_{limit_deg:g}deg"
+
+
+def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
+    """Return the columns of the records that errors of Q poses give: the errors, then scores."""
+    metres, degrees = errors.translation_m, errors.rotation_deg
+    columns = {
+        "error_m": metres,
+        "horizontal_m": errors.horizontal_m,
+        "vertical_m": errors.vertical_m,
+    }
+    if degrees is not None:
+        worst = settings.failed_rotation_deg
+        failed = np.inf if worst == "infinite" else worst
+        columns["rotation_deg"] = np.where(np.isfinite(degrees), degrees, failed)
+    for m in settings.translation_below_m:
+        columns[translation_column(m)] = within(metres, None, m)
+    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
+        columns[_pose_column(m, deg)] = within(metres, degrees, m, deg)
+    return columns | {f"auc_{m:g}m": area_share(metres, m) for m in settings.auc_up_to_m}

@@ -18,9 +18,8 @@ from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, count_near
 from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
-from airzoo_bench.matching.metrics import pose_errors
+from airzoo_bench.matching.metrics import pose_columns, pose_errors
 from airzoo_bench.matching.predictions import Correspondences, GivenPoses, ScenePredictions
-from airzoo_bench.matching.scores import pose_columns
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
 from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth

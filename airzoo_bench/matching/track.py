@@ -16,12 +16,12 @@ from airzoo_bench.evaluation.queries import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.matching.checks import check_file, open_scene
 from airzoo_bench.matching.info import INFO
+from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.predictions import (
     MatchingPredictions,
     ScenePredictions,
     read_matching,
 )
-from airzoo_bench.matching.scores import matching_scores
 from airzoo_bench.matching.scoring import RECORDED, score_priors, score_scene
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth

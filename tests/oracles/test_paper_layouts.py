@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn, score_columns

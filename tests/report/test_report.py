@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.matching.scores import matching_scores
+from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scoring import reconstruction_scores
