@@ -20,6 +20,7 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
+from operator import methodcaller
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -490,6 +491,6 @@ def npz_fields(path: Path) -> frozenset[str]:
         return frozenset()
     try:
         with zipfile.ZipFile(path) as archive:
-            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+            return frozenset(map(methodcaller("removesuffix", ".npy"), archive.namelist()))
     except (OSError, RuntimeError, ValueError, zipfile.BadZipFile):
         return frozenset()
