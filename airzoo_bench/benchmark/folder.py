@@ -162,8 +162,8 @@ def benchmark_place(name: str, data: Path) -> Path:
     """Return where a benchmark's folder would be: `data`, one in it, or the shipped demo."""
     if (data / "benchmark.toml").is_file():
         return data
-    folder = data / name
-    return _DEMO if name == _DEMO.name and not folder.is_dir() else folder
+    is_shipped = name == _DEMO.name and not (data / name / "benchmark.toml").is_file()
+    return _DEMO if is_shipped else data / name
 
 
 def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:

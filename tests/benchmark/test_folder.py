@@ -32,6 +32,11 @@ def test_found_by_name_or_as_itself(data: Path) -> None:
         find_benchmark("other", data / "made")
 
 
+def test_results_of_the_demo_do_not_hide_the_shipped_benchmark(tmp_path: Path) -> None:
+    (tmp_path / "airzoo-demo" / "retrieval").mkdir(parents=True)
+    assert find_benchmark("airzoo-demo", tmp_path).name == "airzoo-demo"
+
+
 def test_a_part_that_was_prepared_is_named(tmp_path: Path) -> None:
     scenes = [MadeScene("east", [[0]], 1)]
     write_benchmark(tmp_path / "other-partial", made_protocol(scenes, "other-partial"), scenes)
