@@ -29,7 +29,7 @@ _NEEDED = {"pts3d", "poses"}
 _ALLOWED = ("pts3d", "poses", "focals", "conf", "names")
 _SHOWN = "scene.glb"
 _HEAD_BYTES = 1 << 20
-_LINES = """save the scene itself, after the alignment (docs/recipes/dust3r.md):
+_LINES = """save the scene itself, after the alignment (docs/recipes/reconstruction.md):
   np.savez("SCENE.npz", pts3d=np.stack([p.detach().cpu() for p in scene.get_pts3d()]),
            poses=scene.get_im_poses().detach().cpu(), focals=scene.get_focals().detach().cpu(),
            conf=np.stack([c.detach().cpu() for c in scene.im_conf]), names=photos)"""

@@ -65,5 +65,5 @@ def test_commands_and_options_are_there(page: Path) -> None:
 
 def test_every_recipe_is_in_the_table() -> None:
     table = (DOCS / "methods.md").read_text(encoding="utf-8")
-    linked = set(re.findall(r"\(recipes/([\w-]+)\.md\)", table))
+    linked = set(re.findall(r"\(recipes/([\w-]+)\.md#", table))
     assert linked == {page.stem for page in PAGES[1:]}

@@ -1,4 +1,4 @@
-"""What the lines of docs/recipes/dust3r.md save of a scene of DUSt3R or MASt3R."""
+"""What the lines of docs/recipes/reconstruction.md save of a scene of DUSt3R or MASt3R."""
 
 from __future__ import annotations
 
