@@ -30,14 +30,11 @@ from airzoo_bench.retrieval.info import VladSettings
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
-__all__ = ["describe", "predict", "root_sift", "vlad"]
-
 Floats = NDArray[np.float32]
 Reader = Callable[[], NDArray[np.uint8]]
 
 _WORDS = Path(__file__).with_name("visual_words.npy")
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as in the grey of photos
-_SECONDS_A_MEGAPIXEL, _LONG_S = 1.4, 120.0  # of a core, measured on noise and on texture
 _PEAK_THRESHOLD = 0.02 / 3  # pycolmap's own
 
 
@@ -50,12 +47,11 @@ def predict(
     note: Callable[[str], None],
 ) -> None:
     """Describe every query and tile of a benchmark and write a prediction file."""
+    del note
     check_npz(out)
     parts: dict[str, list[NDArray[Any]]] = {}
     for scene in protocol.scenes:
         truth = scene_truth(benchmark, scene.id)
-        if (cost := _cost(truth, settings)) is not None:
-            note(cost)
         tiles, photos = _readers(benchmark, truth, settings.long_side_px)
         progress = Headed(scene.id, run.progress)
         for key, rows in {
@@ -67,20 +63,6 @@ def predict(
             parts.setdefault(key, []).append(rows)
     arrays = {key: np.concatenate(rows) for key, rows in parts.items()}
     write_predictions(out, protocol.name, arrays)
-
-
-def _cost(truth: RetrievalTruth, settings: VladSettings) -> str | None:
-    """Say before the work what large galleries take; tiles are described at their full size."""
-    if truth.of_images or not settings.doubled:
-        return None
-    megapixels = int((truth.tiles["width"] * truth.tiles["height"]).sum()) / 1e6
-    seconds = megapixels * _SECONDS_A_MEGAPIXEL
-    if seconds < _LONG_S:
-        return None
-    return (
-        f"scene {truth.scene}: {len(truth.tiles):,} tiles of {megapixels:,.0f} megapixels in all "
-        f"take about {seconds / 60:,.0f} minutes of one core; --no-double takes about a quarter"
-    )
 
 
 def _readers(

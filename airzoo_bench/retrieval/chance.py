@@ -20,8 +20,6 @@ from airzoo_bench.retrieval.scoring import ap_name, rank_of_share, retrieval_sco
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = ["chance_level", "chance_scores"]
-
 
 def chance_scores(
     positives: Ints, n_tiles: int, settings: RetrievalScores | ImageScores

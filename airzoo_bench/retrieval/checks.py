@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.ids import check_ids, scene_of
 from airzoo_bench.evaluation.queries import errors_of
 from airzoo_bench.evaluation.track import Scored
@@ -23,16 +23,29 @@ from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
-__all__ = [
-    "deep_validation_errors",
-    "list_errors",
-    "list_facts",
-    "retrieval_notes",
-    "validation_errors",
-]
-
 _CELLS = 1 << 20  # ranks at a time
 _SHOWN_LETTERS = 80
+_FAULTS_OF_LISTS = (  # field, what, expected, fix
+    (
+        *("ranked_ids", "an empty id before a tile in the lists of"),
+        "empty ids only at the end of a list that is shorter than the others",
+        "move the empty ids to the end",
+    ),
+    (
+        *("ranked_ids", "a tile is ranked more than once in the lists of"),
+        *("each tile once a query", "keep each tile's best rank"),
+    ),
+    (
+        *("scores", "NaN or infinite scores in the rows of"),
+        "a finite number for each ranked tile",
+        "look for a division by zero or half precision, or leave the scores out",
+    ),
+    (
+        *("scores", "scores are not in order for"),
+        "similarities that never rise along a row, or distances that never fall, in all rows alike",
+        "sort each query's tiles by its scores, best first",
+    ),
+)
 
 
 def validation_errors(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
@@ -59,68 +72,32 @@ def list_errors(
 ) -> Iterator[PredictionError]:
     """Yield what is wrong with ranked lists (Q, K) of ids, or of indices as the Python face has.
 
-    An empty id, or -1, ends a list.
+    An empty id, or -1, ends a list. The last of the faults of lists is that of scores whose order
+    is not that of most rows.
     """
+    interrupted, repeated, unusable, rises, falls = flags = np.zeros((5, len(ids)), np.bool_)
     ended = "" if ids.dtype.kind == "U" else -1
-    numbers = np.zeros((len(ids), 0)) if scores is None else scores
-
-    def interrupted(part: slice) -> Any:
-        empty = ids[part] == ended
-        return empty[:, :-1] & ~empty[:, 1:]
-
-    def repeated(part: slice) -> Any:
-        order = np.sort(ids[part], axis=1)
-        return (order[:, 1:] == order[:, :-1]) & (order[:, 1:] != ended)
-
-    def unusable(part: slice) -> Any:
-        bad = np.isnan(numbers[part]) if ended == -1 else ~np.isfinite(numbers[part])
-        return bad & (ids[part] != ended)[:, : bad.shape[1]]
-
-    def turning(part: slice, sign: int) -> Any:
-        with np.errstate(invalid="ignore"):
-            steps = sign * numbers[part, 1:] > sign * numbers[part, :-1]
-        return steps & (ids[part, 1:] != ended)[:, : steps.shape[1]]
-
-    for test, field, what, expected, fix in (
-        (
-            *(interrupted, "ranked_ids", "an empty id before a tile in the lists of"),
-            "empty ids only at the end of a list that is shorter than the others",
-            "move the empty ids to the end",
-        ),
-        (
-            *(repeated, "ranked_ids", "a tile is ranked more than once in the lists of"),
-            *("each tile once a query", "keep each tile's best rank"),
-        ),
-        (
-            *(unusable, "scores", "NaN or infinite scores in the rows of"),
-            "a finite number for each ranked tile",
-            "look for a division by zero or half precision, or leave the scores out",
-        ),
-    ):
-        rows = _rows_where(ids, test)
-        if rows.size:
+    step = max(1, _CELLS // max(1, ids.shape[1]))
+    for part in (slice(start, start + step) for start in range(0, len(ids), step)):
+        order, there = np.sort(ids[part], axis=1), ids[part] != ended
+        interrupted[part] = (~there[:, :-1] & there[:, 1:]).any(axis=1)
+        same = (order[:, 1:] == order[:, :-1]) & (order[:, 1:] != ended)
+        repeated[part] = same.any(axis=1)
+        if scores is not None:
+            values = scores[part]
+            finite = ~np.isnan(values) if ended == -1 else np.isfinite(values)
+            unusable[part] = (~finite & there).any(axis=1)
+            rises[part] = ((values[:, 1:] > values[:, :-1]) & there[:, 1:]).any(axis=1)
+            falls[part] = ((values[:, 1:] < values[:, :-1]) & there[:, 1:]).any(axis=1)
+    flags[3] = min(rises, falls, key=np.count_nonzero)
+    for rows, (field, what, expected, fix) in zip(flags[:4], _FAULTS_OF_LISTS, strict=True):
+        if rows.any():
             what = f"{what} {_name_queries(names, rows)}"
             yield PredictionError(what, where=f"field '{field}'", expected=expected, fix=fix)
-    rises, falls = (_rows_where(ids, partial(turning, sign=sign)) for sign in (1, -1))
-    if rises.size and falls.size:  # the direction of most rows is meant
-        yield PredictionError(
-            f"scores are not in order for {_name_queries(names, min(rises, falls, key=len))}",
-            where="field 'scores'",
-            expected="similarities that never rise along a row, or distances that never fall, in "
-            "all rows alike",
-            fix="sort each query's tiles by its scores, best first",
-        )
 
 
-def _rows_where(ids: NDArray[Any], test: Callable[[slice], Any]) -> NDArray[np.intp]:
-    """Find the rows with a place where a test holds; it sees a part of the rows at a time."""
-    step = max(1, _CELLS // max(1, ids.shape[1]))
-    parts = [test(slice(start, start + step)).any(axis=1) for start in range(0, len(ids), step)]
-    return np.flatnonzero(np.concatenate([np.zeros(0, np.bool_), *parts]))
-
-
-def _name_queries(names: Sequence[object] | NDArray[Any], rows: NDArray[np.intp]) -> str:
-    return first_of((names[row] for row in rows.tolist()), len(names), noun="query")
+def _name_queries(names: Sequence[object] | NDArray[Any], rows: Bools) -> str:
+    return first_of((names[row] for row in np.flatnonzero(rows)), len(names), noun="query")
 
 
 def deep_validation_errors(
@@ -144,24 +121,22 @@ def _check_scenes(
     ranked: NDArray[np.str_], query_ids: NDArray[np.str_], scenes: Sequence[str]
 ) -> None:
     """Refuse lists that rank tiles of another scene."""
-    own = scene_of(query_ids)[:, None]
-    known = np.isin(own, scenes)
-
-    def strange(part: slice) -> Any:
-        return (scene_of(ranked[part]) != own[part]) & (ranked[part] != "") & known[part]
-
-    rows = _rows_where(ranked, strange)
-    if rows.size:
-        one = slice(rows[0], rows[0] + 1)
-        tile, scene = str(ranked[one][strange(one)][0]), own[rows[0], 0]
+    rows, first = np.zeros(len(ranked), np.bool_), ""
+    step = max(1, _CELLS // max(1, ranked.shape[1]))
+    for part in (slice(start, start + step) for start in range(0, len(ranked), step)):
+        some, own = ranked[part], scene_of(query_ids[part])
+        strange = (scene_of(some) != own[:, None]) & (some != "") & np.isin(own, scenes)[:, None]
+        rows[part] = strange.any(axis=1)
+        first = first or "".join(some[strange][:1])
+    if first:
+        scene = scene_of(query_ids[rows][:1])[0]
+        fix = "rank each query against the gallery of its own scene only"
         raise PredictionError(
             f"tiles of another scene are ranked for {_name_queries(query_ids, rows)}; the first is "
-            f"{tile!r}",
+            f"{first!r}",
             where="field 'ranked_ids'",
             expected=f"tiles of the query's own scene, such as {scene}/...",
-            fix="rank each query against the gallery of its own scene only"
-            if "/" in tile
-            else f"put the scene before each tile: {scene}/{tile}",
+            fix=fix if "/" in first else f"put the scene before each tile: {scene}/{first}",
         )
 
 
@@ -171,23 +146,25 @@ def list_facts(
     answered: Bools,
     settings: RetrievalScores | ImageScores,
 ) -> dict[str, Any]:
-    """Count the queries without a ranking, and by rank the lists that end before it.
+    """Count the queries without a ranking, and the lists that end without all positives.
 
-    Counted are lists that do not hold all positives, so that a score of that depth misses some.
+    `reached` is the last rank of the shortest of these lists.
     """
     positives, n_tiles = truth.positives, len(truth.tiles)
     lengths = np.count_nonzero(ranking.tiles >= 0, axis=1)
-    facts = {"flat": int((answered & (lengths == 0)).sum())}
+    lacking = lengths > 0
     if isinstance(settings, ImageScores):
-        unranked = np.bincount(positives.queries, ranking.hit_ranks == 0, positives.n_queries) > 0
-        return facts | {
-            "shorter": {str(settings.ranks_kept): int((unranked & (lengths > 0)).sum())}
-        }
-    hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
-    lacking = (lengths > 0) & (np.count_nonzero(hits, axis=1) < positives.counts)
-    depths = (settings.ranks_kept, *settings.ndcg_at, *settings.recall_at, settings.ap_at)
-    ends = {str(k): int((lacking & (lengths < min(k, n_tiles))).sum()) for k in depths}
-    return facts | {"shorter": ends}
+        lost = ranking.hit_ranks == 0
+        lacking &= np.bincount(positives.queries, lost, positives.n_queries) > 0
+    else:
+        hits = hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
+        lacking &= np.count_nonzero(hits, axis=1) < positives.counts
+        lacking &= lengths < min(settings.ranks_kept, n_tiles)
+    return {
+        "flat": int((answered & (lengths == 0)).sum()),
+        "shorter": int(lacking.sum()),
+        "reached": int(lengths[lacking].min(initial=n_tiles)),
+    }
 
 
 def retrieval_notes(
@@ -198,10 +175,8 @@ def retrieval_notes(
 ) -> list[str]:
     """Return what `eval` and `check` note besides the scores."""
     sums: Counter[str] = Counter()
-    shorter: Counter[str] = Counter()
     for scene in scored:
-        sums.update(scene.counts | {"flat": scene.facts["flat"]})
-        shorter.update(scene.facts["shorter"])
+        sums.update(scene.counts | scene.facts)
     left_out, against = protocol.gallery.dropped, "on ties, which were broken against the method"
     kinds = (
         ("empty_lists", "query has", "queries have", "an empty list, scored as if it were missing"),
@@ -222,31 +197,25 @@ def retrieval_notes(
         if strange:
             named = first_of(strange)
             notes.append(f"described tiles that are in no gallery, left aside: {named}")
-    return notes + _short_lists(shorter, protocol.scores)
+    if sums["shorter"]:
+        reached = min(one.facts["reached"] for one in scored)
+        notes.append(_note_of_short_lists(sums["shorter"], reached, protocol.scores))
+    return notes
 
 
-def _short_lists(shorter: Counter[str], scores: RetrievalScores | ImageScores) -> list[str]:
+def _note_of_short_lists(n: int, reached: int, scores: RetrievalScores | ImageScores) -> str:
     """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
-    n = shorter[str(scores.ranks_kept)]
-    if not n:
-        return []
     ending = counted(n, "list ends", "lists end")
     if isinstance(scores, ImageScores):
-        return [
+        return (
             f"{ending} without all positives: to AP and MRR the others are not found, which they "
             "are where the whole gallery is ranked"
-        ]
+        )
     titles = [score.title for score in retrieval_scores(scores) if score.headline]
     reach = {f"nDCG@{k}": k for k in scores.ndcg_at}
     reach |= dict(zip(titles, (*scores.recall_at, scores.ap_at), strict=True))
-    cut = ["mAP", "MRR", *(title for title, k in reach.items() if shorter[str(k)])]
-    whole = [title for title in titles if title not in cut]
-    others = f"; {_and(whole)} {agreeing(len(whole), 'does', 'do')} not look that far"
-    return [
-        f"{ending} before rank {scores.ranks_kept} without all positives: to {_and(cut)} the "
-        f"others are not found{others * bool(whole)}"
-    ]
-
-
-def _and(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+    cut = ["mAP", "MRR", *(title for title, k in reach.items() if reached < k)]
+    return (
+        f"{ending} before rank {scores.ranks_kept} without all positives: to "
+        f"{', '.join(cut[:-1])} and {cut[-1]} the others are not found"
+    )

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +18,8 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.formats.arrays import as_floating
 from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.retrieval.settings import Metric as Metric  # other rooms import it from here
 
-__all__ = [
-    "Metric",
-    "Names",
-    "Rows",
-    "as_float32",
-    "check_descriptors",
-    "exact_norms",
-    "faults_of",
-    "gamma",
-    "in_windows",
-    "normalised",
-    "norms_of",
-    "points_one_way",
-    "refuse_faults",
-    "roundoff",
-    "similarity",
-]
-
-Metric = Literal["l2", "cosine", "inner_product"]
 Names = Sequence[object] | NDArray[Any]
 
 _WINDOW = 1024  # rows that are read as one where some of them are needed
@@ -48,6 +30,11 @@ _LAMBDA = 10.0
 _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
 _LEAST_SQUARE = 1e-25  # below, squares summed in float32 have lost digits to underflow
 _MOST_NORM = 1e18  # beyond, products overflow in float32
+_FAULTS = (
+    ("NaN or infinite descriptors", "finite numbers"),
+    ("descriptors too large to rank", "norms up to 1e18"),
+    ("descriptors of zero", "a direction, to take its cosine"),
+)
 
 
 @dataclass(frozen=True)
@@ -105,7 +92,7 @@ class Rows:
         return all(isinstance(part, _FileRows) for part in self.parts)
 
     def __len__(self) -> int:
-        return self.shape[0]
+        return self.stop - self.start
 
     def part(self, start: int, stop: int) -> Rows:
         """Return some of the rows, which are not read yet."""
@@ -114,19 +101,16 @@ class Rows:
     def read(self, start: int, stop: int, buffer: NDArray[np.uint8] | None = None) -> NDArray[Any]:
         """Read rows that follow each other; `buffer` is for those of a file."""
         low, high = self.start + start, min(self.start + stop, self.stop)
-        found: list[NDArray[Any]] = []
+        found: list[NDArray[Any]] = [np.empty((0, self.shape[1]), self.dtype)]
         for part in self.parts:
             first, last = max(low, 0), min(high, part.shape[0])
-            if first < last:
+            if first < last and isinstance(part, _FileRows):
                 own = buffer if last - first == high - low else None
-                rows = (
-                    part.read(first, last, own) if isinstance(part, _FileRows) else part[first:last]
-                )
-                found.append(as_floating(rows))
+                found.append(as_floating(part.read(first, last, own)))
+            elif first < last:
+                found.append(as_floating(part[first:last]))
             low, high = low - part.shape[0], high - part.shape[0]
-        if not found:
-            return np.empty((0, self.shape[1]), self.dtype)
-        rows = found[0] if len(found) == 1 else np.concatenate(found)
+        rows = found[-1] if len(found) <= 2 else np.concatenate(found)
         return rows.astype(self.dtype, copy=False)
 
     def blocks(self, memory_bytes: int = 8 * _BLOCK_BYTES) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -147,7 +131,7 @@ class Rows:
         return int(np.clip(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, 1, 4096))
 
     def take(self, rows: Ints) -> NDArray[Any]:
-        """Read rows into memory, in the order that is asked for."""
+        """Read rows into memory, in the order of their numbers."""
         found = np.empty((len(rows), self.shape[1]), self.dtype)
         for group in in_windows(rows, _WINDOW):
             first = int(rows[group[0]])
@@ -182,28 +166,25 @@ def as_float32(rows: NDArray[Any]) -> NDArray[np.float32]:
         return np.ascontiguousarray(rows, dtype=np.float32)
 
 
-def similarity(queries: Floats, gallery: Floats, metric: Metric) -> Floats:
-    """Similarity of pairs, (n, D) and (n, D), summed in an order that depends on D alone."""
-    if metric == "l2":
-        apart = queries - gallery
-        return -_dot(apart, apart) / 2
-    if metric == "cosine":
-        queries, gallery = normalised(queries), normalised(gallery)
-    return _dot(queries, gallery)
+def similarity(queries: Floats, gallery: Floats, metric: Metric) -> tuple[Floats, Floats]:
+    """Return similarities of pairs, (n, D) and (n, D), and bounds of their errors.
 
-
-def roundoff(queries: Floats, gallery: Floats, similarities: Floats, metric: Metric) -> Floats:
-    """Bound the error of `similarity`, by pair."""
+    The order in which they are summed depends on D alone.
+    """
     error = gamma(queries.shape[1], _UNIT)
     if metric == "l2":
-        return error * np.abs(similarities)
+        apart = queries - gallery
+        found = -_dot(apart, apart) / 2
+        return found, error * np.abs(found)
     if metric == "cosine":
-        return np.full(len(similarities), 2 * error)
-    return error * np.sqrt(_dot(queries, queries) * _dot(gallery, gallery))
+        found = _dot(normalised(queries), normalised(gallery))
+        return found, np.full(len(found), 2 * error)
+    bound = error * np.sqrt(_dot(queries, queries) * _dot(gallery, gallery))
+    return _dot(queries, gallery), bound
 
 
 def gamma(n: int, unit: float) -> float:
-    """Relative error of a sum of n products, and of a few roundings before and after."""
+    """Return the relative error of a sum of n products, and of a few roundings around it."""
     grown = _LAMBDA * np.sqrt(n) * unit + n * unit**2 / (1 - unit)
     return float(np.expm1(grown)) + 8 * unit
 
@@ -246,13 +227,6 @@ def exact_norms(rows: NDArray[Any]) -> Floats:
         return np.asarray(np.ldexp(np.sqrt(_dot(scaled, scaled)), exponents))
 
 
-_FAULTS = (
-    ("NaN or infinite descriptors", "finite numbers"),
-    ("descriptors too large to rank", "norms up to 1e18"),
-    ("descriptors of zero", "a direction, to take its cosine"),
-)
-
-
 def faults_of(rows: NDArray[Any], norms: Floats, metric: Metric) -> NDArray[np.int8]:
     """Return for each row which of `_FAULTS` it has, counted from 1; 0 where it can be ranked."""
     faults = np.where(norms <= _MOST_NORM, 0, 2).astype(np.int8)  # also tells NaN
@@ -273,8 +247,7 @@ def refuse_faults(faults: NDArray[np.int8], field: str, names: Names | None) -> 
                 f"{what}: {first_of(named, len(faults))}",
                 where=f"field '{field}'",
                 expected=expected,
-                fix="export these descriptors again, and look for a division by zero or half "
-                "precision",
+                fix="export them again, and look for a division by zero or half precision",
             )
 
 

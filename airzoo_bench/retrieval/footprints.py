@@ -18,8 +18,6 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
 from airzoo_bench.retrieval.truth import LONLAT_DECIMALS
 
-__all__ = ["Footprints", "cast_footprints", "ious", "polygon_areas", "untangled"]
-
 _TOUCH = 1e-12  # of the tile's area; rounding leaves less than this of two that only touch
 
 
@@ -34,8 +32,7 @@ class Footprints:
     @property
     def missed_rays(self) -> Ints:
         """How many of the four rays of each photo (N,) meet no ground."""
-        missed: Ints = np.count_nonzero(self.status != RayStatus.HIT, axis=1)
-        return missed
+        return np.asarray(np.count_nonzero(self.status != RayStatus.HIT, axis=1))
 
     def about(self, lon: float) -> Footprints:
         """Return the same with longitudes unwrapped about one; see `crs.unwrapped`."""
@@ -80,8 +77,7 @@ def polygon_areas(polygons: Floats) -> Floats:
     """Return the areas of simple polygons (n, V, 2) by the shoelace formula."""
     x, y = np.moveaxis(polygons - polygons[:, :1], 2, 0)
     twice = x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
-    area: Floats = np.abs(twice.sum(axis=1)) / 2
-    return area
+    return np.asarray(np.abs(twice.sum(axis=1)) / 2)
 
 
 def untangled(polygons: Floats) -> Floats:
@@ -98,12 +94,10 @@ def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
 
     def turn(a: Floats, b: Floats, c: Floats) -> Floats:
         ab, ac = b - a, c - a
-        sign: Floats = np.sign(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
-        return sign
+        return np.sign(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
 
-    splits_cd, splits_ab = turn(a, b, c) * turn(a, b, d) < 0, turn(c, d, a) * turn(c, d, b) < 0
-    both: Bools = splits_cd & splits_ab
-    return both
+    crossing = (turn(a, b, c) * turn(a, b, d) < 0) & (turn(c, d, a) * turn(c, d, b) < 0)
+    return np.asarray(crossing)
 
 
 def _common_areas(polygons: Floats, boxes: Floats) -> Floats:
@@ -119,8 +113,7 @@ def _common_areas(polygons: Floats, boxes: Floats) -> Floats:
     y_start = ya + (yb - ya) * _share(start - xa, xb - xa)
     y_stop = ya + (yb - ya) * _share(stop - xa, xb - xa)
     under = (stop - start) * _clamped_mean(y_start, y_stop, height)
-    area: Floats = np.abs(under.sum(axis=1))
-    return area
+    return np.asarray(np.abs(under.sum(axis=1)))
 
 
 def _clamped_mean(ya: Floats, yb: Floats, height: Floats) -> Floats:
@@ -129,8 +122,7 @@ def _clamped_mean(ya: Floats, yb: Floats, height: Floats) -> Floats:
     enters, leaves = _share(first - ya, yb - ya), _share(last - ya, yb - ya)
     # A level side has no share: `last` equals `first` and stands for the whole of it.
     middle = (leaves - enters) * (first + last) / 2
-    mean: Floats = enters * first + middle + (1 - leaves) * last
-    return mean
+    return np.asarray(enters * first + middle + (1 - leaves) * last)
 
 
 def _share(part: Floats, whole: Floats) -> Floats:

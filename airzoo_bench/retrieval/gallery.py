@@ -19,14 +19,6 @@ from airzoo_bench.retrieval.footprints import polygon_areas
 from airzoo_bench.retrieval.settings import Gallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, LONLAT_DECIMALS, boxes_of
 
-__all__ = [
-    "box_growth",
-    "cut_gallery",
-    "middle_lon",
-    "tile_starts",
-    "windows_of",
-]
-
 _STRIP = 1024  # rows of a mask that are read at a time, at most
 
 
@@ -152,5 +144,4 @@ def valid_shares(path: Path, windows: Ints) -> Floats:
     x0, x1 = np.searchsorted(columns, left), np.searchsorted(columns, right)
     y0, y1 = np.searchsorted(rows, top), np.searchsorted(rows, bottom)
     valid = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
-    shares: Floats = valid / ((right - left) * (bottom - top))
-    return shares
+    return np.asarray(valid / ((right - left) * (bottom - top)))

@@ -8,8 +8,6 @@ from typing import Annotated
 from airzoo_bench.core.registry import Option
 from airzoo_bench.evaluation.info import DOUBLED, Baseline, TrackInfo
 
-__all__ = ["INFO", "VladSettings"]
-
 
 @dataclass(frozen=True)
 class VladSettings:

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import shapely
@@ -15,8 +14,6 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.retrieval.footprints import ious, untangled
 from airzoo_bench.retrieval.truth import Positives, offsets_of
-
-__all__ = ["overlap_of", "overlaps", "positives_from_iou", "positives_from_points"]
 
 _BLOCK = 4096  # queries at a time
 _TILES = 1 << 18  # of a search tree, which bounds its memory
@@ -40,7 +37,7 @@ def positives_from_points(points: Floats, boxes: Floats) -> Positives:
     if grids:
         blocks = (points[start : start + _BLOCK] for start in range(0, n_queries, _BLOCK))
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            found = list(pool.map(partial(_in_grids, grids), blocks))
+            found = list(pool.map(lambda block: _in_grids(grids, block), blocks))
         counts, tiles = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return Positives(offsets_of(counts), tiles)
     query = np.repeat(np.arange(n_queries), points.shape[1])
@@ -111,29 +108,9 @@ class _Grid:
     boxes: Floats  # (n, 4)
     middle: Floats  # (2,), centre of the grid in lon/lat
     half: Floats  # (2,), its half size, the unit of the quadratics
-    fits: tuple[Floats, Floats]  # coefficients of 1, x, y, xy, x^2, y^2
-    ends: tuple[Floats, Floats]  # where the intervals of the columns and the rows end, ascending
-    widths: tuple[int, int]  # the most columns and rows that one value can lie in
-
-    @classmethod
-    def fit(cls, boxes: Floats, start: int, columns: int) -> _Grid:
-        """Fit the quadratics to a run of tiles."""
-        west, south, east, north = boxes.T  # by column: reducing (n, 4) over n is 20 times slower
-        low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
-        middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.finfo(np.float64).tiny)
-        x = (((west + east) / 2 - middle[0]) / half[0]).reshape(-1, columns)
-        y = (((south + north) / 2 - middle[1]) / half[1]).reshape(-1, columns)
-        reach = np.array([(east - west).max(), (north - south).max()]) / half / 2
-        # Not by the last row and column: anchored to the map's edge, they are out of step.
-        some = [np.unique(np.linspace(0, max(n - 2, 0), _FIT_TILES).astype(int)) for n in x.shape]
-        terms = [values[np.ix_(*some)].ravel() for values in (x, y)]
-        matrix = np.stack([np.ones_like(terms[0]), *terms, terms[0] * terms[1]], axis=1)
-        matrix = np.concatenate([matrix, np.square(matrix[:, 1:3])], axis=1)
-        row, column = (index.ravel() for index in np.meshgrid(*some, indexing="ij"))
-        found = [_interval_ends(x, y, matrix, column, reach, 0)]
-        found.append(_interval_ends(x, y, matrix, row, reach, 1))
-        fits, ends, widths = zip(*found, strict=True)
-        return cls(start, columns, boxes, middle, half, fits, ends, widths)
+    fits: list[Floats]  # of columns and rows, coefficients of 1, x, y, xy, x^2, y^2
+    ends: list[Floats]  # where the intervals of the columns and the rows end, ascending
+    widths: list[int]  # the most columns and rows that one value can lie in
 
     @property
     def candidates(self) -> int:
@@ -157,18 +134,32 @@ class _Grid:
             hits[:, slot] = np.where(inside, tile + self.start, _NONE)
 
 
-def _interval_ends(
-    x: Floats, y: Floats, terms: Floats, index: Ints, reach: Floats, axis: int
-) -> tuple[Floats, Floats, int]:
-    """Fit one quadratic; return it, the ends of its intervals, and the most that overlap."""
-    fit: Floats = np.linalg.lstsq(terms, index.astype(np.float64))[0].astype(np.float64)
-    slopes = np.abs(fit[1:3]) + abs(fit[3]) + 2 * np.abs(fit[4:])
-    margin = float(slopes @ reach) + _SLACK * (1 + float(np.abs(fit).sum()))
-    values = _quadratic(fit, x, y)
-    low = np.minimum.accumulate((values.min(axis=axis) - margin)[::-1])[::-1]
-    high = np.maximum.accumulate(values.max(axis=axis) + margin)
-    overlapping = np.searchsorted(low, high, side="right") - np.arange(len(low))
-    return fit, high, int(overlapping.max())
+def _fit_grid(boxes: Floats, start: int, columns: int) -> _Grid:
+    """Fit the quadratics of a run of tiles."""
+    west, south, east, north = boxes.T  # by column: reducing (n, 4) over n is 20 times slower
+    low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.finfo(np.float64).tiny)
+    x = (((west + east) / 2 - middle[0]) / half[0]).reshape(-1, columns)
+    y = (((south + north) / 2 - middle[1]) / half[1]).reshape(-1, columns)
+    reach = np.array([(east - west).max(), (north - south).max()]) / half / 2
+    # Not by the last row and column: anchored to the map's edge, they are out of step.
+    some = [np.unique(np.linspace(0, max(n - 2, 0), _FIT_TILES).astype(int)) for n in x.shape]
+    fx, fy = (values[np.ix_(*some)].ravel() for values in (x, y))
+    terms = np.stack([np.ones_like(fx), fx, fy, fx * fy, fx**2, fy**2], axis=1)
+    row, column = (index.ravel() for index in np.meshgrid(*some, indexing="ij"))
+    fits, ends, widths = [], [], []
+    for axis, index in enumerate((column, row)):
+        fit: Floats = np.linalg.lstsq(terms, index.astype(np.float64))[0].astype(np.float64)
+        slopes = np.abs(fit[1:3]) + abs(fit[3]) + 2 * np.abs(fit[4:])
+        margin = float(slopes @ reach) + _SLACK * (1 + float(np.abs(fit).sum()))
+        values = _quadratic(fit, x, y)
+        begin = np.minimum.accumulate((values.min(axis=axis) - margin)[::-1])[::-1]
+        end = np.maximum.accumulate(values.max(axis=axis) + margin)
+        met = np.searchsorted(begin, end, side="right") - np.arange(len(begin))
+        fits.append(fit)
+        ends.append(end)
+        widths.append(int(met.max()))
+    return _Grid(start, columns, boxes, middle, half, fits, ends, widths)
 
 
 def _quadratic(c: Floats, x: Floats, y: Floats) -> Floats:
@@ -186,13 +177,9 @@ def _grids(boxes: Floats) -> list[_Grid]:
     firsts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
     if len(firsts) > _MOST_GRIDS:
         return []
-    ends = np.append(starts[firsts[1:]], len(boxes)).tolist()
-    grids = [
-        _Grid.fit(boxes[start:end], start, columns)
-        for start, end, columns in zip(
-            starts[firsts].tolist(), ends, lengths[firsts].tolist(), strict=True
-        )
-    ]
+    ends = np.append(starts[firsts[1:]], len(boxes))
+    runs = np.stack([starts[firsts], ends, lengths[firsts]], axis=1).tolist()
+    grids = [_fit_grid(boxes[start:end], start, columns) for start, end, columns in runs]
     return grids if sum(grid.candidates for grid in grids) <= _MOST_CANDIDATES else []
 
 

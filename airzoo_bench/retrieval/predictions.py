@@ -15,8 +15,6 @@ from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arra
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.retrieval.descriptors import Rows
 
-__all__ = ["Descriptors", "RankedIds", "RetrievalPredictions", "read_retrieval"]
-
 Texts = NDArray[np.str_]
 
 _COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")  # of a table

@@ -38,11 +38,6 @@ from airzoo_bench.retrieval.truth import (
     boxes_of,
 )
 
-__all__ = ["PreparedScene", "answering_tiles", "build_truth", "grouped_reasons"]
-
-_BY_OVERLAP, _BEST = "no tile overlaps by more than", ": the best by "
-_BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
-_OUT_OF_GALLERY = "would answer it, and they are not in the gallery"
 _PIXEL_DECIMALS = 6
 
 
@@ -137,8 +132,7 @@ def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
 
 
 def _in_pixels(info: RasterInfo, lonlat: Floats) -> Floats:
-    pixels: Floats = np.round(to_map_pixels(LONLAT_CRS, info)(lonlat), _PIXEL_DECIMALS)
-    return pixels
+    return np.round(to_map_pixels(LONLAT_CRS, info)(lonlat), _PIXEL_DECIMALS)
 
 
 def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
@@ -146,6 +140,29 @@ def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
         return positives_from_iou(points, boxes, rules.iou_above)
     found = positives_from_points(points, boxes)
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
+
+
+_BY_OVERLAP, _BEST = "no tile overlaps by more than", ": the best by "
+_BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
+_OUT_OF_GALLERY = "would answer it, and they are not in the gallery"
+_FIXES = (  # for reasons that contain the text, the first that does
+    (NO_POSE, ""),
+    (
+        _BY_OVERLAP,
+        "lower --iou-above below {best:g}, or choose a --tile-size nearer to the footprints",
+    ),
+    (
+        _BETWEEN,
+        "take a map that is larger than the footprints, or --rule iou, which goes by overlap; "
+        "if they cannot be so large, look at the heights of poses and DSM",
+    ),
+    (
+        _OUT_OF_GALLERY,
+        "take a map that is valid below the photos, or lower least_valid_share; if it is, look "
+        "at its nodata value and alpha band",
+    ),
+    ("", "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"),
+)
 
 
 def _reasons(
@@ -187,22 +204,5 @@ def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
         first = alike.iloc[0]
         photo = f" ({first['image']})" if _BEST in first["reason"] else ""
         clauses.append(f"{counted(len(alike), 'photo')}: {first['reason']}{photo}")
-        fixes.append(_fix(kind, first["best"]))
+        fixes.append(next(fix for text, fix in _FIXES if text in kind).format(best=first["best"]))
     return clauses, list(dict.fromkeys(filter(None, fixes)))
-
-
-def _fix(kind: str, best: float) -> str:
-    if kind.startswith(_BY_OVERLAP):
-        return f"lower --iou-above below {best:g}, or choose a --tile-size nearer to the footprints"
-    if kind == _BETWEEN:
-        return (
-            "take a map that is larger than the footprints, or --rule iou, which goes by overlap; "
-            "if they cannot be so large, look at the heights of poses and DSM"
-        )
-    if kind.endswith(_OUT_OF_GALLERY):
-        return (
-            "take a map that is valid below the photos, or lower least_valid_share; if it is, look "
-            "at its nodata value and alpha band"
-        )
-    look = "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"
-    return "" if kind == NO_POSE else look

@@ -24,17 +24,9 @@ from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.descriptors import Metric, Names, Rows, points_one_way
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.search import (
-    Candidates,
-    Gallery,
-    Queries,
-    nearest,
-    queries_at_a_time,
-)
+from airzoo_bench.retrieval.search import Candidates, Gallery, Queries, nearest
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
-
-__all__ = ["Ranking", "rank_by_descriptors", "rank_by_ids", "rank_scene"]
 
 _CELLS = 1 << 20  # ranks at a time
 _SENT_QUERIES = 256  # at a time to another process
@@ -55,6 +47,10 @@ class Ranking:
     hit_ranks: Ints | None = None  # (P,)
 
 
+def _no_ranks(n_queries: int, k: int) -> Ranking:
+    return Ranking(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
+
+
 def rank_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
@@ -67,27 +63,28 @@ def rank_scene(
     The row is -1 for queries that they lack, which rank no tile.
     """
     content, positives, n_tiles = predictions.content, truth.positives, len(truth.tiles)
-    of_images, kept = isinstance(settings, ImageScores), min(settings.ranks_kept, n_tiles)
+    kept = min(settings.ranks_kept, n_tiles)
+    whole, depth, of_images = kept, settings.depth, isinstance(settings, ImageScores)
+    if of_images:
+        whole = depth = n_tiles
     if isinstance(content, RankedIds):
         if isinstance(settings, RetrievalScores) and content.scores is None:
             # Ranks beyond short lists would hold nothing, for each of a million queries.
-            kept = min(kept, max(content.ids.shape[1], settings.deepest))
-        step = max(1, _CELLS // max(1, content.ids.shape[1], n_tiles if of_images else kept))
+            whole = kept = min(kept, max(content.ids.shape[1], settings.deepest))
+        step = max(1, _CELLS // max(1, content.ids.shape[1], whole))
     else:
         gallery = _scene_gallery(content, truth, run.memory_bytes)
-        step = max(1, _CELLS // n_tiles) if of_images else max(1, len(rows))
-    whole = n_tiles if of_images else kept
-    depth = settings.depth if isinstance(settings, RetrievalScores) else n_tiles
+        step = max(1, _CELLS // n_tiles if of_images else len(rows))
     there = np.flatnonzero(rows >= 0)
-    tiles, tied = np.full((len(rows), kept), -1, np.int32), np.zeros(len(rows), np.bool_)
+    ranking = _no_ranks(len(rows), kept)
     hit_ranks = np.zeros(len(positives.tiles), np.int64) if of_images else None
     for start in range(0, max(1, len(there)), step):
         some = there[start : start + step]
         names, right = predictions.query_ids[rows[some]], positives.take(some)
         if isinstance(content, RankedIds):
-            ranking = _rank_lists(content, truth, rows[some], names, right, whole, depth)
+            found = _rank_lists(content, truth, rows[some], names, right, whole, depth)
         else:
-            ranking = rank_by_descriptors(
+            found = rank_by_descriptors(
                 content.queries[rows[some]],
                 gallery,
                 k=whole,
@@ -100,10 +97,11 @@ def rank_scene(
                 tile_names=truth.tiles["id"].to_numpy(),
                 engine=run.engine,
             )
-        tiles[some], tied[some] = ranking.tiles[:, :kept], ranking.tie_dependent
+        ranking.tiles[some] = found.tiles[:, :kept]
+        ranking.tie_dependent[some] = found.tie_dependent
         if hit_ranks is not None:
-            hit_ranks[positives.pairs(some)] = _ranks_of_hits(ranking.tiles, right, n_tiles)
-    return Ranking(tiles, tied, hit_ranks)
+            hit_ranks[positives.pairs(some)] = _ranks_of_hits(found.tiles, right, n_tiles)
+    return Ranking(ranking.tiles, ranking.tie_dependent, hit_ranks)
 
 
 def _ranks_of_hits(tiles: NDArray[np.int32], positives: Positives, n_tiles: int) -> Ints:
@@ -125,13 +123,11 @@ def _rank_lists(
     k: int,
     depth: int,
 ) -> Ranking:
-    ids = ranked.ids[rows]
-    scores = None if ranked.scores is None else ranked.scores[rows]
-    width = k
-    if scores is not None:  # the ties that go on beyond the ranks that are kept matter too
+    ids, scores, width = ranked.ids[rows], None, k
+    if ranked.scores is not None:  # the ties that go on beyond the ranks that are kept matter too
+        scores = ranked.scores[rows]
         on = (scores[:, k:] == scores[:, k - 1 : -1]) & (ids[:, k:] != "")
-        tied = np.logical_and.accumulate(on, axis=1).sum(axis=1)
-        width = k + int(tied.max(initial=0)) + 1
+        width = k + int(np.logical_and.accumulate(on, axis=1).sum(axis=1).max(initial=0)) + 1
         scores = scores[:, :width]
     tiles = _tile_rows(truth, ids[:, :width], names)
     return rank_by_ids(tiles, scores, positives, n_tiles=len(truth.tiles), k=k, depth=depth)
@@ -150,9 +146,8 @@ def rank_by_ids(
 
     A run at the end of a list that is shorter than the gallery ties with what was left out.
     """
-    tiles = np.full((len(ranked), k), -1, np.int32)
-    tiles[:, : ranked.shape[1]] = ranked[:, :k]
-    ranking = Ranking(tiles, np.zeros(len(tiles), np.bool_))
+    ranking = _no_ranks(len(ranked), k)
+    ranking.tiles[:, : ranked.shape[1]] = ranked[:, :k]
     if scores is None or ranked.size == 0:
         return ranking
     tied = (scores[:, 1:] == scores[:, :-1]) & (ranked[:, 1:] >= 0)
@@ -163,13 +158,13 @@ def rank_by_ids(
     valid = listed >= 0
     query = np.broadcast_to(np.arange(len(some))[:, None], valid.shape)
     right, pairs = positives.take(some), (query[valid], listed[valid], begins[valid])
-    tiles[some], ranking.tie_dependent[some] = _in_order(pairs, right, n_tiles, k, depth)
+    ranking.tiles[some], ranking.tie_dependent[some] = _in_order(pairs, right, n_tiles, k, depth)
     length = valid.sum(axis=1)
     last = begins[np.arange(len(some)), length - 1]
     for number in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
         row, start, given = some[number], last[number], listed[number, : length[number]]
         run, mixed = _run_with_left_out(given, start, right.of(number), n_tiles)
-        room = tiles[row, start:]
+        room = ranking.tiles[row, start:]
         room[:] = -1
         room[: len(run)] = run[: len(room)]
         ranking.tie_dependent[row] |= mixed and start < depth
@@ -214,8 +209,7 @@ def rank_by_descriptors(
             where="query_descriptors, gallery_descriptors",
             expected="the same length",
         )
-    n_tiles = len(rows)
-    ranking = Ranking(np.full((len(queries), k), -1, np.int32), np.zeros(len(queries), np.bool_))
+    n_tiles, ranking = len(rows), _no_ranks(len(queries), k)
     with np.errstate(invalid="ignore"):  # what is not finite is refused below
         constant = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
     if constant.any():
@@ -223,24 +217,24 @@ def rank_by_descriptors(
     prepared = Queries.prepare(queries, metric, names)
     if points_one_way(rows, metric):
         constant[:] = True
-    some, right = np.flatnonzero(~constant), positives
-    if len(some) < len(queries):
-        prepared, right = prepared.take(some), positives.take(some)
-    sought, threads = min(max(k, depth), max(n_tiles, 1)), jobs or os.cpu_count() or 1
+    some, blank = np.flatnonzero(~constant), np.flatnonzero(constant)
+    if len(blank):
+        prepared = prepared.take(some)
+    sought = min(max(k, depth), max(n_tiles, 1))
+    threads = jobs or os.cpu_count() or 1
     searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
-    step = queries_at_a_time(searched, queries.shape[1] * (queries.itemsize + 4))
+    step = searched.queries_at_a_time(queries.shape[1] * (queries.itemsize + 4))
     step = min(step, _SENT_QUERIES) if engine.distributed else step
     parts = split(len(some), step) or [slice(0, 0)]
     found = engine.map(
         _rank_part,
-        [(prepared.take(part), right.take(np.arange(len(some))[part])) for part in parts],
+        [(prepared.take(part), positives.take(some[part])) for part in parts],
         shared=(searched, k, depth),
         stage="queries ranked",
         name=lambda _: "some queries",
     )
     for part, (tiles, tied) in zip(parts, found, strict=True):
         ranking.tiles[some[part]], ranking.tie_dependent[some[part]] = tiles, tied
-    blank = np.flatnonzero(constant)
     ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
     _drop_constant(ranking, blank, positives, n_tiles)
     return ranking
@@ -273,21 +267,19 @@ def _in_order(
     opens = np.concatenate([[True], ~tied])[: len(order)]
     begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
     mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
-    tie_dependent = np.zeros(positives.n_queries, np.bool_)
-    tie_dependent[query[1:][mixed]] = True
-    tiles = np.full((positives.n_queries, k), -1, np.int32)
+    ranking = _no_ranks(positives.n_queries, k)
+    ranking.tie_dependent[query[1:][mixed]] = True
     first = rank < k
-    tiles[query[first], rank[first]] = tile[first]
-    return tiles, tie_dependent
+    ranking.tiles[query[first], rank[first]] = tile[first]
+    return ranking.tiles, ranking.tie_dependent
 
 
 def _drop_constant(ranking: Ranking, flat: Ints, positives: Positives, n_tiles: int) -> None:
     """Remove the tiles of `flat` queries, whose whole gallery ties, unless all are positive."""
-    if n_tiles < 2:
-        return
-    some = flat[positives.counts[flat] < n_tiles]
-    ranking.tiles[some] = -1
-    ranking.tie_dependent[some] = positives.counts[some] > 0
+    if n_tiles >= 2:
+        some = flat[positives.counts[flat] < n_tiles]
+        ranking.tiles[some] = -1
+        ranking.tie_dependent[some] = positives.counts[some] > 0
 
 
 def _tile_rows(
@@ -297,38 +289,43 @@ def _tile_rows(
     found = rows_among(ids.ravel(), truth.tiles["id"].to_numpy(str)).reshape(ids.shape)
     strange = (found < 0) & (ids != "")
     rows = np.flatnonzero(strange.any(axis=1))
-    if rows.size:
-        tile = str(ids[rows[0]][strange[rows[0]]][0])
-        raise PredictionError(
-            f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
-            f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
-            + suggestion(tile, truth.tiles["id"].tolist(), 1),
-            where="field 'ranked_ids'",
-            expected=f"ids such as {truth.tiles['id'].iloc[0]}",
-            fix=_fix_for_strange_tile(tile, truth),
-        )
-    return found
-
-
-def _fix_for_strange_tile(tile: str, truth: RetrievalTruth) -> str:
+    if not rows.size:
+        return found
+    tile = str(ids[rows[0]][strange[rows[0]]][0])
     scene = str(scene_of(np.array([tile]))[0])
+    fix = "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
     if "/" not in tile:
-        return f"put the scene before each tile: {truth.scene}/{tile}"
-    if scene != truth.scene:
-        return f"rank each query against its own scene only; this tile is of scene {scene!r}"
-    if tile in truth.dropped_tiles["id"].tolist():
-        return "leave this tile out: it holds too little of the map, as dropped_tiles.csv says"
-    if with_endings(np.array([tile])):
-        return "leave out the file's ending: ids are names without it"
-    return "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
+        fix = f"put the scene before each tile: {truth.scene}/{tile}"
+    elif scene != truth.scene:
+        fix = f"rank each query against its own scene only; this tile is of scene {scene!r}"
+    elif with_endings(np.array([tile])):
+        fix = "leave out the file's ending: ids are names without it"
+    raise PredictionError(
+        f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
+        f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
+        + suggestion(tile, truth.tiles["id"].tolist(), 1),
+        where="field 'ranked_ids'",
+        expected=f"ids such as {truth.tiles['id'].iloc[0]}",
+        fix=fix,
+    )
 
 
 def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: int) -> Rows:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
     ids = truth.tiles["id"].to_numpy(str)
     rows = rows_among(ids, described.gallery_ids)
-    if (rows < 0).any():
-        raise _lacking(ids, rows < 0, described.gallery_ids, truth.scene)
+    lacking = rows < 0
+    if lacking.any():
+        strange = described.gallery_ids[~np.isin(described.gallery_ids, ids)].tolist()
+        near = suggestion(str(ids[lacking][0]), strange, 1).replace("did you mean", "it has")
+        runs = ", of each scene; where each was run by itself, name the folder that holds all runs"
+        raise PredictionError(
+            f"lacks descriptors of tiles of scene {truth.scene}: "
+            f"{first_of(ids[lacking], len(ids))}{near}",
+            where="field 'gallery_ids'",
+            expected="every tile of the gallery: leaving some out would make the task easier",
+            fix="describe all tiles of tiles.parquet" + runs * bool(lacking.all()),
+        )
     gallery = described.gallery.located()
     if (np.diff(rows) == 1).all():
         return gallery.part(int(rows[0]), int(rows[0]) + len(rows))
@@ -341,21 +338,3 @@ def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: 
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
     return Rows.join(gallery.take(rows))
-
-
-def _lacking(
-    ids: NDArray[np.str_], lacking: Bools, given: NDArray[np.str_], scene: str
-) -> PredictionError:
-    """Return the error for a gallery that lacks descriptors."""
-    first = str(ids[lacking][0])
-    near = suggestion(first, given[~np.isin(given, ids)].tolist(), 1)
-    fix = "describe all tiles of tiles.parquet"
-    if lacking.all():
-        fix += ", of each scene; where each was run by itself, name the folder that holds all runs"
-    return PredictionError(
-        f"lacks descriptors of tiles of scene {scene}: {first_of(ids[lacking], len(ids))}"
-        + near.replace("did you mean", "it has"),
-        where="field 'gallery_ids'",
-        expected="every tile of the gallery: leaving some out would make the task easier",
-        fix=fix,
-    )

@@ -22,18 +22,6 @@ from airzoo_bench.retrieval.settings import (
 )
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = [
-    "AP_VARIANTS",
-    "RANKED_TILE",
-    "RECORDED",
-    "ap_name",
-    "hit_columns",
-    "rank_of_share",
-    "retrieval_scores",
-    "score_scene",
-    "share_name",
-]
-
 RANKED_TILE = "tile@"
 """How the columns begin that name the first tiles of each list."""
 
@@ -213,12 +201,7 @@ def _image_distances(
     assert truth.positions is not None
     queries, images = truth.positions
     tiles = ranked[:, : max(*settings.sdm_at, *settings.dis_at)]
-    measures: dict[str, Between] = {
-        "sphere": _great_circle,
-        "ellipsoid": geodesic_distance_m,
-        "plane": _straight,
-    }
-    between = measures[settings.metres]
+    between = _MEASURES[settings.metres]
 
     def distances(measure: Between) -> Floats:
         return np.where(tiles >= 0, measure(queries[:, None], images[tiles]), np.inf)
@@ -244,8 +227,7 @@ def _farthest(between: Between, queries: Floats, images: Floats) -> Floats:
 
 
 def _straight(queries: Floats, images: Floats) -> Floats:
-    found: Floats = np.hypot(*np.moveaxis(images - queries, -1, 0))
-    return found
+    return np.asarray(np.hypot(*np.moveaxis(images - queries, -1, 0)))
 
 
 def _degrees_apart(queries: Floats, images: Floats) -> Floats:
@@ -258,5 +240,11 @@ def _great_circle(queries: Floats, images: Floats) -> Floats:
     (lon_a, lat_a), (lon_b, lat_b) = (np.moveaxis(np.radians(p), -1, 0) for p in (queries, images))
     across = np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_a - lon_b) / 2) ** 2
     haversine = np.sin((lat_a - lat_b) / 2) ** 2 + across
-    metres: Floats = 2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0)))
-    return metres
+    return np.asarray(2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0))))
+
+
+_MEASURES: dict[str, Between] = {
+    "sphere": _great_circle,
+    "ellipsoid": geodesic_distance_m,
+    "plane": _straight,
+}

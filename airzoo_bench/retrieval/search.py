@@ -1,11 +1,10 @@
 """Exact nearest neighbours: a search in float32, and float64 where that cannot tell.
 
-The search keeps of each query every tile that its error bound cannot exclude from the first k.
-Of these, tiles closer to each other than twice the bound form a cluster, and only clusters of
-several tiles are evaluated in float64. Queries with so many candidates that keeping them would
-not be bounded (a method that gives many tiles the same) are evaluated against the whole gallery.
-No result depends on the blocks that the gallery is read in: the bounds hold for whatever float32
-values these give.
+The search keeps of each query every tile that its error bound cannot exclude from the first k, and
+these are evaluated in float64. Queries with so many candidates that keeping them would not be
+bounded (a method that gives many tiles the same) are evaluated against the whole gallery. No result
+depends on the blocks that the gallery is read in: the bounds hold for whatever float32 values these
+give.
 """
 
 from __future__ import annotations
@@ -31,12 +30,9 @@ from airzoo_bench.retrieval.descriptors import (
     normalised,
     norms_of,
     refuse_faults,
-    roundoff,
     similarity,
 )
 from airzoo_bench.retrieval.truth import Positives
-
-__all__ = ["Candidates", "Gallery", "Queries", "nearest", "queries_at_a_time"]
 
 _UNIT = 2.0**-24  # roundoff of float32
 _TINY = 2.0**-126  # smallest normal float32
@@ -61,6 +57,12 @@ class Gallery:
     jobs: int  # threads
     names: Names | None  # of the tiles, for messages
 
+    def queries_at_a_time(self, row_bytes: int) -> int:
+        """Return the number of queries for one call of `nearest`, by the bytes of a descriptor."""
+        own = 2 * row_bytes + _BYTES_OF_A_CANDIDATE * (2 * self.k + _SPARE)
+        values = 4 * self.rows.block(self.memory_bytes)
+        return max(64, min(self.memory_bytes // 2 // own, self.memory_bytes // 16 // values))
+
 
 @dataclass(frozen=True, eq=False)
 class Queries:
@@ -76,20 +78,17 @@ class Queries:
     @classmethod
     def prepare(cls, rows: NDArray[Any], metric: Metric, names: Names | None) -> Queries:
         """Check query descriptors, and round them."""
-        norms = np.empty(len(rows))
+        norms, single = np.empty(len(rows)), as_float32(rows)
         parts = [slice(start, start + _FEW) for start in range(0, len(rows), _FEW)]
         for part in parts:
             norms[part] = exact_norms(rows[part])
         refuse_faults(faults_of(rows, norms, metric), "query_descriptors", names)
         if metric != "cosine":
-            return cls(rows, as_float32(rows), norms)
+            return cls(rows, single, norms)
         single = np.empty(rows.shape, np.float32)
         for part in parts:
             single[part] = normalised(rows[part])
         return cls(rows, single, np.ones(len(rows)))
-
-    def __len__(self) -> int:
-        return len(self.norms)
 
     def take(self, some: slice | Ints) -> Queries:
         """Return some of them."""
@@ -116,17 +115,9 @@ class Queries:
         error = gamma(n, _UNIT)
         if metric == "cosine":
             # Twice: once for q.g, and at most once for the norm of g.
-            return np.full(len(self), 2 * error + n * _TINY * (1 + 1 / max(least, _LEAST)))
+            return np.full(len(self.norms), 2 * error + n * _TINY * (1 + 1 / max(least, _LEAST)))
         bound: Floats = error * self.norms * most + n * _TINY * (1 + self.norms + most)
         return bound + error * most**2 / 2 if metric == "l2" else bound
-
-
-def queries_at_a_time(gallery: Gallery, row_bytes: int) -> int:
-    """Return the number of queries for one call of `nearest`, by the bytes of a descriptor."""
-    least = 64  # whatever the memory
-    own = 2 * row_bytes + _BYTES_OF_A_CANDIDATE * (2 * gallery.k + _SPARE)
-    values = 4 * gallery.rows.block(gallery.memory_bytes)
-    return max(least, min(gallery.memory_bytes // 2 // own, gallery.memory_bytes // 16 // values))
 
 
 def nearest(
@@ -139,14 +130,20 @@ def nearest(
     of errors are multiplied by `caution`.
     """
     kept, bounds = _search(gallery, queries, caution)
-    candidates, worst = _evaluate(gallery, queries, kept, bounds)
-    if worst > 1:  # never seen; the bound holds with all but certainty
-        return nearest(gallery, queries, positives, caution * 4 * worst)
-    parts = [(candidates, _all_tied(candidates, len(queries), len(gallery.rows)))]
+    score, slack = _similarities(gallery, gallery.rows, queries, kept.query, kept.tile)
+    shared = queries.norms[kept.query] ** 2 / 2 if gallery.metric == "l2" else 0.0
+    errors = np.abs(kept.value - (score + shared)) / bounds[kept.query]
+    if (worst := errors.max(initial=0)) > 1:  # never seen; the bound holds with all but certainty
+        return nearest(gallery, queries, positives, caution * 4 * float(worst))
+    level, n_tiles = _levels(kept.query, score, slack), len(gallery.rows)
+    whole = np.bincount(kept.query, minlength=len(bounds)) == n_tiles
+    levels = level[whole[kept.query]].reshape(int(whole.sum()), n_tiles)
+    flat = np.flatnonzero(whole)[(levels == levels[:, :1]).all(axis=1)]
+    parts = [((kept.query, kept.tile, level), flat)]
     parts += _evaluate_crowds(gallery, queries, positives, kept, bounds)
-    found, flat = zip(*parts, strict=True)
+    found, flats = zip(*parts, strict=True)
     query, tile, level = (np.concatenate(column) for column in zip(*found, strict=True))
-    return (query, tile, level), np.concatenate(flat)
+    return (query, tile, level), np.concatenate(flats)
 
 
 class _Kept:
@@ -172,10 +169,7 @@ class _Kept:
             self.crowded[many] |= np.count_nonzero(hits[:, many], axis=0) > self.most
             hits[:, self.crowded] = False
         row, query = np.nonzero(hits)
-        self.query = np.concatenate([self.query, query])
-        self.tile = np.concatenate([self.tile, row + start])
-        self.value = np.concatenate([self.value, values[row, query]])
-        self._raise_kth()
+        self._add(query, row + start, values[row, query])
         self.prune(bounds)
 
     def prune(self, bounds: Floats) -> None:
@@ -189,18 +183,20 @@ class _Kept:
     def _floors(self, bounds: Floats) -> NDArray[np.float32]:
         return rounded_down(np.where(self.crowded, np.inf, self.kth - 2 * bounds))
 
-    def _raise_kth(self) -> None:
-        counts = np.bincount(self.query, minlength=len(self.kth))
+    def _add(self, query: Ints, tile: Ints, value: NDArray[np.float32]) -> None:
+        """Add candidates, sorted by query, and raise the k-th best values."""
+        query = np.concatenate([self.query, query])
+        order = np.argsort(query, kind="stable")
+        self.query, self.tile = query[order], np.concatenate([self.tile, tile])[order]
+        self.value = np.concatenate([self.value, value])[order]
+        counts = np.bincount(query, minlength=len(self.kth))
         width = counts.max(initial=0)
-        if width < self.k:
-            return
-        order = np.argsort(self.query, kind="stable")
-        self.query, self.tile, self.value = self.query[order], self.tile[order], self.value[order]
-        column = np.arange(len(order)) - (np.cumsum(counts) - counts)[self.query]
-        table = np.full((len(self.kth), width), -np.inf, np.float32)
-        table[self.query, column] = self.value
-        best = np.partition(table, width - self.k, axis=1)[:, width - self.k]
-        self.kth = np.maximum(self.kth, best)
+        if width >= self.k:
+            column = np.arange(len(order)) - (np.cumsum(counts) - counts)[self.query]
+            table = np.full((len(self.kth), width), -np.inf, np.float32)
+            table[self.query, column] = self.value
+            best = np.partition(table, width - self.k, axis=1)[:, width - self.k]
+            self.kth = np.maximum(self.kth, best)
 
 
 def rounded_down(values: Floats) -> NDArray[np.float32]:
@@ -210,8 +206,9 @@ def rounded_down(values: Floats) -> NDArray[np.float32]:
 
 def _search(gallery: Gallery, queries: Queries, caution: float) -> tuple[_Kept, Floats]:
     """Search in float32; also return every query's bound, for the norms of the gallery."""
-    kept, faults = _Kept(len(queries), gallery.k), [np.zeros(0, np.int8)]
-    least, most, bounds = np.inf, 0.0, np.zeros(len(queries))
+    n_queries = len(queries.norms)
+    kept, faults = _Kept(n_queries, gallery.k), [np.zeros(0, np.int8)]
+    least, most, bounds = np.inf, 0.0, np.zeros(n_queries)
     for start, rows in gallery.rows.blocks(gallery.memory_bytes):
         single = as_float32(rows)
         norms = norms_of(rows, single)
@@ -226,73 +223,34 @@ def _search(gallery: Gallery, queries: Queries, caution: float) -> tuple[_Kept, 
     return kept, bounds
 
 
-def _evaluate(
-    gallery: Gallery, queries: Queries, kept: _Kept, bounds: Floats
-) -> tuple[Candidates, float]:
-    """Order candidates, in float64 those that the search cannot tell apart.
+def _similarities(
+    gallery: Gallery, source: Rows, queries: Queries, query: Ints, tile: Ints
+) -> Floats:
+    """Return similarities in float64 and bounds of their errors (2, n), reading needed rows."""
+    piece = max(16, _PIECE_NUMBERS // max(source.shape[1], 1))
+    found = np.empty((2, len(query)))
 
-    Also returns the largest error that was seen, as a share of its bound.
-    """
-    order = np.lexsort((-kept.value, kept.query))
-    query, tile = kept.query[order], kept.tile[order]
-    value, bound = kept.value[order].astype(np.float64), bounds[query]
-    best = np.diff(query, prepend=-1) != 0
-    cluster = np.cumsum(best | (-np.diff(value, prepend=0) > 2 * bound))
-    several = np.bincount(cluster, minlength=1)[cluster] > 1
-    doubtful = np.flatnonzero(best | several)
-    score, slack = np.zeros(len(query)), np.zeros(len(query))
-    score[doubtful], slack[doubtful] = _pairs(gallery, queries, query[doubtful], tile[doubtful])
-    exact = score[doubtful]
-    if gallery.metric == "l2":
-        exact = exact + queries.norms[query[doubtful]] ** 2 / 2
-    errors = np.abs(value[doubtful] - exact) / bound[doubtful]
-    return (query, tile, _levels(cluster, score, slack)), float(errors.max(initial=0))
+    def evaluate(group: Ints) -> None:
+        first = int(tile[group[0]])
+        rows = source.read(first, int(tile[group[-1]]) + 1)
+        for start in range(0, len(group), piece):
+            some = group[start : start + piece]
+            pairs = queries.rows[query[some]], rows[tile[some] - first]
+            found[:, some] = similarity(*(one.astype(np.float64) for one in pairs), gallery.metric)
+
+    with ThreadPoolExecutor(gallery.jobs) as pool:
+        list(pool.map(evaluate, in_windows(tile, 4 * piece)))
+    return found
 
 
-def _all_tied(candidates: Candidates, n_queries: int, n_tiles: int) -> Ints:
-    """Find the queries that have all tiles on one level."""
-    query, _, level = candidates
-    whole = np.flatnonzero(np.bincount(query, minlength=n_queries) == n_tiles)
-    levels = level[np.isin(query, whole)].reshape(len(whole), n_tiles)
-    return np.asarray(whole[(levels == levels[:, :1]).all(axis=1)])
-
-
-def _levels(cluster: Ints, score: Floats, slack: Floats) -> Ints:
-    """Return the order of pairs by cluster and falling score, equal where slack allows a tie."""
-    order = np.lexsort((-score, cluster))
-    tied = np.diff(cluster[order]) == 0
+def _levels(query: Ints, score: Floats, slack: Floats) -> Ints:
+    """Return the order of each query's pairs by falling score, equal where slack allows a tie."""
+    order = np.lexsort((-score, query))
+    tied = np.diff(query[order]) == 0
     tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]
     level = np.zeros(len(order), np.int64)
     level[order[1:]] = np.cumsum(~tied)
     return level
-
-
-def _pairs(gallery: Gallery, queries: Queries, query: Ints, tile: Ints) -> tuple[Floats, Floats]:
-    """Return similarities in float64 and bounds of their errors, reading only rows they need."""
-    piece = _piece(gallery)
-    score, slack = np.empty(len(query)), np.empty(len(query))
-
-    def evaluate(group: Ints) -> None:
-        first = int(tile[group[0]])
-        rows = gallery.rows.read(first, int(tile[group[-1]]) + 1)
-        for start in range(0, len(group), piece):
-            some = group[start : start + piece]
-            asked = queries.rows[query[some]]
-            score[some], slack[some] = _scores(asked, rows[tile[some] - first], gallery.metric)
-
-    with ThreadPoolExecutor(gallery.jobs) as pool:
-        list(pool.map(evaluate, in_windows(tile, 4 * piece)))
-    return score, slack
-
-
-def _scores(asked: NDArray[Any], rows: NDArray[Any], metric: Metric) -> tuple[Floats, Floats]:
-    asked, rows = asked.astype(np.float64), rows.astype(np.float64)
-    scores = similarity(asked, rows, metric)
-    return scores, roundoff(asked, rows, scores, metric)
-
-
-def _piece(gallery: Gallery) -> int:
-    return max(16, _PIECE_NUMBERS // max(gallery.rows.shape[1], 1))
 
 
 def _evaluate_crowds(
@@ -316,12 +274,9 @@ def _evaluate_crowds(
             yield pairs, np.full(int(flat), query)
 
 
-def _whole_gallery(
-    gallery: Gallery, queries: Queries, floors: NDArray[np.float32]
-) -> tuple[Floats, Floats]:
-    """Return similarities (Q, tiles) in float64, -inf below the floors, and bounds of errors."""
-    scores = np.full((len(queries), len(gallery.rows)), -np.inf)
-    slacks = np.zeros_like(scores)
+def _whole_gallery(gallery: Gallery, queries: Queries, floors: NDArray[np.float32]) -> Floats:
+    """Return similarities in float64, -inf below the floors, and bounds of errors (2, Q, tiles)."""
+    found = np.zeros((2, len(floors), len(gallery.rows)))
     for start, rows in gallery.rows.blocks(gallery.memory_bytes):
         # Equal rows, the usual cause of a crowd, are evaluated once.
         whole = np.ascontiguousarray(rows).view((np.void, rows.shape[1] * rows.itemsize))
@@ -329,23 +284,8 @@ def _whole_gallery(
         single = as_float32(rows[first])
         values = queries.values(single, norms_of(rows[first], single), gallery.metric)
         row, query = np.nonzero(values >= floors)
-        found = np.full((2, len(queries), len(first)), -np.inf)
-        found[:, query, row] = _in_pieces(gallery, queries, query, rows[first], row)
-        scores[:, start : start + len(same)] = found[0][:, same]
-        slacks[:, start : start + len(same)] = found[1][:, same]
-    return scores, slacks
-
-
-def _in_pieces(
-    gallery: Gallery, queries: Queries, query: Ints, rows: NDArray[Any], row: Ints
-) -> Floats:
-    """Return similarities and bounds of errors (2, n) of pairs of queries and rows."""
-    piece, found = _piece(gallery), np.empty((2, len(query)))
-
-    def evaluate(begin: int) -> None:
-        some = slice(begin, begin + piece)
-        found[:, some] = _scores(queries.rows[query[some]], rows[row[some]], gallery.metric)
-
-    with ThreadPoolExecutor(gallery.jobs) as pool:
-        list(pool.map(evaluate, range(0, len(query), piece)))
+        part = np.full((2, len(floors), len(first)), -np.inf)
+        unique = Rows.join(rows[first])
+        part[:, query, row] = _similarities(gallery, unique, queries, query, row)
+        found[:, :, start : start + len(same)] = part[:, :, same]
     return found

@@ -11,19 +11,11 @@ from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.core.validation import Limits, Positive, Ranks, Strict
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = [
-    "ApVariant",
-    "DistanceScores",
-    "Gallery",
-    "GroundTruth",
-    "ImageGallery",
-    "ImageScores",
-    "RetrievalProtocol",
-    "RetrievalScores",
-    "StatedTruth",
-]
-
 ApVariant = Literal["precision", "min", "trec", "hits"]
+Metric = Literal["l2", "cosine", "inner_product"]
+WithoutPositive = Literal["exclude", "miss"]
+Share = Annotated[float, Field(ge=0, le=1)]
+Rank = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Gallery(Strict):
@@ -35,7 +27,7 @@ class Gallery(Strict):
     overlap: Annotated[float, Field(ge=0, lt=1)]
     gsd_m: Positive | Literal["any"]
     gsd_tolerance: Annotated[float, Field(gt=0, lt=1)]
-    least_valid_share: Annotated[float, Field(ge=0, le=1)] | Literal["none"]
+    least_valid_share: Share | Literal["none"]
 
     @field_validator("tile_sizes_px")
     @classmethod
@@ -47,14 +39,13 @@ class Gallery(Strict):
     @property
     def dropped(self) -> str:
         """Say, after the word tiles, which ones are left out of the gallery."""
-        least = self.least_valid_share
-        if least in ("none", 0.0):
+        if self.least_valid_share in ("none", 0.0):
             return "without valid pixels"
-        return f"with less than {100 * float(least):g}% of valid pixels"
+        return f"with less than {100 * float(self.least_valid_share):g}% of valid pixels"
 
 
 class ImageGallery(Strict):
-    """A folder of images that the benchmark gives, and what it says of their positions."""
+    """A folder of images that the benchmark gives, and how it states their positions."""
 
     source: Literal["images"]
     positions: Literal["none", "degrees", "metres"]
@@ -69,7 +60,7 @@ class GroundTruth(Strict):
     max_range_m: Positive
     box_growth: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     iou_above: Annotated[float, Field(ge=0, lt=1)] | None = None
-    without_positive: Literal["exclude", "miss"]
+    without_positive: WithoutPositive
 
     @model_validator(mode="after")
     def _threshold_belongs_to_iou(self) -> GroundTruth:
@@ -79,11 +70,11 @@ class GroundTruth(Strict):
 
 
 class StatedTruth(Strict):
-    """Which images answer a query, by the benchmark's own word: its class labels or its pairs."""
+    """Which images answer a query, as the benchmark states by class labels or pairs."""
 
     rule: Literal["labels", "pairs"]
     pairs: Literal["positive"] | None = None
-    without_positive: Literal["exclude", "miss"]
+    without_positive: WithoutPositive
 
     @model_validator(mode="after")
     def _pairs_belong_to_pairs(self) -> StatedTruth:
@@ -95,10 +86,10 @@ class StatedTruth(Strict):
 class RetrievalScores(Strict):
     """Scores of a ranked gallery of tiles that are cut from a map."""
 
-    descriptor_metric: Literal["l2", "cosine", "inner_product"]
-    ranks_kept: Annotated[int, Field(ge=1, le=1000)]
+    descriptor_metric: Metric
+    ranks_kept: Rank
     recall_at: Ranks
-    ap_at: Annotated[int, Field(ge=1, le=1000)]
+    ap_at: Rank
     ap: ApVariant
     ndcg_at: Ranks
     distance_below_m: Limits
@@ -117,7 +108,7 @@ class RetrievalScores(Strict):
     @property
     def deepest(self) -> int:
         """The deepest rank that any score names."""
-        return max(*self.recall_at, self.ap_at, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
+        return max(self.depth, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
 
     @property
     def depth(self) -> int:
@@ -139,8 +130,8 @@ class DistanceScores(Strict):
 class ImageScores(Strict):
     """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
-    descriptor_metric: Literal["l2", "cosine", "inner_product"]
-    ranks_kept: Annotated[int, Field(ge=1, le=1000)]
+    descriptor_metric: Metric
+    ranks_kept: Rank
     recall_at: Ranks
     recall_at_share: Annotated[float, Field(gt=0, lt=1)]
     ap: Literal["trapezoid", "trec"]

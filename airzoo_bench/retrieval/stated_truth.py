@@ -20,8 +20,6 @@ from airzoo_bench.retrieval.truth import (
     offsets_of,
 )
 
-__all__ = ["ImageSet", "StatedPairs", "build_truth", "pairs_of_labels"]
-
 
 @dataclass(frozen=True, eq=False)
 class ImageSet:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,6 @@ from airzoo_bench.retrieval.ranking import Ranking, rank_scene
 from airzoo_bench.retrieval.scoring import RECORDED, retrieval_scores, score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
-
-__all__ = ["TRACK", "RetrievalTrack"]
 
 _DIMENSIONS = 8  # of random descriptors
 
@@ -58,9 +57,8 @@ class RetrievalTrack(Track):
     ) -> Assignment:
         """See `Track.assign`."""
         errors = list(validation_errors(predictions))
-        if errors:
-            return Assignment(errors=errors)
-        return assign_queries(predictions, truths, protocol)
+        found = Assignment() if errors else assign_queries(predictions, truths, protocol)
+        return replace(found, errors=errors)
 
     def score(
         self, part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
@@ -114,17 +112,14 @@ class RetrievalTrack(Track):
         """Write random lists, or random descriptors."""
         random = np.random.default_rng(seed)
         queries = np.concatenate([truth.queries["id"].to_numpy(str) for truth in truths])
+        arrays: dict[str, Any] = {"query_ids": queries}
         if kind == "ranked-ids":
-            lists = _random_lists(truths, protocol, random)
-            arrays = {"query_ids": queries, "ranked_ids": lists}
+            arrays["ranked_ids"] = _random_lists(truths, protocol, random)
         else:
+            arrays["query_descriptors"] = _random_descriptors(queries, random)
             tiles = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
-            arrays = {
-                "query_ids": queries,
-                "query_descriptors": _random_descriptors(queries, random),
-                "gallery_ids": tiles,
-                "gallery_descriptors": _random_descriptors(tiles, random),
-            }
+            arrays |= {"gallery_ids": tiles}
+            arrays["gallery_descriptors"] = _random_descriptors(tiles, random)
         write_predictions(out, protocol.name, arrays)
         if not any(truth.positives.tiles.size for truth in truths):  # it is sealed
             return None

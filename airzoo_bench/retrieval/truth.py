@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,26 +18,6 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-
-__all__ = [
-    "ANCHOR_COLUMNS",
-    "BOX_COLUMNS",
-    "FOOTPRINT_COLUMNS",
-    "IMAGE_COLUMNS",
-    "LONLAT_DECIMALS",
-    "NO_GROUND_POINT",
-    "POSITION_COLUMNS",
-    "UNANSWERED",
-    "Positives",
-    "RetrievalTruth",
-    "boxes_of",
-    "offsets_of",
-    "read_pairs",
-    "read_tiles",
-    "read_truth",
-    "scene_truth",
-    "write_truth",
-]
 
 LONLAT_DECIMALS = 9
 """Degrees are kept to 0.1 mm, so that two builds of PROJ give the same truth."""
@@ -55,8 +34,7 @@ NO_GROUND_POINT = "no ray meets the ground"
 UNANSWERED = "positives.npz gives it no tile"
 
 _TILE_COLUMNS = (
-    *("id", "size_px", "size_m", "x", "y", "width", "height"),
-    *(*BOX_COLUMNS, "valid_share"),
+    *("id", "size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share"),
 )
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
@@ -91,11 +69,11 @@ class Positives:
 
     def holds(self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int) -> Bools:
         """Tell which pairs of query and tile are positive, `n_tiles` tiles in the gallery."""
-        keys = self.queries * n_tiles + self.tiles
-        asked = queries * n_tiles + tiles
+        keys, asked = self.queries * n_tiles + self.tiles, queries * n_tiles + tiles
+        if not len(keys):
+            return np.zeros(asked.shape, np.bool_)
         place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
-        found: Bools = keys[place] == asked if len(keys) else np.zeros(asked.shape, np.bool_)
-        return found
+        return np.asarray(keys[place] == asked)
 
     def pairs(self, queries: Ints) -> Ints:
         """Return the places in `tiles` of the pairs of some queries, in their order."""
@@ -170,9 +148,8 @@ class RetrievalTruth:
     @property
     def without_ground_point(self) -> int:
         """How many photos of the scene have no ground point, left out or not."""
-        # Of a sealed truth, nobody may know.
         if self.of_images or not set(FOOTPRINT_COLUMNS) <= set(self.footprints):
-            return 0
+            return 0  # of a sealed truth, nobody may know
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
 
@@ -239,9 +216,10 @@ def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> Retriev
     queries, tiles = read_queries(folder, excluded), read_tiles(home)
     footprints = _read_footprints(home / "footprints.csv", queries, tiles)
     dropped = _read_tile_table(home / "dropped_tiles.csv")
-    positives = read_pairs(home / "positives.npz", len(queries), len(tiles))
+    positives = _read_positives(home / "positives.npz", len(queries), len(tiles))
     truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
-    truth = _without_unanswered(truth) if answerable else truth
+    if answerable and not (positives.counts > 0).all():
+        truth = _without_unanswered(truth)
     if truth.queries.empty:
         raise BenchmarkError(
             f"scene {scene} has no query: {counted(len(truth.excluded), 'photo')} excluded",
@@ -255,8 +233,6 @@ def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> Retriev
 def _without_unanswered(truth: RetrievalTruth) -> RetrievalTruth:
     """Exclude queries without a positive, as `prepare` does; a folder made by hand has some."""
     right = truth.positives.counts > 0
-    if right.all():
-        return truth
     lacking = truth.queries.loc[~right, ["id", "image"]].assign(reason=UNANSWERED)
     return replace(
         truth,
@@ -272,8 +248,8 @@ def read_tiles(home: Path) -> pd.DataFrame:
     path = home / "tiles.parquet"
     tiles = _read_tile_table(path)
     ids = tiles["id"].tolist()
-    falls = np.array([False, *(one < before for before, one in pairwise(ids))])
-    refuse_cells(path, "id", ids, falls[: len(ids)], "rows sorted by id, as positives count them")
+    falls = np.array([*(False for _ in ids[:1]), *map(str.__gt__, ids, ids[1:])], np.bool_)
+    refuse_cells(path, "id", ids, falls, "rows sorted by id, as positives count them")
     if "image" in tiles.columns:
         return tiles
     west, south, east, north = boxes_of(tiles).T
@@ -297,30 +273,24 @@ def _read_tile_table(path: Path) -> pd.DataFrame:
 
 
 def _read_footprints(path: Path, queries: pd.DataFrame, tiles: pd.DataFrame) -> pd.DataFrame:
-    columns = _position_columns(tiles)
-    of_images = "image" in tiles.columns
-    needed = columns if of_images else FOOTPRINT_COLUMNS
-    footprints = read_table(path, ("id", *needed), complete=columns)
+    positions, of_images = _position_columns(tiles), "image" in tiles.columns
+    needed = positions if of_images else FOOTPRINT_COLUMNS
+    footprints = read_table(path, ("id", *needed), complete=positions)
     if not footprints["id"].array.equals(queries["id"].array):
         raise BenchmarkError("the footprints are not those of queries.csv", where=path, fix=_AGAIN)
-    if not of_images and len(queries):
-        _check_near(path, footprints, boxes_of(tiles))
+    if not of_images and len(queries):  # latitudes and longitudes may be exchanged
+        boxes = boxes_of(tiles)
+        low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+        away = footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64) - (low + high) / 2
+        away[:, 0] = (away[:, 0] + 180.0) % 360.0 - 180.0
+        far = (np.abs(away) > 1.5 * (high - low)).any(axis=1)
+        expected = f"longitudes near the tiles' {low[0]:.6f} to {high[0]:.6f}: is it a latitude?"
+        lons = footprints["footprint_lon"]
+        refuse_cells(path, "footprint_lon", lons, far & (far.mean() > 0.5), expected)
     return footprints
 
 
-def _check_near(path: Path, footprints: pd.DataFrame, boxes: Floats) -> None:
-    """Refuse footprints if most are farther from the tiles than the tiles reach."""
-    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-    away = footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64) - (low + high) / 2
-    away[:, 0] = (away[:, 0] + 180.0) % 360.0 - 180.0
-    far = (np.abs(away) > 1.5 * (high - low)).any(axis=1)
-    expected = f"longitudes near the tiles' {low[0]:.6f} to {high[0]:.6f}: is it a latitude?"
-    lons = footprints["footprint_lon"]
-    refuse_cells(path, "footprint_lon", lons, far & (far.mean() > 0.5), expected)
-
-
-def read_pairs(path: Path, n_queries: int, n_tiles: int) -> Positives:
-    """Read positives or overlaps as `write_truth` wrote them."""
+def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
     if not path.is_file():
         raise BenchmarkError(
             "the benchmark folder has no truth here",
@@ -331,7 +301,7 @@ def read_pairs(path: Path, n_queries: int, n_tiles: int) -> Positives:
         # No more than each query's offset, and the tile and overlap of every pair there can be.
         file = NpzFile(path, 8 * (n_queries + 1 + 2 * n_queries * n_tiles))
         arrays = {name: file.read(name) for name in {"offsets", "tiles", "overlap"} & file.names()}
-        damage = _damage(**arrays, n_queries=n_queries, n_tiles=n_tiles)
+        damage = _damage(arrays, n_queries, n_tiles)
     except PredictionError as error:
         damage = error.what
     if damage:
@@ -344,17 +314,11 @@ def read_pairs(path: Path, n_queries: int, n_tiles: int) -> Positives:
     )
 
 
-def _damage(
-    offsets: NDArray[Any] | None = None,
-    tiles: NDArray[Any] | None = None,
-    overlap: NDArray[Any] | None = None,
-    *,
-    n_queries: int,
-    n_tiles: int,
-) -> str:
-    """Say what is wrong with stored positives, if anything is."""
-    if offsets is None or tiles is None:
+def _damage(arrays: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> str:
+    """Return what is wrong with stored positives, or nothing."""
+    if not {"offsets", "tiles"} <= arrays.keys():
         return "offsets or tiles are missing"
+    offsets, tiles, overlap = arrays["offsets"], arrays["tiles"], arrays.get("overlap")
     if offsets.dtype.kind not in "iu" or tiles.dtype.kind not in "iu":
         return "offsets or tiles are not integers"
     if offsets.shape != (n_queries + 1,) or tiles.ndim != 1:
@@ -363,9 +327,8 @@ def _damage(
         return f"offsets do not rise from 0 to {len(tiles)}"
     if len(tiles) and not (tiles.min() >= 0 and tiles.max() < n_tiles):
         return f"a tile is not in the gallery of {n_tiles}"
-    begins = np.zeros(len(tiles) + 1, np.bool_)
-    begins[offsets] = True
-    if not (begins[1:-1] | (tiles[1:] > tiles[:-1])).all():
+    query = np.repeat(np.arange(n_queries), np.diff(offsets.astype(np.int64)))
+    if (np.diff(query * n_tiles + tiles.astype(np.int64)) <= 0).any():
         return "tiles do not ascend within each query"
     if overlap is None:
         return ""
