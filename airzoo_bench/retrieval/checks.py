@@ -97,7 +97,8 @@ def list_errors(
 
 
 def _name_queries(names: Sequence[object] | NDArray[Any], rows: Bools) -> str:
-    return first_of((names[row] for row in np.flatnonzero(rows)), len(names), noun="query")
+    named = (names[row] for row in np.flatnonzero(rows).tolist())
+    return first_of(named, len(names), noun="query")
 
 
 def deep_validation_errors(

@@ -104,11 +104,12 @@ class Rows:
         found: list[NDArray[Any]] = [np.empty((0, self.shape[1]), self.dtype)]
         for part in self.parts:
             first, last = max(low, 0), min(high, part.shape[0])
-            if first < last and isinstance(part, _FileRows):
+            if first < last:
                 own = buffer if last - first == high - low else None
-                found.append(as_floating(part.read(first, last, own)))
-            elif first < last:
-                found.append(as_floating(part[first:last]))
+                rows = (
+                    part.read(first, last, own) if isinstance(part, _FileRows) else part[first:last]
+                )
+                found.append(as_floating(rows))
             low, high = low - part.shape[0], high - part.shape[0]
         rows = found[-1] if len(found) <= 2 else np.concatenate(found)
         return rows.astype(self.dtype, copy=False)

@@ -235,8 +235,9 @@ def _similarities(
         rows = source.read(first, int(tile[group[-1]]) + 1)
         for start in range(0, len(group), piece):
             some = group[start : start + piece]
-            pairs = queries.rows[query[some]], rows[tile[some] - first]
-            found[:, some] = similarity(*(one.astype(np.float64) for one in pairs), gallery.metric)
+            asked = queries.rows[query[some]].astype(np.float64)
+            near = rows[tile[some] - first].astype(np.float64)
+            found[:, some] = similarity(asked, near, gallery.metric)
 
     with ThreadPoolExecutor(gallery.jobs) as pool:
         list(pool.map(evaluate, in_windows(tile, 4 * piece)))

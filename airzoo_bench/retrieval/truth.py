@@ -327,8 +327,9 @@ def _damage(arrays: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> st
         return f"offsets do not rise from 0 to {len(tiles)}"
     if len(tiles) and not (tiles.min() >= 0 and tiles.max() < n_tiles):
         return f"a tile is not in the gallery of {n_tiles}"
-    query = np.repeat(np.arange(n_queries), np.diff(offsets.astype(np.int64)))
-    if (np.diff(query * n_tiles + tiles.astype(np.int64)) <= 0).any():
+    begins = np.zeros(len(tiles) + 1, np.bool_)
+    begins[offsets] = True
+    if not (begins[1:-1] | (tiles[1:] > tiles[:-1])).all():
         return "tiles do not ascend within each query"
     if overlap is None:
         return ""
