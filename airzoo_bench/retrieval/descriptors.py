@@ -107,7 +107,9 @@ class Rows:
             if first < last:
                 own = buffer if last - first == high - low else None
                 rows = (
-                    part.read(first, last, own) if isinstance(part, _FileRows) else part[first:last]
+                    part[first:last]
+                    if isinstance(part, np.ndarray)
+                    else part.read(first, last, own)
                 )
                 found.append(as_floating(rows))
             low, high = low - part.shape[0], high - part.shape[0]

@@ -34,7 +34,15 @@ NO_GROUND_POINT = "no ray meets the ground"
 UNANSWERED = "positives.npz gives it no tile"
 
 _TILE_COLUMNS = (
-    *("id", "size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share"),
+    "id",
+    "size_px",
+    "size_m",
+    "x",
+    "y",
+    "width",
+    "height",
+    *BOX_COLUMNS,
+    "valid_share",
 )
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
