@@ -107,9 +107,7 @@ class Rows:
             if first < last:
                 own = buffer if last - first == high - low else None
                 rows = (
-                    part[first:last]
-                    if isinstance(part, np.ndarray)
-                    else part.read(first, last, own)
+                    part.read(first, last, own) if isinstance(part, _FileRows) else part[first:last]
                 )
                 found.append(as_floating(rows))
             low, high = low - part.shape[0], high - part.shape[0]

@@ -1,7 +1,4 @@
-"""Where on the ground a photo looks, and which area that shares with tiles.
-
-Rays through four anchor pixels are met with the ground.
-"""
+"""Where the rays of a photo's anchor pixels meet the ground, and which area tiles share of it."""
 
 from __future__ import annotations
 

@@ -33,17 +33,8 @@ POSITION_COLUMNS = (("image_lon", "image_lat"), ("image_x_m", "image_y_m"))
 NO_GROUND_POINT = "no ray meets the ground"
 UNANSWERED = "positives.npz gives it no tile"
 
-_TILE_COLUMNS = (
-    "id",
-    "size_px",
-    "size_m",
-    "x",
-    "y",
-    "width",
-    "height",
-    *BOX_COLUMNS,
-    "valid_share",
-)
+_WINDOW_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height")
+_TILE_COLUMNS = ("id", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
 
