@@ -96,8 +96,7 @@ def _precision_sums(positives: Floats, n_tiles: int, depth: int) -> Floats:
     """Give the expected sum of the precisions at hits among the first ranks."""
     rank = np.arange(1.0, depth + 1)
     also = (positives - 1) / max(n_tiles - 1, 1)
-    sums = (1 / rank).sum() + also * ((rank - 1) / rank).sum()
-    return np.asarray(positives / n_tiles * sums)
+    return np.asarray(positives / n_tiles * ((1 / rank).sum() + also * ((rank - 1) / rank).sum()))
 
 
 def _precision_before(positives: Floats, n_tiles: int) -> Floats:
