@@ -33,8 +33,6 @@ from airzoo_bench.matching.info import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 
-__all__ = ["Task", "match", "predict", "resample"]
-
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
 _LEAST_SINE = 0.1

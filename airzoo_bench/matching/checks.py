@@ -1,14 +1,13 @@
-"""Mistakes of users that they cannot see: a check is a function that raises an error, or asks.
+"""Mistakes that users cannot see: a check raises an error, or returns a doubt that becomes a note.
 
-Poses are held against the photos' own GPS positions and gimbal angles; where the true poses are
-known, matches and heights are held against these.
+Poses are compared with the photos' own GPS positions and gimbal angles; where the true poses are
+known, matches and heights are compared with these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,76 +38,72 @@ NEAR_M, NEAR_DEG = 0.05, 0.1
 """An answer this near to its prior counts as the prior, however it was written or solved."""
 
 _SLACK_PX = 1.0  # sub-pixel refinement oversteps a picture's border
-_LEAST_PHOTOS = 5  # that a suspicion needs
-_FOOT_M = 0.3048
+_LEAST_PHOTOS = 5  # that a doubt needs
+_FEET = (1.0, 1.0, 0.3048)
 _OPENGL = np.diag((1.0, -1.0, -1.0))  # from x right, y down, z forward to y up, z backward, or back
 
 
-def check_file(
-    predictions: MatchingPredictions, finest_m: float | None
-) -> Iterator[PredictionError]:
-    """Yield the errors that can be found without truth, which digits need where it is there."""
+def check_file(predictions: MatchingPredictions, finest_m: float | None) -> None:
+    """Refuse what is wrong whatever the truth; `finest_m` is None where truth decides on digits."""
     content, ids = predictions.content, predictions.query_ids
-    checks: list[Callable[[], object]] = [partial(check_ids, ids, "field 'query_ids'")]
-    if isinstance(content, Correspondences):
-        checks += [partial(_check_offsets, content, ids), partial(_check_finite, content, ids)]
-    elif finest_m is not None:
-        checks.append(partial(_check_digits, content, ids, finest_m))
-    for check in checks:
-        try:
-            check()
-        except PredictionError as error:
-            yield error.inside(predictions.path)
+    try:
+        check_ids(ids, "field 'query_ids'")
+        if isinstance(content, Correspondences):
+            _check_offsets(content, ids)
+            _check_finite(content, ids)
+        elif finest_m is not None:
+            _check_digits(content, ids, _coarsest_m(content, finest_m))
+    except PredictionError as error:
+        raise error.inside(predictions.path) from None
 
 
 def open_scene(
     predictions: MatchingPredictions, truth: MatchingTruth, rows: Ints, scores: MatchingScores
 ) -> ScenePredictions:
-    """Return the rows (Q,) for the queries of a scene, -1 for none, in pixels of the map.
-
-    Refuses what cannot be meant as it is written, and asks in notes about what is doubtful.
-    """
+    """Return the rows (Q,) for the queries of a scene, -1 for none, in pixels of the map."""
     content = predictions.content.take(rows)
-    true = truth.poses if truth.has_poses else truth.priors
     if isinstance(content, GivenPoses):
-        notes = _check_poses(content, truth, true.centres, scores)
+        doubts = _check_poses(content, truth, scores.finest_m)
     else:
         if content.map_xy is not None and content.map_frame == "crop":
             content = replace(content, map_xy=content.map_xy + truth.crops[content.query, :2])
-        notes = _check_matches(content, truth, true.centres, np.flatnonzero(rows >= 0))
-    said = tuple(f"scene {truth.scene}: {note}" for note in notes if note)
-    return ScenePredictions(rows >= 0, content, said)
-
-
-def _check_poses(
-    content: GivenPoses, truth: MatchingTruth, true_centres: Floats, scores: MatchingScores
-) -> Iterator[str | None]:
-    given, gps = content.poses.take(content.found), truth.priors.take(content.found)
-    _check_degrees(given.centres, true_centres, "the poses")
-    _check_camera_to_world(given, gps)
-    _check_axes(given.rotation, gps.rotation, quaternions=content.quaternions)
-    # After the convention, which decides the digits that count.
-    ids = truth.queries["id"].to_numpy(str)
-    yield _check_digits(content, ids, scores.finest_m, true_centres)
-    yield _suspect_inverted(given, gps)
-    yield _suspect_far(given.centres, gps.centres, "pose")
-    yield _suspect_copies(given, gps)
-    if truth.has_poses:
-        yield _suspect_heights(given.centres, true_centres[content.found])
+        doubts = _check_matches(content, truth, np.flatnonzero(rows >= 0))
+    notes = tuple(f"scene {truth.scene}: {doubt}" for doubt in doubts if doubt)
+    return ScenePredictions(rows >= 0, content, notes)
 
 
 def _check_matches(
-    content: Correspondences, truth: MatchingTruth, true_centres: Floats, answered: Ints
+    content: Correspondences, truth: MatchingTruth, answered: Ints
 ) -> Iterator[str | None]:
     _check_image_size(content, truth, answered)
     _check_photo_pixels(content, truth)
     yield _check_map_pixels(content, truth)
-    yield _suspect_smaller_image(content, truth)
+    yield _doubt_image_size(content, truth)
     if content.points3d is not None:
-        _check_degrees(content.points3d, true_centres, "field 'points3d'")
-        yield _suspect_far(content.points3d, truth.priors.centres[content.query], "point")
+        _check_degrees(content.points3d, truth, "field 'points3d'")
+        yield _doubt_crs(content.points3d, truth.priors.centres[content.query], "point", 10_000.0)
     if truth.has_poses:
-        yield _suspect_points(content, truth)
+        yield _check_points(content, truth)
+
+
+def _check_poses(
+    content: GivenPoses, truth: MatchingTruth, finest_m: float
+) -> Iterator[str | None]:
+    given, priors = content.poses.take(content.found), truth.priors.take(content.found)
+    true = truth.poses.centres if truth.has_poses else truth.priors.centres
+    _check_degrees(given.centres, truth, "the poses")
+    _check_camera_to_world(given, priors)
+    _check_axes(given.rotation, priors.rotation, quaternions=content.quaternions)
+    # After the convention, which decides the digits that count. Centres of a made-up scene may
+    # lie on a lattice themselves.
+    meant = float(centre_errors_m(true).max(initial=0.0)) if content.centred else 0.0
+    ids = truth.queries["id"].to_numpy(str)
+    _check_digits(content, ids, max(meant, _coarsest_m(content, finest_m)))
+    yield _doubt_lattice(content, max(meant, COARSEST_M))
+    yield _doubt_crs(given.centres, priors.centres, "pose", 1_000.0)
+    yield _doubt_copies(given, priors)
+    if truth.has_poses:
+        yield _check_heights(given.centres, true[content.found])
 
 
 # --- matches ---
@@ -133,13 +128,10 @@ def _check_finite(content: Correspondences, query_ids: NDArray[np.str_]) -> None
         values = getattr(content, name)
         if values is None or np.isfinite(values).all():
             continue
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        queries = np.unique(np.searchsorted(content.offsets, bad, side="right") - 1)
-        # Offsets that do not add up, an error of its own, may point beyond the ids.
-        known = queries[(queries >= 0) & (queries < len(query_ids))]
+        bad = ~np.isfinite(values).all(axis=1)
         raise PredictionError(
-            f"{counted(len(bad), 'row is', 'rows are')} NaN or infinite, in "
-            f"{first_of(query_ids[known], len(query_ids), noun='query')}",
+            f"{counted(int(bad.sum()), 'row is', 'rows are')} NaN or infinite, in "
+            f"{first_of(query_ids[np.unique(content.query[bad])], len(query_ids), noun='query')}",
             where=f"field '{name}'",
             expected="finite coordinates",
             fix="leave out what was not matched",
@@ -147,7 +139,7 @@ def _check_finite(content: Correspondences, query_ids: NDArray[np.str_]) -> None
 
 
 def _check_image_size(content: Correspondences, truth: MatchingTruth, answered: Ints) -> None:
-    """Refuse pixels that belong to images of another size than the photos'."""
+    """Refuse pixels that are stated to belong to images of another size than the photos'."""
     if content.image_size is None:
         return
     true, stated = _photo_sizes(truth)[answered], content.image_size[answered]
@@ -156,9 +148,8 @@ def _check_image_size(content: Correspondences, truth: MatchingTruth, answered: 
         fix = "multiply x and y by the ratio of the widths and of the heights"
         if (stated[bad] == true[bad, ::-1]).all():
             fix = "write x, the column, before y, and width before height"
-        which = _first_queries(truth, answered[bad])
         raise PredictionError(
-            f"matches in another image size than the query's: {which}; the "
+            f"matches in another image size than the query's: {_name(truth, answered[bad])}; the "
             f"first is {_sides(true[bad[0]])} px, its matches are for {_sides(stated[bad[0]])}",
             where="field 'image_size'",
             fix=fix,
@@ -166,7 +157,6 @@ def _check_image_size(content: Correspondences, truth: MatchingTruth, answered: 
 
 
 def _check_photo_pixels(content: Correspondences, truth: MatchingTruth) -> None:
-    """Refuse pixels outside their photo."""
     size = _photo_sizes(truth)[content.query]
     fix = "scale them from the size that the method worked in"
     if _inside(content.query_xy[:, ::-1], size).all():
@@ -182,7 +172,7 @@ def _check_photo_pixels(content: Correspondences, truth: MatchingTruth) -> None:
 def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> str | None:
     """Refuse pixels of the map that lie in the crops only when x and y or the frame change.
 
-    Who states that they are the map's is believed.
+    A file that states that they are the map's is believed.
     """
     if content.map_xy is None or not len(content.map_xy):
         return None
@@ -194,29 +184,32 @@ def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> str | N
             expected="pixels of the query's crop, the corner being (0, 0)",
             fix="say map_frame='map' if they are pixels of the whole map; crops.csv has the crops",
         )
+    as_map = _inside(content.map_xy - corner, size).mean()
+    if as_map > 0.8:
+        return None
     fix = "say map_frame='crop', or map_frame='map' if they are pixels of the map all the same"
     readings = (
         ("rows before columns", content.map_xy[:, ::-1] - corner, "write x, the column, before y"),
         ("pixels of the crop", content.map_xy, fix),
     )
-    as_map = _inside(content.map_xy - corner, size).mean()
-    for what, local, fix in readings if as_map <= 0.8 else ():
+    for reading, local, fix in readings:
         share = _inside(local, size).mean()
-        said = f"the map pixels look like {what}: read so, {share:.0%} lie in their crops"
-        if share >= 0.98 and local is content.map_xy and content.map_frame == "map":
+        if share < 0.98:
+            continue
+        said = f"the map pixels look like {reading}: read so, {share:.0%} lie in their crops"
+        if content.map_frame == "map" and local is content.map_xy:
             return said
-        if share >= 0.98:
-            raise PredictionError(
-                f"{said}; as pixels (x, y) of the whole map, {as_map:.0%}",
-                where="field 'map_xy'",
-                expected="pixels (x, y) of the whole map, or of the crop with map_frame='crop'",
-                fix=fix,
-            )
+        raise PredictionError(
+            f"{said}; as pixels (x, y) of the whole map, {as_map:.0%}",
+            where="field 'map_xy'",
+            expected="pixels (x, y) of the whole map, or of the crop with map_frame='crop'",
+            fix=fix,
+        )
     return None
 
 
-def _suspect_smaller_image(content: Correspondences, truth: MatchingTruth) -> str | None:
-    """Ask about pixels that all lie in a corner of the photos, if there are enough of them."""
+def _doubt_image_size(content: Correspondences, truth: MatchingTruth) -> str | None:
+    """Doubt pixels that all lie in a corner of the photos, if there are enough of them."""
     count = len(content.query_xy)
     if count < 100:
         return None
@@ -229,8 +222,8 @@ def _suspect_smaller_image(content: Correspondences, truth: MatchingTruth) -> st
     )
 
 
-def _suspect_points(content: Correspondences, truth: MatchingTruth) -> str | None:
-    """Ask by the true poses whether x and y are exchanged, or heights of points are in feet."""
+def _check_points(content: Correspondences, truth: MatchingTruth) -> str | None:
+    """Judge by the true poses whether x and y are exchanged, or heights of points are in feet."""
     diagonal = float(np.hypot(*_photo_sizes(truth).T).max(initial=0.0))
     off, clear = _misfit_px(content, truth, diagonal, otherwise=False), 0.05 * diagonal
     left = _misfit_px(content, truth, diagonal, otherwise=True) if off > clear else off
@@ -247,29 +240,29 @@ def _misfit_px(
     What no camera sees is as far away as can be.
     """
     parts = [(query, part) for query, part in enumerate(content.parts()) if part.stop > part.start]
-    off = [np.zeros(0)]
+    off = []
     for query, part in parts[:: -(-len(parts) // 10) or 1]:
         rows = np.linspace(part.start, part.stop - 1, 40).astype(int)
-        if content.map_xy is None:
-            assert content.points3d is not None
-            points = content.points3d[rows] * (1.0, 1.0, _FOOT_M if otherwise else 1.0)
+        if content.points3d is not None:
+            points = content.points3d[rows] * (_FEET if otherwise else 1.0)
         else:
+            assert content.map_xy is not None
             corner, reference = truth.crops[query, :2], truth.map_of(query)
             xy = corner + (content.map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
             points = lift(xy, reference.dom, reference.dsm, jobs=1).points
         seen = world_to_camera(truth.poses.take([query]), points[None])
         pixels = project(truth.cameras.take([query]), seen)[0]
         off.append(np.linalg.norm(pixels - content.query_xy[rows], axis=1))
-    return float(np.median(np.fmin(np.concatenate(off), diagonal))) if parts else 0.0
+    return float(np.median(np.fmin(np.concatenate(off), diagonal))) if off else 0.0
 
 
 # --- poses ---
 
 
-def _check_degrees(coordinates: Floats, true_centres: Floats, where: str) -> None:
+def _check_degrees(coordinates: Floats, truth: MatchingTruth, where: str) -> None:
     """Refuse longitudes and latitudes where the scene's coordinates are metres."""
-    are_degrees = (np.abs(coordinates[:, :2]) <= (180.0, 90.0)).all() and len(coordinates)
-    if are_degrees and np.abs(true_centres[:, :2]).min() > 1000.0:
+    are_degrees = len(coordinates) and (np.abs(coordinates[:, :2]) <= (180.0, 90.0)).all()
+    if are_degrees and np.abs(truth.priors.centres[:, :2]).min() > 1000.0:
         x, y = coordinates[0, :2]
         raise PredictionError(
             f"looks like degrees: the first lies at ({x:.5f}, {y:.5f})",
@@ -281,12 +274,12 @@ def _check_degrees(coordinates: Floats, true_centres: Floats, where: str) -> Non
 
 def _check_camera_to_world(given: Poses, priors: Poses) -> None:
     """Refuse poses if most translations lie ten times nearer to GPS than the centres do."""
-    with np.errstate(over="ignore"):
-        as_given = np.linalg.norm(given.centres - priors.centres, axis=1)
-        inverted = np.linalg.norm(given.translation - priors.centres, axis=1)
+    as_given, inverted = (
+        _distance(places, priors.centres) for places in (given.centres, given.translation)
+    )
     if not len(given) or np.mean(inverted * 10.0 < as_given) <= 0.5:
         return
-    back, fix = np.swapaxes(given.rotation, 1, 2), "invert them: R.T and -R.T @ t"
+    fix, back = "invert them: R.T and -R.T @ t", np.swapaxes(given.rotation, 1, 2)
     if _angle(given.rotation, priors.rotation) < _angle(back, priors.rotation):
         fix = "the rotations are right and the last column is the centre: t = -R @ centre"
     raise PredictionError(
@@ -343,20 +336,16 @@ def _read_otherwise(given: Floats, *, quaternions: bool) -> dict[str, Floats]:
     return readings
 
 
-def _check_digits(
-    given: GivenPoses,
-    query_ids: NDArray[np.str_],
-    finest_m: float,
-    true_centres: Floats | None = None,
-) -> str | None:
-    """Refuse poses if rounding may have moved their cameras by more than a centimetre.
+def _coarsest_m(given: GivenPoses, finest_m: float) -> float:
+    """Return how far the digits of a file may move cameras: a centimetre.
 
-    Of centres that are given, by more than half of the finest threshold, and a note is made of
-    less: whole metres lose 0.5 m, which passes beside 1 m; six digits lose 2.9 m of a northing,
-    which does not beside 5 m. Centres of a made-up scene may lie on a lattice themselves.
+    Of centres that are given, half of the finest threshold: whole metres lose 0.5 m, which passes
+    beside 1 m; six digits lose 2.9 m of a northing, which does not beside 5 m.
     """
-    meant = 0.0 if true_centres is None else float(centre_errors_m(true_centres).max(initial=0.0))
-    limit = max(COARSEST_M, 0.55 * finest_m, meant) if given.centred else COARSEST_M
+    return max(COARSEST_M, 0.55 * finest_m) if given.centred else COARSEST_M
+
+
+def _check_digits(given: GivenPoses, query_ids: NDArray[np.str_], limit: float) -> None:
     coarse = np.flatnonzero(given.errors_m > limit)
     if coarse.size:
         what, hint = "centres", ""
@@ -370,8 +359,11 @@ def _check_digits(
             expected=f"digits that fix camera centres to {limit:g} m",
             fix=f"compute in float64 and write all digits (%.17g in text){hint}",
         )
+
+
+def _doubt_lattice(given: GivenPoses, limit: float) -> str | None:
     lost = float(given.errors_m.max(initial=0.0))
-    if not given.centred or lost <= max(COARSEST_M, meant):
+    if not given.centred or lost <= limit:
         return None
     return (
         "centres lie on a lattice, such as whole metres: if they were rounded to it, they are "
@@ -379,36 +371,15 @@ def _check_digits(
     )
 
 
-def _suspect_inverted(given: Poses, priors: Poses) -> str | None:
-    """Ask where rotations of cameras that look down fit the gimbal better inverted.
-
-    The inverse is tilted to the opposite side: the gain must be clear beside its standard error.
-    """
-    if len(given) < _LEAST_PHOTOS:
-        return None
-    axes = (given.rotation[:, 2], given.rotation[:, :, 2])
-    as_given, inverted = (_degrees_between(axis, priors.rotation[:, 2]) for axis in axes)
-    gain = as_given - inverted
-    if gain.mean() < max(0.5, 3.0 * float(gain.std(ddof=1)) / len(gain) ** 0.5):
-        return None
-    return (
-        "are the rotations camera-to-world? Read so, cameras look "
-        f"{inverted.mean():.1f} degrees from where the gimbal says, as they stand "
-        f"{as_given.mean():.1f} (means)"
-    )
-
-
-def _suspect_heights(centres: Floats, true: Floats) -> str | None:
-    """Ask whether heights are in feet, or all alike above or below the true ones."""
+def _check_heights(centres: Floats, true: Floats) -> str | None:
+    """Judge whether heights are in feet; doubt them if all are alike above or below the truth."""
     if len(centres) < _LEAST_PHOTOS:
         return None
     with np.errstate(over="ignore"):
-        in_feet = centres * (1.0, 1.0, _FOOT_M)
-        off, left = (
-            float(np.median(np.linalg.norm(one - true, axis=1))) for one in (centres, in_feet)
-        )
+        in_feet = centres * _FEET
         shift = np.median(centres[:, 2] - true[:, 2])
-        moved = float(np.median(np.linalg.norm(centres - (0.0, 0.0, shift) - true, axis=1)))
+    readings = (centres, in_feet, centres - (0.0, 0.0, shift))
+    off, left, moved = (float(np.median(_distance(reading, true))) for reading in readings)
     if feet := _judge("heights in feet", "the poses", off, left, 20.0, "m"):
         return feet
     if abs(shift) < 5.0 or moved > 1.0:
@@ -417,7 +388,7 @@ def _suspect_heights(centres: Floats, true: Floats) -> str | None:
 
 
 def _judge(what: str, where: str, off: float, left: float, clear: float, unit: str) -> str | None:
-    """Refuse a clear misfit if another reading leaves a tenth of it, ask if it leaves a half."""
+    """Refuse a clear misfit if another reading leaves a tenth of it, doubt it if a half."""
     said = f"they are {off:.4g} {unit} off as they stand, {left:.4g} {unit} read so (medians)"
     if off > clear and left < 0.1 * off:
         raise PredictionError(
@@ -429,19 +400,15 @@ def _judge(what: str, where: str, off: float, left: float, clear: float, unit: s
     return f"{what}? {said}" if off > clear and left < 0.5 * off else None
 
 
-def _suspect_far(places: Floats, gps: Floats, noun: str) -> str | None:
-    """Ask about another CRS where places lie beyond any error of GPS, and any view."""
-    with np.errstate(over="ignore"):
-        away = np.linalg.norm(places - gps, axis=1)
-    limit = 1_000.0 if noun == "pose" else 10_000.0
-    far = int((away > limit).sum())
+def _doubt_crs(places: Floats, gps: Floats, noun: str, limit: float) -> str | None:
+    """Doubt places that lie beyond any error of GPS, and any view."""
+    far = int((_distance(places, gps) > limit).sum())
     lying = f"{far:,} of {counted(len(places), noun)} {agreeing(far, 'lies', 'lie')}"
     doubt = f"more than {limit:,g} m from the photo's GPS position"
     return f"{lying} {doubt}: are all coordinates in the scene's CRS?" if far else None
 
 
-def _suspect_copies(given: Poses, priors: Poses) -> str | None:
-    """Count answers that are no answers."""
+def _doubt_copies(given: Poses, priors: Poses) -> str | None:
     near = count_near(given, priors, NEAR_M, NEAR_DEG)
     what = f"{near:,} of {counted(len(given), 'answer')} {agreeing(near, 'equals', 'equal')}"
     return f"{what} the prior, the photo's own GPS and gimbal angles" if near else None
@@ -449,13 +416,21 @@ def _suspect_copies(given: Poses, priors: Poses) -> str | None:
 
 def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> int:
     """Count the poses, NaN where there is none, that lie as near to their priors as that."""
-    with np.errstate(over="ignore"):
-        apart = np.linalg.norm(poses.centres - priors.centres, axis=1)
     turned = rotation_angle_deg(poses.rotation, priors.rotation)
-    return int(((apart < metres) & (turned < degrees)).sum())
+    return int(((_distance(poses.centres, priors.centres) < metres) & (turned < degrees)).sum())
 
 
 # --- what several checks need ---
+
+
+def _distance(one: Floats, other: Floats) -> Floats:
+    with np.errstate(over="ignore"):
+        distance: Floats = np.linalg.norm(one - other, axis=1)
+    return distance
+
+
+def _angle(one: Floats, other: Floats) -> float:
+    return float(np.median(rotation_angle_deg(one, other)))
 
 
 def _photo_sizes(truth: MatchingTruth) -> Ints:
@@ -474,10 +449,10 @@ def _refuse_outside(
     outside = ~_inside(xy, size)
     if outside.any():
         x, y = xy[outside][0]
-        which, sides = _first_queries(truth, np.unique(query[outside])), _sides(size[outside][0])
         raise PredictionError(
             f"{counted(int(outside.sum()), 'pixel')} outside the {picture}, in "
-            f"{which}; the first is ({x:.1f}, {y:.1f}) in a {picture} of {sides} px",
+            f"{_name(truth, np.unique(query[outside]))}; the first is ({x:.1f}, {y:.1f}) in a "
+            f"{picture} of {_sides(size[outside][0])} px",
             **error,
         )
 
@@ -486,14 +461,5 @@ def _sides(size: Ints) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def _first_queries(truth: MatchingTruth, rows: Ints) -> str:
+def _name(truth: MatchingTruth, rows: Ints) -> str:
     return first_of(truth.queries["id"].iloc[rows], len(truth.queries), noun="query")
-
-
-def _angle(one: Floats, other: Floats) -> float:
-    return float(np.median(rotation_angle_deg(one, other)))
-
-
-def _degrees_between(one: Floats, other: Floats) -> Floats:
-    degrees: Floats = np.degrees(np.arccos(np.clip((one * other).sum(axis=1), -1.0, 1.0)))
-    return degrees

@@ -8,8 +8,6 @@ from typing import Annotated
 from airzoo_bench.core.registry import Option
 from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInfo
 
-__all__ = ["INFO", "SiftSettings"]
-
 
 @dataclass(frozen=True)
 class SiftSettings:

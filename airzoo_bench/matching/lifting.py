@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rasterio.windows import Window
 
-from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField, read_metres, small_cache, window_shape
@@ -29,22 +28,21 @@ from airzoo_bench.geometry.rasters import (
     world_to_pixel,
 )
 
-__all__ = ["LiftStatus", "Lifted", "lift"]
-
 _BLOCK_PIXELS = 1 << 18
 _POINTS = 1 << 16  # that a thread handles at a time, which bounds its memory
 
 
 class LiftStatus(IntEnum):
-    """The end of a match; its name in lower case is a column of the records."""
+    """The end of a match; its name in lower case is a column of the records.
+
+    OUTSIDE_DSM is off the surface model, or beyond the domain of one of the two CRS. NO_HEIGHT:
+    no neighbour nearer than a pixel has a height, or one is not above `heights_above_m`.
+    """
 
     LIFTED = 0
     OUTSIDE_MAP = 1
     OUTSIDE_DSM = 2
-    """Off the surface model, or beyond the domain of one of the two CRS."""
     NO_HEIGHT = 3
-    """No neighbour nearer than a pixel has a height, or one is not above `heights_above_m`."""
-    NOT_FINITE = 4
 
 
 class Lifted(NamedTuple):
@@ -69,15 +67,13 @@ def lift(
     jobs: int,
 ) -> Lifted:
     """Lift pixels (M, 2) of the map onto the surface model in `jobs` threads."""
-    xy = np.asarray(map_xy, dtype=np.float64)
-    if xy.ndim != 2 or xy.shape[1] != 2:
-        raise PredictionError(f"map pixels have shape {xy.shape}", expected="shape (M, 2)")
     ground = dsm if isinstance(dsm, RasterInfo) else open_info(dsm)
+    task = _Task(np.asarray(map_xy, dtype=np.float64), dom, ground, heights_above_m)
     with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
         stack.enter_context(small_cache())
         datasets = [stack.enter_context(opened(ground.path))]
-        task = _Task(xy, dom, ground, window_shape(datasets[0], _BLOCK_PIXELS), heights_above_m)
-        list(pool.map(task.locate, range(0, len(xy), _POINTS)))
+        task.choose_blocks(datasets[0])
+        list(pool.map(task.locate, range(0, len(task.xy), _POINTS)))
         order, runs = task.sort_by_block()
         shares = [share for share in np.array_split(runs, jobs) if share.size]
         # Opened here and not by the threads, which share the warnings that `opened` sets.
@@ -90,22 +86,20 @@ class _Task:
     """The arrays that threads fill, each in rows of its own."""
 
     def __init__(
-        self,
-        xy: Floats,
-        dom: RasterInfo,
-        dsm: RasterInfo,
-        block: tuple[int, int],
-        heights_above_m: float | None,
+        self, xy: Floats, dom: RasterInfo, dsm: RasterInfo, heights_above_m: float | None
     ) -> None:
-        self.xy, self.dom, self.dsm = xy, dom, dsm
-        self.block, self.heights_above_m = block, heights_above_m
+        self.xy, self.dom, self.dsm, self.heights_above_m = xy, dom, dsm, heights_above_m
         self.to_dsm = change_of_plane(dom.crs, dsm.crs)
-        self.blocks_across = -(-dsm.width // block[0])
-        self.blocks = self.blocks_across * -(-dsm.height // block[1])
         self.points = np.empty((len(xy), 3))
         self.status = np.empty(len(xy), np.uint8)
+
+    def choose_blocks(self, dataset: Any) -> None:
+        """Cut the raster into whole blocks of its file."""
+        self.block = window_shape(dataset, _BLOCK_PIXELS)
+        self.blocks_across = -(-self.dsm.width // self.block[0])
+        self.blocks = self.blocks_across * -(-self.dsm.height // self.block[1])
         # NumPy sorts keys of 16 bits by counting.
-        self.key = np.empty(len(xy), np.min_scalar_type(self.blocks))
+        self.key = np.empty(len(self.xy), np.min_scalar_type(self.blocks))
 
     def locate(self, start: int) -> None:
         """Find X and Y, the status except for the height, and the block of the raster."""
@@ -122,7 +116,6 @@ class _Task:
             points[~on_dsm], pixel[~on_dsm] = np.nan, 0.0
             status[~on_dsm] = LiftStatus.OUTSIDE_DSM
             status[~on_map] = LiftStatus.OUTSIDE_MAP
-            status[~np.isfinite(xy).all(axis=1)] = LiftStatus.NOT_FINITE
         column, row = _first_neighbour(pixel)
         key = row // self.block[1] * self.blocks_across + column // self.block[0]
         self.key[part] = np.where(on_dsm, key, self.blocks)
@@ -130,9 +123,8 @@ class _Task:
     def sort_by_block(self) -> tuple[Ints, Ints]:
         """Return the matches in the order of blocks, and runs (R, 2) in it, each in one block."""
         order = np.argsort(self.key, kind="stable")
-        borders = np.searchsorted(
-            self.key, np.arange(self.blocks + 1, dtype=self.key.dtype), sorter=order
-        )
+        blocks = np.arange(self.blocks + 1, dtype=self.key.dtype)
+        borders = np.searchsorted(self.key, blocks, sorter=order)
         starts = np.union1d(borders, np.arange(0, borders[-1] + 1, _POINTS))
         return order, np.stack((starts[:-1], starts[1:]), axis=-1)
 

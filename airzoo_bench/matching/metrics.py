@@ -13,20 +13,10 @@ from functools import partial
 import numpy as np
 
 from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.results.scores import Score
-
-__all__ = [
-    "PoseErrors",
-    "area_share",
-    "matching_scores",
-    "pose_columns",
-    "pose_errors",
-    "translation_column",
-    "within",
-]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,12 +65,9 @@ def pose_errors(
         x, y, z = (centres - true_centres).T
         horizontal = np.hypot(x, y)
         angle = None if true_rotation is None else rotation_angle_deg(rotation, true_rotation)
-    return PoseErrors(
-        translation_m=_infinite(np.hypot(horizontal, z), failed),
-        horizontal_m=_infinite(horizontal, failed),
-        vertical_m=_infinite(np.abs(z), failed),
-        rotation_deg=None if angle is None else _infinite(angle, failed),
-    )
+    metres = np.where(failed, np.inf, (np.hypot(horizontal, z), horizontal, np.abs(z)))
+    degrees = None if angle is None else np.where(failed, np.inf, angle)
+    return PoseErrors(metres[0], metres[1], metres[2], degrees)
 
 
 def within(
@@ -132,10 +119,6 @@ def _check_poses(
     known = [true_centres] if true_rotation is None else [true_centres, true_rotation]
     if not all(np.isfinite(array).all() for array in known):
         raise ValueError("the true poses hold NaN or infinity")
-
-
-def _infinite(errors: Floats, failed: Bools) -> Floats:
-    return np.where(failed, np.inf, errors)
 
 
 def _checked(errors: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Predictions of the matching track, matches, 2D-3D pairs or poses, and how files hold them."""
+"""Matches, 2D-3D pairs and poses as predictions, and the files that hold them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +21,7 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
-from airzoo_bench.formats.arrays import (
-    Arrays,
-    check_length,
-    numbers,
-    open_arrays,
-    wrong_type,
-)
+from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
@@ -48,7 +41,7 @@ class Correspondences:
     offsets: Ints
     query_xy: Floats  # (M, 2), pixels of the query at its full size; the image's corner is (0, 0)
     map_xy: Floats | None  # (M, 2), pixels of the map or of the query's crop
-    map_frame: Literal["map", "crop"] | None  # which of the two the file says that it has
+    map_frame: str | None  # "map" or "crop", where the file states it
     points3d: Floats | None  # (M, 3) in the scene's CRS, instead of `map_xy`
     image_size: Ints | None  # (Q, 2), width and height that pixels belong to, where it is stated
 
@@ -64,22 +57,17 @@ class Correspondences:
 
     def parts(self) -> list[slice]:
         """Return the rows of each query."""
-        ends = self.offsets.tolist()
-        return [slice(start, stop) for start, stop in pairwise(ends)]
+        return [slice(start, stop) for start, stop in pairwise(self.offsets.tolist())]
 
     def take(self, rows: Ints) -> Correspondences:
         """Return the matches of some queries, in this order; a row of -1 has none."""
         counts = np.where(rows >= 0, np.diff(self.offsets)[rows], 0)
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        taken = np.repeat(self.offsets[rows] - offsets[:-1], counts) + np.arange(offsets[-1])
-        return replace(
-            self,
-            offsets=offsets,
-            query_xy=self.query_xy[taken],
-            map_xy=None if self.map_xy is None else self.map_xy[taken],
-            points3d=None if self.points3d is None else self.points3d[taken],
-            image_size=None if self.image_size is None else self.image_size[rows],
-        )
+        chosen = np.repeat(self.offsets[rows] - offsets[:-1], counts) + np.arange(offsets[-1])
+        map_xy = None if self.map_xy is None else self.map_xy[chosen]
+        points = None if self.points3d is None else self.points3d[chosen]
+        size = None if self.image_size is None else self.image_size[rows]
+        return Correspondences(offsets, self.query_xy[chosen], map_xy, self.map_frame, points, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +115,7 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
 
 
 def _read_correspondences(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences:
-    offsets = _integers(arrays, "offsets", (None,))
+    offsets = _integers(arrays, "offsets", 1)
     if len(offsets) != len(query_ids) + 1:
         raise PredictionError(
             f"field 'offsets' has {counted(len(offsets), 'entry')} "
@@ -138,19 +126,18 @@ def _read_correspondences(arrays: Arrays, query_ids: NDArray[np.str_]) -> Corres
         )
     query_xy, map_xy, points, size = _pixels(arrays, "query_xy"), None, None, None
     if "map_xy" in arrays.names():
-        name, map_xy = "map_xy", _pixels(arrays, "map_xy")
+        name, other = "map_xy", (map_xy := _pixels(arrays, "map_xy"))
     else:
-        name, points = "points3d", _precise(arrays, "points3d", (None, 3))
-    found = map_xy if points is None else points
-    if found is not None and len(found) != len(query_xy):
+        name, other = "points3d", (points := _precise(arrays, "points3d", (None, 3)))
+    if len(other) != len(query_xy):
         raise PredictionError(
-            f"field '{name}' has {counted(len(found), 'row')}, 'query_xy' has {len(query_xy):,}",
+            f"field '{name}' has {counted(len(other), 'row')}, 'query_xy' has {len(query_xy):,}",
             where=arrays.path,
             expected="a row a match in both",
             fix="write the two together",
         )
     if "image_size" in arrays.names():
-        size = _integers(arrays, "image_size", (None, 2))
+        size = _integers(arrays, "image_size", 2)
         check_length(arrays, "image_size", size, len(query_ids))
     return Correspondences(offsets, query_xy, map_xy, _map_frame(arrays), points, size)
 
@@ -163,20 +150,54 @@ def _pixels(arrays: Arrays, name: str) -> Floats:
     return numbers(arrays, name, (None, 2)).astype(np.float64)
 
 
-def _map_frame(arrays: Arrays) -> Literal["map", "crop"] | None:
+def _map_frame(arrays: Arrays) -> str | None:
     if "map_frame" not in arrays.names():
         return None
     value = arrays.read("map_frame")
-    if value.dtype.kind == "U" and value.size == 1:
-        if value.item() == "crop":
-            return "crop"
-        if value.item() == "map":
-            return "map"
+    if value.dtype.kind == "U" and value.size == 1 and value.item() in ("map", "crop"):
+        return str(value.item())
     raise PredictionError(
         f"field 'map_frame' is {str(value)[:80]!r}",
         where=arrays.path,
         expected="'map' (pixels of the whole map) or 'crop' (of the query's crop)",
     )
+
+
+def _integers(arrays: Arrays, name: str, ndim: int) -> Ints:
+    """Read integers, one a row, or two a row where `ndim` is 2."""
+    values = arrays.read(name)
+    if values.dtype.kind in "iu" and values.ndim == ndim and values.shape[1:] in ((), (2,)):
+        return values.astype(np.int64)
+    raise wrong_type(
+        arrays.path,
+        name,
+        values,
+        expected=f"integers of shape ({'any' if ndim == 1 else 'any, 2'})",
+        fix=f"np.asarray({name}, dtype=np.int64)",
+    )
+
+
+def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
+
+    Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
+    """
+    given = numbers(arrays, name, shape)
+    values = given.astype(np.float64)
+    finite = values[np.isfinite(values).all(axis=1)]
+    is_narrow = given.dtype.itemsize < 8
+    narrow = given.dtype.type if is_narrow else narrow_type(finite[:, :2])
+    largest = float(np.abs(finite).max(initial=0.0))
+    step = 0.0 if narrow is None else float(np.spacing(narrow(largest)))
+    if step > COARSEST_M:
+        raise PredictionError(
+            f"field '{name}' {'is' if is_narrow else 'went through'} {np.dtype(narrow)}, which "
+            f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
+            where=arrays.path,
+            expected="float64",
+            fix=f"compute and write {name} as float64",
+        )
+    return values
 
 
 def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
@@ -205,13 +226,22 @@ def given_poses(
 ) -> GivenPoses:
     """Make poses of quaternions (Q, 4) or matrices (Q, 3, 3), and translations or centres (Q, 3).
 
-    A row is NaN where there is no pose. What the rotation beside a centre has lost does not move
-    the camera.
+    A row is NaN where there is no pose.
     """
-    found = _has_pose(np.column_stack((rotation.reshape(len(place), -1), place)), names, where)
-    quaternions, listed = rotation.ndim == 2, [*map(str, names)]
-    turn = np.array((1.0, 0.0, 0.0, 0.0)) if quaternions else np.eye(3)
-    rotation = np.where(found.reshape(-1, *[1] * turn.ndim), rotation, turn)
+    values = np.column_stack((rotation.reshape(len(place), -1), place))
+    found: Bools = np.asarray(np.isfinite(values).all(axis=1))
+    listed = [str(name) for name in names]
+    half = np.flatnonzero(~found & ~np.isnan(values).all(axis=1))
+    if half.size:
+        raise PredictionError(
+            "poses that are NaN or infinite in part: "
+            f"{first_of([listed[row] for row in half.tolist()], len(listed))}",
+            where=where,
+            expected="a whole pose, or NaN in all of it where there is none",
+        )
+    quaternions = rotation.ndim == 2
+    identity = np.array((1.0, 0.0, 0.0, 0.0)) if quaternions else np.eye(3)
+    rotation = np.where(found.reshape(-1, *[1] * identity.ndim), rotation, identity)
     place = np.where(found[:, None], place, 0.0)
     try:
         matrices = (quaternion_to_matrix if quaternions else check_rotations)(rotation, listed)
@@ -222,65 +252,14 @@ def given_poses(
         fix = error.fix or f"{NO_POSE}, and world-to-camera rotations elsewhere"
         raise PredictionError(error.what, where=where, expected=error.expected, fix=fix) from error
     errors = np.zeros(len(found))
-    if centred:
+    if centred:  # beside a centre, what the rotation has lost does not move the camera
         near = found & (np.abs(place) <= FARTHEST).all(axis=1)
         errors[near] = centre_errors_m(place[near])
     else:
-        matrices = poses.rotation if quaternions else rotation
+        stored = matrices if quaternions else rotation
         quaternion = rotation[found] if quaternions else None
-        errors[found] = pose_errors_m(matrices[found], place[found], quaternion)
+        errors[found] = pose_errors_m(stored[found], place[found], quaternion)
     return GivenPoses(found, poses, errors, quaternions, centred)
-
-
-def _has_pose(values: Floats, names: Sequence[str] | NDArray[np.str_], where: object) -> Bools:
-    """Tell which rows (Q, K) hold a pose, and refuse those that hold a part of one."""
-    found: Bools = np.asarray(np.isfinite(values).all(axis=1))
-    half = np.flatnonzero(~found & ~np.isnan(values).all(axis=1))
-    if half.size:
-        raise PredictionError(
-            f"poses that are NaN or infinite in part: "
-            f"{first_of([names[row] for row in half.tolist()], len(names))}",
-            where=where,
-            expected="a whole pose, or NaN in all of it where there is none",
-        )
-    return found
-
-
-def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:
-    """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
-
-    Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
-    """
-    given = numbers(arrays, name, shape)
-    values = given.astype(np.float64)
-    finite = values[np.isfinite(values).all(axis=1)]
-    is_narrow = given.dtype.itemsize < 8
-    narrow = given.dtype.type if is_narrow else narrow_type(finite[:, :2])
-    largest = float(np.abs(finite).max(initial=0.0))
-    step = 0.0 if narrow is None else float(np.spacing(narrow(largest)))
-    if step > COARSEST_M:
-        raise PredictionError(
-            f"field '{name}' {'is' if is_narrow else 'went through'} {np.dtype(narrow)}, which "
-            f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
-            where=arrays.path,
-            expected="float64",
-            fix=f"compute and write {name} as float64",
-        )
-    return values
-
-
-def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Ints:
-    values: NDArray[Any] = arrays.read(name)
-    if values.dtype.kind in "iu" and (values.ndim, *values.shape[1:]) == (len(shape), *shape[1:]):
-        return values.astype(np.int64)
-    sides = ", ".join("any" if side is None else str(side) for side in shape)
-    raise wrong_type(
-        arrays.path,
-        name,
-        values,
-        expected=f"integers of shape ({sides})",
-        fix=f"np.asarray({name}, dtype=np.int64)",
-    )
 
 
 def _read_pose_list(path: Path) -> MatchingPredictions:
@@ -307,14 +286,14 @@ def _read_pose_list(path: Path) -> MatchingPredictions:
 def _name_and_pose(line: str) -> tuple[str, list[float]] | None:
     """Split a line; a name may have spaces, and its later words are no numbers: DJI 0001.JPG."""
     name, *columns = line.strip().rsplit(None, 7)
-    if len(columns) < 7 or any(_number(word) is not None for word in name.split()[1:]):
+    pose = [number for number in map(_number, columns) if number is not None]
+    if len(pose) < 7 or any(_number(word) is not None for word in name.split()[1:]):
         return None
     if not name.isprintable() or len(name) > 256:  # no id, and no line of a message
         return None
-    pose = [number for number in map(_number, columns) if number is not None]
     stem, dot, ending = name.rpartition(".")
     is_photo = dot + ending.lower() in PHOTO_SUFFIXES
-    return (stem if is_photo else name, pose) if len(pose) == 7 else None
+    return (stem if is_photo else name, pose)
 
 
 def _number(text: str) -> float | None:
@@ -324,9 +303,8 @@ def _number(text: str) -> float | None:
         return None
 
 
-_Form = Fields[Correspondences | GivenPoses]
 _MATCHES, _PAIRS = ("offsets", "query_xy", "map_xy"), ("offsets", "query_xy", "points3d")
-_FORMS: tuple[_Form, ...] = (
+_FORMS: tuple[Fields[Correspondences | GivenPoses], ...] = (
     Fields("map_xy", _MATCHES, ("map_frame", "image_size"), _read_correspondences),
     Fields("points3d", _PAIRS, ("image_size",), _read_correspondences),
     Fields("poses", ("poses",), (), _read_poses),

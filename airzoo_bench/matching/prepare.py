@@ -28,7 +28,7 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
-from airzoo_bench.geometry.poses import Poses, rays_to_world, rotation_angle_deg
+from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
@@ -44,10 +44,9 @@ from airzoo_bench.geometry.rays import (
     meet_missing,
     nearest_heights,
 )
+from airzoo_bench.matching.checks import count_near
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap, own_map, with_truth_as_prior
-
-__all__ = ["CropStatus", "build_truth", "crop_windows", "given_truth", "write_crop"]
 
 # No GPS and no gimbal is as good as this in half of the photos. A truth that went through EXIF and
 # XMP comes back with the rounding of their digits: 3 mm, and up to 0.09 degrees where each of three
@@ -64,15 +63,16 @@ PixelWindow = tuple[int, int, int, int]
 
 
 class CropStatus(StrEnum):
-    """The end of a crop; its text is the reason why a photo is left out."""
+    """The end of a crop; its text is the reason why a photo is left out.
+
+    NO_RAY is also for rays that all end beyond the domain of the map's CRS.
+    """
 
     CROPPED = "cropped"
     NO_PRIOR = "no GPS position or gimbal angles in the metadata"
     NO_MAP = "no map of its own"
     OFF_MAP = "by the prior pose, it does not see the map"
-    """The box around the corners' ground points misses the map."""
     NO_RAY = "by the prior pose, no corner of the image has a ray"
-    """Or none ends within the domain of the map's CRS."""
 
 
 def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
@@ -86,46 +86,42 @@ def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
         if has_map
     )
     windows = np.array([(0, 0, one.dom.width, one.dom.height) for one in found], np.int64)
-    status = np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP)
     queries = with_truth_as_prior(photos[there].reset_index(drop=True))
-    excluded = _excluded(inputs, status)
+    excluded = _excluded(inputs, np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP))
     windows = windows.reshape(-1, 4)
     return MatchingTruth(inputs.scene, queries, windows, found, excluded, own_maps=True)
 
 
 def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     """Find the crop of each photo that has a prior; the others are left out, with the reason."""
-    photos = inputs.photos
-    dom = needed(inputs.dom, "map", inputs.scene)
-    dsm = needed(inputs.dsm, "surface model", inputs.scene)
+    photos, scene = inputs.photos, inputs.scene
+    dom, dsm = needed(inputs.dom, "map", scene), needed(inputs.dsm, "surface model", scene)
+    height = needed(inputs.plane_height_m, "height of the ground", scene)
     columns = PRIOR_COLUMNS if prior.is_measured else POSE_COLUMNS
     there = np.isfinite(photos[list(columns)].to_numpy(np.float64)).all(axis=1)
     queries = photos[there].reset_index(drop=True)
-    if prior.is_measured:
-        _refuse_truth_as_prior(queries)
-    else:
+    if not prior.is_measured:
         queries = with_truth_as_prior(queries)
-    height = needed(inputs.plane_height_m, "height of the ground", inputs.scene)
     cameras, priors = cameras_of(queries), poses_of(queries, PRIOR_COLUMNS)
-    windows, of_queries = crop_windows(cameras, priors, dom, dsm, crop=crop, plane_height_m=height)
+    if prior.is_measured:
+        _refuse_truth_as_prior(priors, poses_of(queries))
+    with blocked_heights(dsm) as field:
+        windows, of_queries = crop_windows(cameras, priors, dom, field, crop, height)
     kept = of_queries == CropStatus.CROPPED
     status = np.full(len(photos), CropStatus.NO_PRIOR, object)
     status[there] = of_queries
     maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
     queries = queries[kept].reset_index(drop=True)
-    return MatchingTruth(inputs.scene, queries, windows[kept], maps, _excluded(inputs, status))
+    return MatchingTruth(scene, queries, windows[kept], maps, _excluded(inputs, status))
 
 
-def _refuse_truth_as_prior(photos: pd.DataFrame) -> None:
+def _refuse_truth_as_prior(priors: Poses, poses: Poses) -> None:
     # Not number by number: a pose has two quaternions, and metadata are rounded. Not every photo:
     # one that was moved would hide all the others.
-    priors, poses = poses_of(photos, PRIOR_COLUMNS), poses_of(photos)
-    apart = np.linalg.norm(priors.centres - poses.centres, axis=1)
-    turned = rotation_angle_deg(priors.rotation, poses.rotation)
-    same = int(((apart < _SAME_M) & (turned < _SAME_DEG)).sum())
-    if 2 * same > len(photos):
+    same = count_near(poses, priors, _SAME_M, _SAME_DEG)
+    if 2 * same > len(poses):
         raise BenchmarkError(
-            f"the prior poses equal the ground truth in {same} of {len(photos)} photos "
+            f"the prior poses equal the ground truth in {same} of {len(poses)} photos "
             f"(to {_SAME_M * 100:g} cm and {_SAME_DEG:g} degrees)",
             expected="priors from the photos' own metadata",
             fix="a protocol that means this says prior.source = 'truth'",
@@ -143,8 +139,7 @@ def crop_windows(
     cameras: Cameras,
     priors: Poses,
     dom: RasterInfo,
-    dsm: HeightField | str | Path,
-    *,
+    field: HeightField,
     crop: Crop,
     plane_height_m: float,
 ) -> tuple[Ints, NDArray[np.str_]]:
@@ -153,13 +148,8 @@ def crop_windows(
     Returns windows (N, 4) in whole pixels of the map, x, y, width and height, zero where there is
     no crop; and the CropStatus (N,) of each.
     """
-    if not isinstance(dsm, HeightField):
-        with blocked_heights(dsm) as field:
-            return crop_windows(
-                cameras, priors, dom, field, crop=crop, plane_height_m=plane_height_m
-            )
-    ends = _ends_of_corner_rays(cameras, priors, dsm, crop, plane_height_m)
-    pixels = to_map_pixels(dsm.crs, dom)(ends)
+    ends = _ends_of_corner_rays(cameras, priors, field, crop, plane_height_m)
+    pixels = to_map_pixels(field.crs, dom)(ends)
     low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
     grown = crop.margin * (high - low)
     blind = np.isnan(grown).any(axis=1)
@@ -175,23 +165,23 @@ def crop_windows(
 
 
 def _ends_of_corner_rays(
-    cameras: Cameras, priors: Poses, dsm: HeightField, crop: Crop, plane_height_m: float
+    cameras: Cameras, priors: Poses, field: HeightField, crop: Crop, plane_height_m: float
 ) -> Floats:
     """Return where the rays (N, 4) of the image's corners end: on the ground, or at the range."""
     directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
     centres, far = priors.centres, crop.max_range_m
     ends = centres[:, None] + far * directions
-    height_at: HeightAt | None = None  # of what stands in for heights that are missing
-    if crop.missing_heights == "nearest":
-        height_at = nearest_heights(dsm, crop.nearest_of_px)
-    elif crop.missing_heights == "plane":
-        height_at = lambda places: np.full(places.shape[:-1], plane_height_m)  # noqa: E731
+    stand_ins: dict[str, HeightAt] = {
+        "nearest": nearest_heights(field, crop.nearest_of_px),
+        "plane": lambda places: np.full(places.shape[:-1], plane_height_m),
+    }
+    height_at = stand_ins.get(crop.missing_heights)
     for start in range(0, len(cameras), _CAMERAS):
         part = slice(start, start + _CAMERAS)
-        hits = intersect_heightfield(centres[part], directions[part], dsm, far)
+        hits = intersect_heightfield(centres[part], directions[part], field, far)
         points = hits.points
         if height_at is not None:
-            points = meet_missing(centres[part], directions[part], hits, dsm, height_at, far)
+            points = meet_missing(centres[part], directions[part], hits, field, height_at, far)
         ends[part] = np.where(np.isnan(points), ends[part], points)
     return ends[..., :2]
 

@@ -24,13 +24,10 @@ from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScore
 from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth
 
+_STATUSES = [status.name.lower() for status in LiftStatus]
 RECORDED = frozenset(
-    (
-        *("scene", "query", "answered", "status", "failed"),
-        *("matches", "lifted", "outside_map", "outside_dsm", "no_height", "beyond_limit"),
-        "inliers",
-    )
-)
+    ("scene", "query", "answered", "status", "failed", "matches", *_STATUSES, "beyond_limit")
+) | {"inliers"}
 """Columns of the records that are neither scores nor conditions of the queries."""
 
 _NOT_LIFTED = {
@@ -42,28 +39,23 @@ _SAME_M, _SAME_DEG = 1e-3, 1e-3  # a prior that was copied went through a file a
 
 
 def score_scene(
-    truth: MatchingTruth,
-    predicted: ScenePredictions,
-    protocol: MatchingProtocol,
-    run: Run,
+    truth: MatchingTruth, predicted: ScenePredictions, protocol: MatchingProtocol, run: Run
 ) -> Scored:
     """Score every query of a scene."""
-    content = predicted.content
-    of_matches: dict[str, Ints] = {}
+    content, of_matches = predicted.content, dict[str, Ints]()
     if isinstance(content, GivenPoses):
         estimates = _as_estimates(content.poses)
     else:
         estimates, of_matches = _solve(truth, content, protocol, run)
     records = _records(truth, predicted.answered, estimates, of_matches, protocol.scores)
-    poses, priors = _poses_of(estimates), truth.priors
-    given = isinstance(content, GivenPoses)
+    poses, priors, are_given = _poses_of(estimates), truth.priors, isinstance(content, GivenPoses)
     counts = {
         "queries": len(records),
         "missing": int((~records["answered"]).sum()),
         "failed": int(records["failed"].sum()),
         "left_out": len(truth.excluded),
         **{name: int(column.sum()) for name, column in of_matches.items() if name != "inliers"},
-        "equal_to_prior": count_near(poses, priors, _SAME_M, _SAME_DEG) if given else 0,
+        "equal_to_prior": count_near(poses, priors, _SAME_M, _SAME_DEG) if are_given else 0,
     }
     if protocol.prior.is_measured:
         counts["near_prior"] = count_near(poses, priors, NEAR_M, NEAR_DEG)
@@ -73,13 +65,19 @@ def score_scene(
     return Scored(records, counts, content.kind, (*predicted.notes, *notes), seconds, details)
 
 
+def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
+    """Return the records of a method that answers every query by its prior pose."""
+    answered = np.ones(len(truth.queries), np.bool_)
+    return _records(truth, answered, _as_estimates(truth.priors), {}, settings)
+
+
 def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:
     """Yield notes on failures by their reason, and on matches that were not used."""
     failures = Counter(records["status"][records["failed"] & records["answered"]])
     if failures:
         who = counted(failures.total(), "answered query has", "answered queries have")
         yield f"{who} no pose ({_listed(failures)}): infinite errors"
-    lost = {why: counts.get(name, 0) for name, why in _NOT_LIFTED.items()}
+    lost = {reason: counts.get(name, 0) for name, reason in _NOT_LIFTED.items()}
     if dropped := sum(lost.values()):
         what = f"{dropped:,} of {counts['matches']:,} matches could not be lifted"
         yield f"{what} and were dropped: {_listed(lost)}"
@@ -89,14 +87,7 @@ def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:
 
 
 def _listed(reasons: Mapping[str, int]) -> str:
-    found = [f"{number:,} {why}" for why, number in sorted(reasons.items()) if number]
-    return ", ".join(found)
-
-
-def score_priors(truth: MatchingTruth, settings: MatchingScores) -> pd.DataFrame:
-    """Return the records of a method that answers every query by its prior pose."""
-    answered = np.ones(len(truth.queries), np.bool_)
-    return _records(truth, answered, _as_estimates(truth.priors), {}, settings)
+    return ", ".join(f"{count:,} {reason}" for reason, count in sorted(reasons.items()) if count)
 
 
 def _poses_of(estimates: Sequence[PoseEstimate]) -> Poses:
@@ -108,19 +99,20 @@ def _poses_of(estimates: Sequence[PoseEstimate]) -> Poses:
 
 def _as_estimates(poses: Poses) -> list[PoseEstimate]:
     """Return poses that need no solving, NaN where there is none."""
-    found = np.isfinite(poses.centres).all(axis=1)
-    status = np.where(found, Status.GIVEN, Status.NOT_GIVEN)
+    no_matches = np.zeros(0, np.bool_)
     return [
-        PoseEstimate(rotation, centre, np.zeros(0, np.bool_), Status(one))
-        for rotation, centre, one in zip(poses.rotation, poses.centres, status, strict=True)
+        PoseEstimate(
+            rotation,
+            centre,
+            no_matches,
+            Status.GIVEN if np.isfinite(centre).all() else Status.NOT_GIVEN,
+        )
+        for rotation, centre in zip(poses.rotation, poses.centres, strict=True)
     ]
 
 
 def _solve(
-    truth: MatchingTruth,
-    matches: Correspondences,
-    protocol: MatchingProtocol,
-    run: Run,
+    truth: MatchingTruth, matches: Correspondences, protocol: MatchingProtocol, run: Run
 ) -> tuple[list[PoseEstimate], dict[str, Ints]]:
     """Lift matches and solve for poses; return these, and counts of each query's matches."""
     points, status = _lift_matches(truth, matches, protocol.lift, run.jobs)
@@ -138,7 +130,8 @@ def _solve(
         replace(one, inliers=inliers[part])
         for one, part in zip(solved, matches.parts(), strict=True)
     ]
-    counts = {"matches": given} | _count_statuses(status, matches)
+    counts = {"matches": given}
+    counts |= {name: _count(status == code, matches) for code, name in enumerate(_STATUSES)}
     counts["beyond_limit"] = np.array([one.left_out for one in estimates], np.int64)
     return estimates, counts | {"inliers": _count(inliers, matches)}
 
@@ -147,9 +140,10 @@ def _lift_matches(
     truth: MatchingTruth, matches: Correspondences, lifting: Lift, jobs: int
 ) -> Lifted:
     """Lift the matches of a scene; points that were given need no lifting."""
-    if matches.map_xy is None:
-        points = np.zeros((0, 3)) if matches.points3d is None else matches.points3d
+    if matches.points3d is not None:
+        points = matches.points3d
         return Lifted(points, np.full(len(points), LiftStatus.LIFTED, np.uint8))
+    assert matches.map_xy is not None
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     map_xy = matches.map_xy + (0.5 if lifting.map_pixel_centres == "integer" else 0.0)
     parts: Sequence[slice] = matches.parts() if truth.own_maps else [slice(None)]
@@ -163,19 +157,9 @@ def _lift_matches(
     return Lifted(points, np.concatenate([np.zeros(0, np.uint8), *(one.status for one in lifted)]))
 
 
-def _count_statuses(status: NDArray[np.uint8], matches: Correspondences) -> dict[str, Ints]:
-    """Count how the lifting of each query's matches ended, by columns of the records."""
-    return {
-        one.name.lower(): _count(status == one, matches)
-        for one in LiftStatus
-        if one is not LiftStatus.NOT_FINITE  # which no file may hold
-    }
-
-
-def _count(chosen: Bools, matches: Correspondences) -> Ints:
+def _count(chosen: NDArray[np.bool_], matches: Correspondences) -> Ints:
     """Count what is chosen of each query's matches."""
-    total = np.concatenate([[0], np.cumsum(chosen)])
-    return np.diff(total[matches.offsets])
+    return np.diff(np.concatenate([[0], np.cumsum(chosen)])[matches.offsets])
 
 
 def _records(

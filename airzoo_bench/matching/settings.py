@@ -9,16 +9,6 @@ from pydantic import AfterValidator, Field, model_validator
 from airzoo_bench.core.validation import Limits, Positive, Strict
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = [
-    "Crop",
-    "Lift",
-    "MatchingProtocol",
-    "MatchingScores",
-    "Prior",
-    "Solver",
-    "SolverName",
-]
-
 SolverName = Literal["colmap", "colmap+refine", "poselib"]
 
 

@@ -28,8 +28,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.settings import Solver
 
-__all__ = ["MIN_MATCHES", "PoseEstimate", "PoseQueries", "Status", "solve_pose", "solve_queries"]
-
 MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
 
 # Both libraries multiply the number of trials that the confidence asks for; both default to 3.
@@ -176,7 +174,7 @@ def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> PoseEstimate:
     with np.errstate(over="ignore", invalid="ignore"):
         local = points - origin
         found = find(camera, query_xy, local, solver, trials)
-        if found is None or _on_a_line(local[found[2]]):
+        if found is None or _are_on_a_line(local[found[2]]):
             return _failure(Status.NO_POSE, len(points))
         rotation, translation, inliers = found
         centre = origin - apply_matrix(rotation.T, translation)
@@ -186,12 +184,11 @@ def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> PoseEstimate:
 
 
 def _failure(status: Status, count: int) -> PoseEstimate:
-    return PoseEstimate(
-        np.full((3, 3), np.nan), np.full(3, np.nan), np.zeros(count, np.bool_), status
-    )
+    nothing = np.zeros(count, np.bool_)
+    return PoseEstimate(np.full((3, 3), np.nan), np.full(3, np.nan), nothing, status)
 
 
-def _on_a_line(points: Floats) -> bool:
+def _are_on_a_line(points: Floats) -> bool:
     away = points - points[0]
     axis = away[np.argmax(np.abs(away).max(axis=1))]
     across = np.cross(away, axis)

@@ -28,8 +28,6 @@ from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
-__all__ = ["PRIOR_ITSELF", "TRACK", "MatchingTrack", "write_timings"]
-
 PRIOR_ITSELF = "Prior itself"
 """The reference of every result of the track."""
 
@@ -58,15 +56,12 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
-        errors = list(check_file(predictions, None if truths else protocol.scores.finest_m))
-        if errors:
-            return Assignment(errors=errors)
+        check_file(predictions, None if truths else protocol.scores.finest_m)
         assignment = assign_queries(predictions, truths, protocol)
         for place, truth in enumerate(truths):
             rows, assignment.parts[place] = assignment.parts[place].rows, None
             try:
-                part = open_scene(predictions, truth, rows, protocol.scores)
-                assignment.parts[place] = part
+                assignment.parts[place] = open_scene(predictions, truth, rows, protocol.scores)
             except PredictionError as error:
                 assignment.errors.append(error.inside(predictions.path))
         return assignment
@@ -109,12 +104,10 @@ class MatchingTrack(Track):
         if not protocol.prior.is_measured:
             return {}
         records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
-        scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
-        floor = Reference(
-            meaning="what the photos' own GPS and gimbal angles score, without any matching",
-            **asdict(summarise(records, scores, scenes)),
-        )
-        return {PRIOR_ITSELF: floor}
+        scenes = [truth.scene for truth in truths]
+        summary = summarise(records, matching_scores(protocol.scores), scenes)
+        meaning = "what the photos' own GPS and gimbal angles score, without any matching"
+        return {PRIOR_ITSELF: Reference(meaning=meaning, **asdict(summary))}
 
     def template(
         self,

@@ -35,7 +35,8 @@ from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.storage.mirror import pointed
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
-_GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
+_TRANSFORM = ("a", "b", "c", "d", "e", "f")
+_GRID = ("width", "height", *_TRANSFORM)
 _MAP_LIMIT_BYTES = 1 << 20
 _ANEW = "prepare the benchmark again"
 
@@ -92,14 +93,14 @@ class MatchingTruth:
         return poses_of(self.queries)
 
     @property
-    def conditions(self) -> pd.DataFrame:
-        """Conditions of the Q queries, by which scores can be broken down."""
-        return conditions_of(self.queries)
-
-    @property
     def priors(self) -> Poses:
         """Prior poses of the Q queries."""
         return poses_of(self.queries, PRIOR_COLUMNS)
+
+    @property
+    def conditions(self) -> pd.DataFrame:
+        """Conditions of the Q queries, by which scores can be broken down."""
+        return conditions_of(self.queries)
 
     @property
     def fingerprint(self) -> str:
@@ -133,29 +134,24 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
     home = folder / "matching"
     home.mkdir(parents=True, exist_ok=True)
     crops = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
-    _write_csv(home / "crops.csv", truth.queries[["id"]].assign(**crops))
-    _write_csv(home / "excluded.csv", truth.excluded)
+    tables = {"crops.csv": truth.queries[["id"]].assign(**crops), "excluded.csv": truth.excluded}
     if truth.own_maps:
-        _write_csv(home / "maps.csv", _table_of_maps(truth))
-        return
-    text = json.dumps(truth.maps[0].grid, indent=1)
-    (home / "map.json").write_text(text + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, table: pd.DataFrame) -> None:
-    table.to_csv(path, index=False, lineterminator="\n")
+        tables["maps.csv"] = _table_of_maps(truth)
+    else:
+        text = json.dumps(truth.maps[0].grid, indent=1)
+        (home / "map.json").write_text(text + "\n", encoding="utf-8")
+    for name, table in tables.items():
+        table.to_csv(home / name, index=False, lineterminator="\n")
 
 
 def _table_of_maps(truth: MatchingTruth) -> pd.DataFrame:
     """Lay out the grid of each query's map, and the checksum of its surface model."""
-    rows = [
-        (query, one.dom.width, one.dom.height, *map(repr, one.grid["transform"]))
-        for query, one in zip(truth.queries["id"], truth.maps, strict=True)
-    ]
-    return pd.DataFrame(rows, columns=["id", *_GRID]).assign(
-        crs=[one.grid["crs"] for one in truth.maps],
-        dsm_sha256=[one.dsm_sha256 for one in truth.maps],
-    )
+    rows = []
+    for query, one in zip(truth.queries["id"], truth.maps, strict=True):
+        grid = one.grid
+        size, transform = (grid["width"], grid["height"]), map(repr, grid["transform"])
+        rows.append((query, *size, *transform, grid["crs"], one.dsm_sha256))
+    return pd.DataFrame(rows, columns=["id", *_GRID, "crs", "dsm_sha256"])
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
@@ -182,6 +178,14 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=own_maps)
 
 
+def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFrame:
+    """Read a table that has a row for each query, in their order."""
+    table = read_table(path, ("id", *columns))
+    if table["id"].tolist() != ids:
+        raise BenchmarkError("the rows are not those of queries.csv", where=path, fix=_ANEW)
+    return table
+
+
 def _read_crops(path: Path, ids: list[str], maps: Sequence[ReferenceMap]) -> Ints:
     """Read the windows (Q, 4) of the queries, each inside its map."""
     table = _read_rows(path, CROP_COLUMNS, ids)
@@ -194,21 +198,12 @@ def _read_crops(path: Path, ids: list[str], maps: Sequence[ReferenceMap]) -> Int
     return windows
 
 
-def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFrame:
-    """Read a table that has a row for each query, in their order."""
-    table = read_table(path, ("id", *columns))
-    if table["id"].tolist() != ids:
-        raise BenchmarkError("the rows are not those of queries.csv", where=path, fix=_ANEW)
-    return table
-
-
 def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceMap, ...]:
     """Read the queries' maps, and compare them with those that were prepared."""
     maps = []
     for row in _read_rows(path, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
-        transform = [float(row[name]) for name in _GRID[2:]]
         size = {"width": int(row["width"]), "height": int(row["height"])}
-        grid = size | {"transform": transform, "crs": row["crs"]}
+        grid = size | {"transform": [float(row[name]) for name in _TRANSFORM], "crs": row["crs"]}
         maps.append(_checked_map(*own_map(folder, row["id"]), str(row["dsm_sha256"]), grid))
     return tuple(maps)
 
@@ -216,10 +211,9 @@ def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceM
 def _read_grid(path: Path) -> dict[str, Any]:
     text = read_text(path, BenchmarkError, "grid of the map", _MAP_LIMIT_BYTES)
     try:
-        prepared = json.loads(text)
-    except ValueError as error:
+        return dict(json.loads(text))
+    except (ValueError, TypeError) as error:
         raise BenchmarkError(f"not JSON: {error}", where=path, fix=_ANEW) from error
-    return prepared if isinstance(prepared, dict) else {}
 
 
 def _checked_map(

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from rasterio import Affine
 from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
 
 from airzoo_bench.core.errors import BenchmarkError
@@ -18,7 +17,6 @@ from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, world_to_camera
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
-from airzoo_bench.matching import baseline
 from airzoo_bench.matching.baseline import Task, _match_task, lie_on_map, match, resample
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
@@ -112,18 +110,6 @@ def test_nothing_is_matched_where_the_map_has_no_data() -> None:
     assert (crop[row, column] > 0).all()
 
 
-@pytest.mark.parametrize("blank", ["query", "crop"])
-def test_blank_images_have_no_matches(blank: str) -> None:
-    query, crop = texture(128, 96), texture(200, 160)
-    flat = np.zeros_like(query if blank == "query" else crop)
-    query, crop = (flat, crop) if blank == "query" else (query, flat)
-    for array in match(
-        query, camera(128, 96), crop, turn_deg=0.0, crop_scale=1.0, settings=SETTINGS
-    ):
-        assert array.shape == (0, 2)
-        assert array.dtype == np.float64
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
     """Return two photos of a map, 3.1 times as fine; libjpeg's reductions do not divide them."""
@@ -151,43 +137,6 @@ def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
         assert np.abs(np.median(off[far], axis=0)).max() < 0.4
 
 
-def test_a_limit_of_size_keeps_the_two_scales_alike(made: list[Task]) -> None:
-    small = replace(SETTINGS, max_side_px=160)
-    query_xy, map_xy = _match_task(small, made[0])
-    off = query_xy - 3.1 * (map_xy - (110.0, 60.0))
-    assert len(off) > 20
-    assert np.abs(np.median(off, axis=0)).max() < 0.5
-
-
-@pytest.mark.parametrize(
-    ("ratio", "max_side", "photo", "crop"),
-    [
-        (0.5, 2000, (402, 326), (320, 260)),  # halves of 803 and 651, rounded to even
-        (2.0, 2000, (803, 651), (160, 130)),
-        (1.0, 160, (160, 130), (64, 52)),  # the photo's longer side decides
-        (0.25, 160, (100, 81), (160, 130)),  # the crop's does
-    ],
-)
-def test_sizes_that_features_are_sought_at(
-    made: list[Task],
-    monkeypatch: pytest.MonkeyPatch,
-    ratio: float,
-    max_side: int,
-    photo: tuple[int, int],
-    crop: tuple[int, int],
-) -> None:
-    shapes = []
-
-    def spy(image: np.ndarray, *_: object, doubled: bool) -> object:
-        shapes.append(image.shape[::-1])
-        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
-
-    monkeypatch.setattr(baseline, "extract", spy)
-    task, chosen = replace(made[0], gsd_ratio=ratio), replace(SETTINGS, max_side_px=max_side)
-    _match_task(chosen, task)
-    assert shapes == [photo, crop]
-
-
 def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path) -> None:
     other = replace(made[0], camera=camera(800, 650))
     with pytest.raises(BenchmarkError, match=r"803 x 651 px(.|\n)*800 x 650 px") as caught:
@@ -195,11 +144,6 @@ def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path) -> None:
     assert caught.value.where == str(made[0].photo)
     with pytest.raises(BenchmarkError, match="not a readable photo"):
         _match_task(SETTINGS, replace(made[0], photo=tmp_path / "c.jpg"))
-
-
-@pytest.fixture
-def north_up(tmp_path: Path) -> Path:
-    return write_tif(tmp_path / "dom.tif", np.zeros((3, 40, 40), np.uint8))
 
 
 @pytest.mark.parametrize(
@@ -214,27 +158,15 @@ def north_up(tmp_path: Path) -> Path:
     ],
 )
 def test_plans_worked_by_hand(
-    north_up: Path, yaw: float, pitch: float, height: float, turn: float, ratio: float
+    tmp_path: Path, yaw: float, pitch: float, height: float, turn: float, ratio: float
 ) -> None:
     rotation = angles_to_rotations(yaw, pitch, 0.0, convergence_deg=0.0)[None]
     prior = Poses(rotation=rotation, centres=np.array(((576010.0, 5187990.0, height),)))
     one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
-    dom = open_info(north_up)
+    dom = open_info(write_tif(tmp_path / "dom.tif", np.zeros((3, 40, 40), np.uint8)))
     found = lie_on_map(one, prior, "EPSG:32615", dom, 50.0)
     assert found[0] == pytest.approx(turn, abs=1e-6)
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
-
-
-def test_a_map_turned_on_its_grid_turns_the_plan(tmp_path: Path) -> None:
-    # Columns run south, rows run west: east is up the map, a quarter anticlockwise from its right.
-    turned = Affine(0.0, -0.5, 576020.0, -0.5, 0.0, 5188000.0)
-    dom = open_info(
-        write_tif(tmp_path / "t.tif", np.zeros((3, 40, 40), np.uint8), transform=turned)
-    )
-    down = angles_to_rotations(0.0, -90.0, 0.0, convergence_deg=0.0)[None]
-    prior = Poses(rotation=down, centres=np.array(((576010.0, 5187990.0, 150.0),)))
-    one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
-    assert lie_on_map(one, prior, 32615, dom, 50.0)[0] == pytest.approx(-90.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -43,13 +43,8 @@ def with_solver(world: World, path: Path, changes: dict[str, Any]) -> Path:
     ("changes", "message"),
     [
         ({"max_trials": 999}, "max_trials is 999, below min_trials, 1000"),
-        ({"max_trials": 2**63}, "max_trials"),
-        ({"min_trials": 2**63}, "min_trials"),
-        ({"max_matches": 3}, "max_matches"),
         ({"max_matches": 10**9}, "max_matches"),
         ({"max_trials_times_matches": 10_000_000}, "are 20000000 already"),
-        ({"max_trials_times_matches": 2**63}, "max_trials_times_matches"),
-        ({"least_matches": 3}, "least_matches"),
         ({"confidence": 1.0}, "confidence"),
     ],
 )

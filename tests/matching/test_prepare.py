@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 import rasterio
 from hypothesis import given, settings
-from pyproj import CRS, Transformer
+from pyproj import CRS
 from rasterio import Affine
 
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, SceneInputs, poses_of
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, SceneInputs, poses_of
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
@@ -30,7 +30,7 @@ from airzoo_bench.matching.prepare import CropStatus, build_truth, crop_windows,
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth
 from tests.geometry.support import looking_down, quick, seeds, write_tif
-from tests.matching.world import MAP_PX, made_inputs
+from tests.matching.world import made_inputs
 
 NAN = np.nan
 X, Y = 576000.0, 5188000.0
@@ -70,8 +70,7 @@ def cut(
 ) -> tuple[int, ...]:
     """The crop of one photo on a map of 1000 m by 2000 m; rays are along (+-3, +-2, -6) / 7."""
     pose = Poses.from_centres(looking_down(tilt), [at])
-    where = {"crop": crop, "plane_height_m": -20.0}
-    windows, _ = crop_windows(camera(f), pose, map_of(500, 1000), field, **where)
+    windows, _ = crop_windows(camera(f), pose, map_of(500, 1000), field, crop, -20.0)
     return tuple(windows[0].tolist())
 
 
@@ -117,28 +116,11 @@ def test_cut_to_the_map_and_off_it_and_without_a_ray() -> None:
     lens = np.zeros((4, 4))
     lens[3, 0] = -9.0  # a barrel that folds back before the corners
     cameras = Cameras.from_matrices(K, 600, 400, lens)
-    where = {"crop": rule(0.0, 300.0), "plane_height_m": 0.0}
-    windows, status = crop_windows(cameras, poses, map_of(500, 600), LEVEL, **where)
+    crop = rule(0.0, 300.0)
+    windows, status = crop_windows(cameras, poses, map_of(500, 600), LEVEL, crop, 0.0)
     assert windows.tolist() == [[0, 0, 20, 13], [0] * 4, [480, 585, 20, 15], [0] * 4]
     cropped = CropStatus.CROPPED
     assert status.tolist() == [cropped, CropStatus.OFF_MAP, cropped, CropStatus.NO_RAY]
-
-
-def test_map_in_degrees() -> None:
-    pose = Poses.from_centres(looking_down(0), [(X, Y, 100.0)])
-    to_degrees = Transformer.from_crs(32615, 4326, always_xy=True)
-    west, north = to_degrees.transform(X - 200, Y + 200)
-    step = 5e-6
-    dom = map_of(2000, 2000, Affine(step, 0, west, 0, -step, north), 4326)
-    where = {"crop": rule(0.0, 300.0), "plane_height_m": 0.0}
-    windows, _ = crop_windows(camera(600), pose, dom, LEVEL, **where)
-    lon, lat = to_degrees.transform(
-        [X - 50, X + 50, X + 50, X - 50], np.add(Y, [33.33333333] * 2 + [-33.33333333] * 2)
-    )
-    column, row = (np.array(lon) - west) / step, (north - np.array(lat)) / step
-    x, y, width, height = windows[0]
-    assert (x, y) == (np.floor(column.min()), np.floor(row.min()))
-    assert (x + width, y + height) == (np.ceil(column.max()), np.ceil(row.max()))
 
 
 def test_a_hole_meets_the_nearest_height() -> None:
@@ -183,15 +165,6 @@ def built(inputs: SceneInputs, photos: pd.DataFrame, prior: Prior = METADATA) ->
     return build_truth(replace(inputs, photos=photos), rule(0.1, 500.0), prior)
 
 
-def test_every_photo_with_a_prior_is_a_query(inputs: SceneInputs) -> None:
-    truth = built(inputs, inputs.photos)
-    assert truth.queries["id"].tolist() == inputs.photos["id"].tolist()
-    assert truth.excluded.empty
-    assert truth.excluded.columns.tolist() == ["id", "image", "reason"]
-    assert (truth.crops[:, 2:] > 60).all()
-    assert (truth.crops[:, :2] + truth.crops[:, 2:] <= MAP_PX).all()
-
-
 def test_photos_without_a_crop_are_left_out_with_the_reason(inputs: SceneInputs) -> None:
     photos = inputs.photos.copy()
     photos.loc[photos.index[0], "prior_qz"] = NAN
@@ -202,20 +175,6 @@ def test_photos_without_a_crop_are_left_out_with_the_reason(inputs: SceneInputs)
     assert truth.excluded["image"].tolist() == ["q0.png", "q4.png"]
     assert truth.excluded["reason"].tolist() == [CropStatus.NO_PRIOR, CropStatus.OFF_MAP]
     assert len(built(inputs, photos.assign(prior_z=NAN)).excluded) == 5
-
-
-@pytest.mark.parametrize("away_m", [0.0, 1e-2, 0.05])
-def test_a_prior_that_is_the_truth_is_refused(inputs: SceneInputs, away_m: float) -> None:
-    photos = inputs.photos.copy()
-    photos[list(PRIOR_COLUMNS)] = photos[list(POSE_COLUMNS)].to_numpy()
-    photos["prior_x"] += away_m
-    # A quaternion and its negative are one rotation.
-    photos[["prior_qw", "prior_qx", "prior_qy", "prior_qz"]] *= -1
-    if away_m > 0.02:
-        assert len(built(inputs, photos).queries) == 5
-        return
-    with pytest.raises(BenchmarkError, match=r"prior\.source = 'truth'"):
-        built(inputs, photos)
 
 
 @pytest.mark.parametrize("moved", [0, 2])
@@ -270,20 +229,3 @@ def test_written_crops(tmp_path: Path) -> None:
     afar = write_tif(tmp_path / "afar.tif", heights[:9, :9], transform=GRID)
     with pytest.raises(RasterError, match="does not meet"):
         write_crop(dom, afar, (0, 0, 5, 5), tmp_path / "none", "photo")
-
-
-def test_written_crop_keeps_mask_scale_and_palette(tmp_path: Path) -> None:
-    grey = np.arange(48, dtype=np.uint8).reshape(6, 8)
-    dom = write_tif(tmp_path / "dom.tif", grey, photometric="palette")
-    dsm = write_tif(tmp_path / "dsm.tif", grey.astype(np.int16))
-    with rasterio.open(dom, "r+") as dataset:
-        dataset.write_colormap(1, {7: (10, 20, 30, 255)})
-    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(dsm, "r+") as dataset:
-        dataset.scales, dataset.offsets = (0.1,), (100.0,)
-        dataset.write_mask(np.where(grey == 20, 0, 255).astype(np.uint8))
-    first, second = write_crop(dom, dsm, (2, 1, 5, 4), tmp_path / "out", "a")
-    with rasterio.open(first) as crop:
-        assert crop.colormap(1)[7] == (10, 20, 30, 255)
-    whole, part = HeightField.read(dsm), HeightField.read(second)
-    assert np.array_equal(part.heights, whole.heights[0:6, 1:8], equal_nan=True)
-    assert np.isnan(part.heights).sum() == 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,14 +10,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import solving
-from airzoo_bench.matching.settings import Solver
 from airzoo_bench.matching.solving import PoseEstimate, Status, solve_pose, solve_queries
-from airzoo_bench.results.records import csv_blocks
 from tests.engines.scattered import Scattered
 from tests.geometry.support import LENSES
 from tests.matching.pose_support import (
@@ -81,15 +75,6 @@ def test_camera_is_the_solvers_own(lens: Any) -> None:
     np.testing.assert_allclose(theirs.img_from_cam(points), scene.problem.query_xy, atol=1e-9)
 
 
-def test_inliers_are_those_within_the_limit(name: str) -> None:
-    scene = make_scene(3)
-    scene.problem.query_xy[10] += (3.0, 0.0)
-    scene.problem.query_xy[20] += (0.0, 11.0)
-    assert np.flatnonzero(~solve(scene.problem, name=name).inliers).tolist() == [20]
-    strict = solve(scene.problem, name=name, max_error_px=1.0)
-    assert np.flatnonzero(~strict.inliers).tolist() == [10, 20]
-
-
 def test_place_on_earth_does_not_matter(name: str) -> None:
     here = make_scene(4, noise_px=1.0, outliers=0.5)
     there = make_scene(4, noise_px=1.0, outliers=0.5, origin=PROJECTED)
@@ -97,31 +82,6 @@ def test_place_on_earth_does_not_matter(name: str) -> None:
     assert np.abs(moved.centre - PROJECTED - found.centre).max() < 1e-6
     assert np.abs(moved.rotation - found.rotation).max() < 1e-8
     assert (moved.inliers == found.inliers).all()
-
-
-def test_seed_and_trials_count(name: str) -> None:
-    problem = make_scene(5, noise_px=2.0, outliers=0.6).problem
-    assert len({fingerprint(solve(problem, seed=seed)) for seed in range(5)}) > 1
-    problem = make_scene(6, noise_px=1.0, outliers=0.9, count=1000).problem
-    few = solve(problem, name=name, min_trials=1, max_trials=3)
-    assert few.inliers.sum() < solve(problem, name=name).inliers.sum()
-
-
-def test_global_random_numbers_and_threads_have_no_part(name: str) -> None:
-    problem = make_scene(7, noise_px=1.0, outliers=0.5).problem
-    before = fingerprint(solve(problem, name=name))
-    pycolmap.set_random_seed(99)
-    answers = [fingerprint(solve(problem, name=name))]
-    thread = threading.Thread(target=lambda: answers.append(fingerprint(solve(problem, name=name))))
-    thread.start()
-    thread.join()
-    assert answers == [before, before]
-
-
-def test_poselib_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "poselib", None)
-    with pytest.raises(UsageError, match="pip install poselib"):
-        solve(make_scene(8).problem, name="poselib")
 
 
 # --- order, doubles, bounds ---------------------------------------------------------------------
@@ -151,24 +111,6 @@ def test_beyond_the_limit_a_choice_is_solved() -> None:
     np.testing.assert_array_equal(again.inliers, first.inliers[order])
     assert (solve(scene.problem, max_matches=1000, seed=1).inliers != first.inliers).any()
     assert solve(scene.problem).left_out == 0
-
-
-@pytest.mark.parametrize(
-    ("count", "trials"), [(4_000, 100_000), (5_000, 100_000), (10_000, 50_000), (20_000, 25_000)]
-)
-def test_trials_are_bounded_by_the_matches(
-    count: int, trials: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-
-    def find(camera: Any, xy: Any, points: Any, solver: Solver, trials: Any) -> None:
-        asked.append((len(xy), *trials))
-
-    monkeypatch.setattr(solving, "_find_by_colmap", find)
-    scene = make_scene(34, count=count, outliers=1.0)
-    assert solve(scene.problem).status is Status.NO_POSE
-    solve(scene.problem, max_trials_times_matches=500 * count)
-    assert asked == [(count, 1000, trials), (count, 500, 500)]
 
 
 # --- failures are results -----------------------------------------------------------------------
@@ -217,14 +159,6 @@ def test_failures(case: str, name: str, capfd: pytest.CaptureFixture[str]) -> No
     assert capfd.readouterr() == ("", "")
 
 
-def test_four_matches_will_do(name: str) -> None:
-    scene = make_scene(8)
-    camera, xy, points = scene.problem
-    estimate = solve(Problem(camera, xy[:4], points[:4]), name=name)
-    assert estimate.status is Status.SOLVED
-    assert errors(estimate, scene)[0] < 1e-5
-
-
 # --- many queries -------------------------------------------------------------------------------
 
 
@@ -244,28 +178,6 @@ def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> 
     run = Run(jobs=jobs, engine=Scattered(size))
     found = solve_queries(joined(problems), SOLVER, run)
     assert [fingerprint(estimate) for estimate in found] == alone
-
-
-def test_a_fault_of_one_query_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: Any) -> None:
-        raise RuntimeError("broken")
-
-    monkeypatch.setattr(solving, "_find_by_colmap", fail)
-    queries = joined([make_scene(seed).problem for seed in range(3)])
-    with pytest.raises(RuntimeError, match="broken"):
-        solve_queries(queries, SOLVER, Run(jobs=2))
-
-
-@pytest.mark.parametrize("size", [1, 2, None])
-def test_records_do_not_depend_on_the_cut(world: World, tmp_path: Path, size: int | None) -> None:
-    path = world.write(tmp_path / "m.npz", noisy(world, [*range(5)]))
-    runs = [
-        evaluate(path, data=world.root, run=run)
-        for run in (Run(jobs=2, keep=True), Run(engine=Scattered(size), keep=True))
-    ]
-    assert len({b"".join(csv_blocks(run.records)) for run in runs}) == 1
-    for here, there in zip(*(run.scored["hills"].details[1] for run in runs), strict=True):
-        assert fingerprint(here) == fingerprint(there)
 
 
 def test_workers_of_dask_give_the_same_files(world: World, tmp_path: Path) -> None:

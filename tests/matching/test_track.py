@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
-from airzoo_bench.matching.scoring import score_scene
 from airzoo_bench.tables.layouts import scenes_table
 from tests.matching.world import (
-    EAST,
     N_MATCHES,
     N_QUERIES,
-    NORTH,
     World,
     evaluated,
     made_matching_protocol,
     make_world,
-    matched,
     noisy,
     records,
 )
-from tests.support import run_main, write_raster
+from tests.support import run_main
 
 GIVEN = {"matches": "matches", "in_crops": "matches", "pairs": "pairs", "poses": "poses"}
 
@@ -100,47 +91,6 @@ def test_failures_stay_in_median_and_denominator(
     assert f"were dropped: {N_MATCHES} outside the map" in said
 
 
-def test_poses_that_were_not_found_are_failures(world: World, tmp_path: Path) -> None:
-    fields = world.poses()
-    fields["poses"][:3] = np.nan
-    rows = records(world, tmp_path, fields)
-    assert rows["status"].tolist() == ["no pose given"] * 3 + ["given"] * 2
-    assert np.isposinf(rows["error_m"][:3]).all()
-
-
-def test_outliers_and_what_they_cost(world: World, tmp_path: Path) -> None:
-    map_xy = [xy.copy() for xy in world.map_xy]
-    for xy in map_xy:
-        xy[: N_MATCHES // 2] = xy[: N_MATCHES // 2][::-1] + 25.0
-    run = evaluated(world, tmp_path, world.correspondences(world.query_xy, map_xy=map_xy))
-    assert run.records["error_m"].max() < 1e-6
-    for one in run.scored["hills"].details[1]:
-        assert one.inliers.tolist() == [row >= N_MATCHES // 2 for row in range(N_MATCHES)]
-
-
-def on_surface(world: World, folder: Path, heights: np.ndarray[Any, Any], **grid: Any) -> Scored:
-    """Score exact matches on another surface model, a pixel 100 m unless `grid` says."""
-    transform = Affine(100.0, 0, EAST, 0, -100.0, NORTH)
-    dsm = write_raster(folder / "other.tif", heights, transform=transform, **grid)
-    truth = replace(world.truth, maps=(replace(world.truth.maps[0], dsm=dsm),))
-    predicted = matched(world, folder, world.matches())
-    return score_scene(truth, predicted, world.protocol, Run())
-
-
-def test_matches_off_the_surface_model(world: World, tmp_path: Path) -> None:
-    rows = on_surface(world, tmp_path, np.full((1, 1, 1), 100.0, np.float32)).records
-    assert (rows["outside_dsm"] == N_MATCHES).sum() >= 3
-    assert (rows["outside_dsm"] + rows["lifted"] == N_MATCHES).all()
-    assert np.isposinf(rows["error_m"][rows["lifted"] == 0]).all()
-
-
-def test_a_surface_model_without_heights(world: World, tmp_path: Path) -> None:
-    nothing = np.full((1, 7, 7), -9999.0, np.float32)
-    rows = on_surface(world, tmp_path, nothing, nodata=-9999.0).records
-    assert (rows["no_height"] == N_MATCHES).all()
-    assert rows["failed"].all()
-
-
 def test_records_do_not_depend_on_order_or_workers(world: World, tmp_path: Path) -> None:
     written = {}
     for name, order, jobs in (("a", [0, 1, 2, 3, 4], 1), ("b", [3, 0, 4, 2, 1], 3)):
@@ -159,17 +109,6 @@ def test_records_do_not_depend_on_order_or_workers(world: World, tmp_path: Path)
     assert (timings["seconds"] > 0).all()
 
 
-def test_ids_of_another_benchmark(world: World, tmp_path: Path) -> None:
-    fields = world.matches(query_ids=np.array([f"City/{q}" for q in range(N_QUERIES)]))
-    with pytest.raises(PredictionError, match="none of its query ids belongs") as caught:
-        records(world, tmp_path, fields)
-    assert "hills/q0" in str(caught.value)
-    more = world.poses()
-    more["query_ids"] = np.array([*world.ids[:4], "hills/unknown"])
-    result = evaluated(world, tmp_path, more).result
-    assert (result.extra_queries, result.counts["hills"]["missing"]) == (1, 1)
-
-
 def test_without_trusted_orientation_there_is_no_pose_recall(tmp_path: Path) -> None:
     world = make_world(tmp_path, made_matching_protocol("airzoo-real-matching"))
     run = evaluated(world, tmp_path, world.matches())
@@ -177,16 +116,6 @@ def test_without_trusted_orientation_there_is_no_pose_recall(tmp_path: Path) -> 
     assert titles == ["Scene", "Queries", "Median", "@5m", "@10m", "@20m"]
     assert not any("deg" in column for column in run.records.columns[:-1])
     assert not any("deg" in score for score in run.result.overall)
-
-
-def test_infinity_survives_json(world: World, tmp_path: Path, failing: dict[str, Any]) -> None:
-    path = world.write(tmp_path / "m.npz", failing)
-    out = tmp_path / "out"
-    assert run_main("eval", "matching", path, "--data", world.root, "--out", out) == 0
-    result = json.loads((out / "result.json").read_text())
-    assert result["overall"]["error_m"] == "Infinity"
-    assert pd.read_csv(out / "records.csv")["error_m"].tolist()[:3] == [np.inf] * 3
-    assert run_main("table", out / "result.json") == 0
 
 
 def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path: Path) -> None:
@@ -267,8 +196,3 @@ def test_answers_about_the_prior_are_counted_however_they_are_given(
         fields = world.correspondences(list(pixels), points3d=list(camera_to_world(poses, points)))
     counts = evaluated(world, tmp_path, fields).result.counts["hills"]
     assert (counts["equal_to_prior"], counts["near_prior"]) == (0, near)
-
-
-def test_priors_that_are_the_truth_are_no_reference(tmp_path: Path) -> None:
-    world = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
-    assert evaluated(world, tmp_path, world.matches()).result.references == {}
