@@ -35,7 +35,6 @@ from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching.solving import solve_queries
-from airzoo_bench.results.records import csv_blocks
 from tests.matching.pose_support import SOLVER, fingerprint, joined, make_scene
 from tests.support import MadeScene, made_protocol, write_benchmark
 
@@ -138,7 +137,7 @@ def retrieval(home: Path, sizes: Sizes) -> Work:
 
     def work(run: Run) -> bytes:
         run = evaluate(predictions, track="retrieval", data=data, run=run)
-        return b"".join(csv_blocks(run.records))
+        return run.records.to_csv(index=False).encode()
 
     return work
 

@@ -12,21 +12,6 @@ from airzoo_bench.results.result import Result, ScoreColumn
 if TYPE_CHECKING:  # records need pandas, which tables of results do without
     from airzoo_bench.results.records import Scored
 
-__all__ = [
-    "apart_in",
-    "check_comparable",
-    "check_same_column",
-    "check_same_queries",
-    "check_score",
-    "choose_scores",
-    "find_scene",
-    "first_names",
-    "named_scores",
-    "other_settings",
-    "score_keys",
-    "version_notes",
-]
-
 _SHOWN = 3
 _LONGEST = 60
 

@@ -29,23 +29,6 @@ from airzoo_bench.statistics.significance import (
 if TYPE_CHECKING:  # records need pandas, which tables of results do without
     from airzoo_bench.results.records import Scored
 
-__all__ = [
-    "FLOOR_MARK",
-    "AgainstBest",
-    "Comparison",
-    "Pair",
-    "against_best",
-    "compare",
-    "find_one",
-    "floor_note",
-    "is_hit",
-    "is_share",
-    "make_sample",
-    "notes_of",
-    "pooled_sample",
-    "score_intervals",
-]
-
 FLOOR_MARK = "‡"
 """What stands behind the name of a method that is no better than a reference."""
 

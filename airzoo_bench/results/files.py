@@ -15,8 +15,6 @@ from airzoo_bench.storage.mirror import Mirror, fetched, versions_of
 from airzoo_bench.storage.remote import find, matching
 from airzoo_bench.storage.urls import Url, url_of
 
-__all__ = ["method_names", "records_path", "result_paths", "results_here"]
-
 _FILE = "result.json"
 _RECORDS = "records.csv"
 

@@ -30,20 +30,6 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import validation_message
 from airzoo_bench.results.scores import Score
 
-__all__ = [
-    "SHARE_SLACK",
-    "PredictionsUsed",
-    "ProtocolUsed",
-    "ReaderUsed",
-    "Reference",
-    "Result",
-    "ScoreColumn",
-    "TruthUsed",
-    "read_result",
-    "score_columns",
-    "write_result",
-]
-
 SHARE_SLACK = 1e-9
 """By how much rounding may lift a share above 1."""
 

@@ -13,8 +13,6 @@ from airzoo_bench.geometry.arrays import Bools
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Score", "Summary", "concatenate", "summarise"]
-
 
 @dataclass(frozen=True)
 class Score:

@@ -28,8 +28,6 @@ from airzoo_bench.statistics.samples import (
 )
 from airzoo_bench.statistics.shares import average_limits, difference_limits
 
-__all__ = ["FEWEST", "Interval", "SampleIntervals", "bootstrap", "sample_intervals"]
-
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
 
@@ -37,7 +35,7 @@ _TIE = 1e-12  # of the numbers' size: closer ones differ by rounding alone
 _ALIKE = 1e-9
 _MOST = 10.0  # an upper limit above so many times the mean is not known
 
-Pairs = Sequence[tuple[int, int]]
+Pairs = Sequence[tuple[int, int]] | NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -51,6 +49,11 @@ class Interval:
     high: float | None
     method: str = ""
     reason: str = ""
+
+    @classmethod
+    def lacking(cls, reason: str) -> Interval:
+        """Return no interval, for a reason."""
+        return cls(None, None, "", reason)
 
 
 @dataclass(frozen=True)
@@ -76,61 +79,61 @@ def sample_intervals(
     """
     if sample.unit == "scene":
         return _over_scenes(sample, resampling, differences)
-    shares = sample.are_shares
-    if not shares.any():
-        return bootstrap(sample, resampling, differences, groups=groups)
-    if shares.all():
-        return _of_shares(sample, resampling, differences, groups=groups)
-    parts = []
-    for some in (~shares, shares):
-        numbers = np.cumsum(some) - 1
-        pairs = [(int(numbers[a]), int(numbers[b])) for a, b in differences if some[a]]
-        values = tuple(part[some] for part in sample.values)
-        chosen = replace(sample, values=values, medians=sample.medians[some], shares=shares[some])
-        parts.append(sample_intervals(chosen, resampling, pairs, groups=groups))
-    # Variables first, then differences, in the order that was asked for.
-    rows = [*shares.tolist(), *(bool(shares[one]) for one, _ in differences)]
-    p_values = [iter(part.p_values) for part in parts]
-    return SampleIntervals(
-        {group: _merge(rows, *(part.groups[group] for part in parts)) for group in parts[0].groups},
-        _merge(rows, *(part.overall for part in parts)),
-        [next(p_values[is_share]) for is_share in rows[len(shares) :]],
+    pairs, shares = _as_array(differences), sample.are_shares
+    variables, rows = len(shares), len(shares) + len(pairs)
+    nothing = Interval.lacking("")
+    found = SampleIntervals(
+        {group: [nothing] * rows for group in sample.groups if groups},
+        [nothing] * rows,
+        [None] * len(pairs),
     )
+    for some, take in ((~shares, bootstrap), (shares, _of_shares)):
+        if not some.any():
+            continue
+        places = np.flatnonzero(np.concatenate([some, some[pairs[:, 0]]])).tolist()
+        own = (np.cumsum(some) - 1)[pairs[some[pairs[:, 0]]]]
+        part = take(sample.take(some), resampling, own, groups=groups)
+        for target, source in (
+            (found.overall, part.overall),
+            *((found.groups[group], part.groups[group]) for group in found.groups),
+        ):
+            for place, interval in zip(places, source, strict=True):
+                target[place] = interval
+        for place, p_value in zip(places[int(some.sum()) :], part.p_values, strict=True):
+            found.p_values[place - variables] = p_value
+    return found
 
 
-def _merge(rows: Sequence[bool], *parts: Sequence[Interval]) -> list[Interval]:
-    sides = [iter(part) for part in parts]
-    return [next(sides[is_share]) for is_share in rows]
+def _as_array(pairs: Pairs) -> NDArray[np.intp]:
+    return np.array(pairs, np.intp).reshape(-1, 2)
 
 
-def few_units(units: int, group: str, unit: str) -> Interval | None:
+def _few_units(units: int, group: str, unit: str) -> Interval | None:
     """Say that a group, of any name or none, has too few units for an interval, or return None."""
     if units >= FEWEST:
         return None
     where = f" in scene {group}" if group else ""
-    reason = f"only {counted(units, unit)}{where}: an interval needs {FEWEST}"
-    return Interval(None, None, "", reason)
+    return Interval.lacking(f"only {counted(units, unit)}{where}: an interval needs {FEWEST}")
 
 
 def _of_shares(
     sample: Sample, resampling: ResamplingConfig, differences: Pairs, *, groups: bool
 ) -> SampleIntervals:
-    pairs = np.array(differences, np.intp).reshape(-1, 2)
-    found = {}
+    pairs, found = _as_array(differences), {}
     for group, values in zip(sample.groups, sample.values, strict=True) if groups else ():
         alone = replace(sample, groups=(group,), values=(values,))
-        found[group] = _of_shares(alone, resampling, differences, groups=False).overall
-    without = [None] * len(pairs)
-    few = few_units(*sample.fewest, sample.unit)
+        found[group] = _of_shares(alone, resampling, pairs, groups=False).overall
+    without: list[float | None] = [None] * len(pairs)
+    few = _few_units(*sample.fewest, sample.unit)
     if few is not None:
-        return SampleIntervals(found, [few] * (len(sample.medians) + len(pairs)), [*without])
-    gaps = [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
+        return SampleIntervals(found, [few] * (len(sample.medians) + len(pairs)), without)
+    gaps = sample.differences(pairs[:, 0], pairs[:, 1])
     method = "wilson" if len(sample.groups) == 1 else "mover"
     means = average_limits(sample.values, resampling.confidence).tolist()
     overall = [Interval(low, high, method) for low, high in means]
     limits = difference_limits(gaps, resampling.confidence).tolist()
     overall += [Interval(low, high, "mover") for low, high in limits]
-    return SampleIntervals(found, overall, [*without])
+    return SampleIntervals(found, overall, without)
 
 
 class _Part(NamedTuple):
@@ -157,27 +160,20 @@ def bootstrap(
     """
     if not sample.groups:
         raise ValueError("a sample has at least one group")
-    pairs = np.array(differences, np.intp).reshape(-1, 2)
-    variables, rows = len(sample.medians), len(sample.medians) + len(pairs)
+    pairs = _as_array(differences)
+    rows = len(sample.medians) + len(pairs)
     found: dict[str, list[Interval]] = {}
-    total = _Part(
-        np.zeros(variables),
-        np.zeros((variables, resampling.resamples)),
-        np.zeros((rows, 2)),
-        np.zeros(rows, np.bool_),
-    )
+    total: _Part | None = None
     for group, values in zip(sample.groups, sample.values, strict=True):
-        few = few_units(values.shape[1], group, sample.unit)
-        if few is not None:
-            found[group] = [few] * rows
-            continue
-        part = _resample(group, values, sample.medians, pairs, resampling)
-        found[group] = _bootstrapped(part, pairs, resampling, sample.unit) if groups else []
-        total = _Part(*map(np.add, total, part))
-    found = found if groups else {}
-    few = few_units(*sample.fewest, sample.unit)
-    if few is not None:
-        return SampleIntervals(found, [few] * rows, [None] * len(pairs))
+        few = _few_units(values.shape[1], group, sample.unit)
+        if few is None:
+            part = _resample(group, values, sample.medians, pairs, resampling)
+            total = part if total is None else _Part(*map(np.add, total, part))
+        if groups:
+            found[group] = [few] * rows if few else _bootstrapped(part, pairs, resampling, sample)
+    few = _few_units(*sample.fewest, sample.unit)
+    if few is not None or total is None:
+        return SampleIntervals(found, [few or Interval.lacking("")] * rows, [None] * len(pairs))
     # Moments stay sums: the acceleration is the same of any multiple of a statistic.
     number = len(sample.groups)
     overall = total._replace(estimates=total.estimates / number, resamples=total.resamples / number)
@@ -186,7 +182,7 @@ def bootstrap(
     p_values = iter(percentile_p_values(paired_difference(one, other)).tolist())
     return SampleIntervals(
         found,
-        _bootstrapped(overall, pairs, resampling, sample.unit),
+        _bootstrapped(overall, pairs, resampling, sample),
         [next(p_values) if by_median else None for by_median in tested],
     )
 
@@ -204,13 +200,10 @@ def _resample(
     moments = jackknife_moments(np.concatenate([left_out, contrasts]))
     moments[len(values) :][medians[pairs[:, 0]]] = np.inf  # BCa is not for these
     both = np.concatenate([values, differences])
-    return _Part(
-        # On the grid of the resamples: one that is equal to it is then equal to the last bit.
-        weighted_averages(values, medians, np.ones((values.shape[1], 1), np.int64))[:, 0],
-        resampled_averages(values, medians, group, resampling.seed, resampling.resamples),
-        moments,
-        np.asarray((both != both[:, :1]).any(axis=1)),
-    )
+    # On the grid of the resamples: one that is equal to it is then equal to the last bit.
+    estimates = weighted_averages(values, medians, np.ones((values.shape[1], 1), np.int64))[:, 0]
+    resamples = resampled_averages(values, medians, group, resampling)
+    return _Part(estimates, resamples, moments, np.asarray((both != both[:, :1]).any(axis=1)))
 
 
 def jackknife_moments(left_out: Floats) -> Floats:
@@ -225,7 +218,7 @@ def jackknife_moments(left_out: Floats) -> Floats:
 
 
 def _bootstrapped(
-    part: _Part, pairs: NDArray[np.intp], resampling: ResamplingConfig, unit: str
+    part: _Part, pairs: NDArray[np.intp], resampling: ResamplingConfig, sample: Sample
 ) -> list[Interval]:
     one, other = pairs[:, 0], pairs[:, 1]
     sizes = np.abs(np.where(np.isinf(part.estimates), 0.0, part.estimates))
@@ -236,17 +229,15 @@ def _bootstrapped(
         acceleration(part.moments),
         resampling,
     )
-    methods = np.where(exists, resampling.interval, "percentile").tolist()
-    who = [f"all {plural(unit)} are"] * len(sizes)
-    who += [f"the differences of all {plural(unit)} are"] * len(pairs)
-    return [
-        Interval(low, high, method)
-        if varied
-        else Interval(None, None, "", f"{these} alike: resamples cannot differ")
-        for (low, high), method, varied, these in zip(
-            limits.tolist(), methods, part.varied, who, strict=True
-        )
+    found = [
+        Interval(low, high, resampling.interval if has_kind else "percentile")
+        for (low, high), has_kind in zip(limits.tolist(), exists, strict=True)
     ]
+    units = plural(sample.unit)
+    for row in np.flatnonzero(~part.varied).tolist():
+        which = f"all {units}" if row < len(sizes) else f"the differences of all {units}"
+        found[row] = Interval.lacking(f"{which} are alike: resamples cannot differ")
+    return found
 
 
 def quantiles(ranked: Floats, levels: Floats) -> Floats:
@@ -340,21 +331,22 @@ def _over_scenes(
 
     An infinite upper limit is one that is not known. Several groups have no overall interval.
     """
-    pairs = np.array(differences, np.intp).reshape(-1, 2)
-    shares = sample.are_shares
+    pairs, shares = _as_array(differences), sample.are_shares
     found: dict[str, list[Interval]] = {}
     p_values = np.empty(0)
     for group, values in zip(sample.groups, sample.values, strict=True):
         gaps = paired_difference(values[pairs[:, 0]], values[pairs[:, 1]])
         limits, p_values = student(gaps, shares[pairs[:, 0]], resampling.confidence)
-        few = few_units(values.shape[1], group, sample.unit)
+        few = _few_units(values.shape[1], group, sample.unit)
         if few is not None:
             found[group] = [few] * (len(values) + len(pairs))
             continue
-        means = [_mean_of_scenes(*row, resampling) for row in zip(values, shares, strict=True)]
-        found[group] = means + [
-            _of_scenes(row, two, "student", "the differences of all scenes are")
-            for row, two in zip(gaps, limits, strict=True)
+        found[group] = [
+            *(_mean_of_scenes(*row, resampling) for row in zip(values, shares, strict=True)),
+            *(
+                _of_scenes(row, two, "student", "the differences of all scenes are")
+                for row, two in zip(gaps, limits, strict=True)
+            ),
         ]
     overall = found[sample.groups[0]] if len(found) == 1 else []
     return SampleIntervals(found, overall, [None if np.isnan(p) else float(p) for p in p_values])
@@ -386,15 +378,15 @@ def _mean_of_scenes(values: Floats, share: bool, resampling: ResamplingConfig) -
         [limits], _ = student(values[None], np.array([True]), resampling.confidence)
         return _of_scenes(values, np.maximum(limits, 0.0), "student", "all scenes are")
     if values.min() <= 0:
-        return Interval(None, None, "", "a distance of 0 has no logarithm")
+        return Interval.lacking("a distance of 0 has no logarithm")
     return _of_scenes(values, _lognormal(values, resampling), "lognormal", "all scenes are")
 
 
 def _of_scenes(values: Floats, limits: Floats, method: str, which: str) -> Interval:
     if not np.isfinite(values).all():
-        return Interval(None, None, "", "a scene failed")
+        return Interval.lacking("a scene failed")
     if np.isnan(limits).any():
-        return Interval(None, None, "", f"{which} alike")
+        return Interval.lacking(f"{which} alike")
     return Interval(float(limits[0]), float(limits[1]), method)
 
 

@@ -14,7 +14,6 @@ median, where no resample lies beyond 0, is the normal tail with the resamples' 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,10 @@ from airzoo_bench.statistics.samples import (
     TIE,
     ResamplingConfig,
     Sample,
-    blocks,
     difference,
-    exact_products,
     paired_difference,
     resampled_averages,
-    sign_flips,
-    stream_key,
+    without_infinite,
 )
 from airzoo_bench.statistics.shares import (
     combined_limits,
@@ -41,17 +37,15 @@ from airzoo_bench.statistics.shares import (
     reaches_of_hits,
     squared_reaches,
 )
-from airzoo_bench.statistics.significance import LEVEL, holm, mcnemar, p_floor, paired_permutation
-
-__all__ = [
-    "correct_pairs",
-    "pair_limits",
-    "pair_p_values",
-    "rank_ranges",
-    "resamples_for",
-    "told_apart",
-    "unpaired_p_values",
-]
+from airzoo_bench.statistics.significance import (
+    LEVEL,
+    exact_p_values,
+    holm,
+    mcnemar,
+    p_floor,
+    paired_permutation,
+    signed_sums,
+)
 
 _FEW, _MANY, _MOST_METHODS = 2_000, 10_000, 224
 _RESOLVED = 25
@@ -76,8 +70,9 @@ def pair_p_values(sample: Sample, resampling: ResamplingConfig) -> Floats:
     whatever the other variables are.
     """
     found = np.ones((len(sample.medians),) * 2)
-    of_medians, of_scenes = sample.medians.any(), sample.unit == "scene"
-    tests = _test_medians if of_medians else _test_scenes if of_scenes else _test_means
+    tests = _test_scenes if sample.unit == "scene" else _test_means
+    if sample.medians.any():
+        tests = _test_medians
     for one, others, p_values in tests(sample, resampling, np.triu(found, 1) > 0):
         found[one, others] = found[others, one] = p_values
     return found
@@ -91,30 +86,11 @@ def rows_of(wanted: Bools, width: int = 1) -> Iterator[tuple[int, Places]]:
         yield from ((one, others[first : first + step]) for first in range(0, len(others), step))
 
 
-def signed_sums(sample: Sample, resampling: ResamplingConfig) -> Floats:
-    """Sum the groups' means under random signs, (V, B); infinite values count as 0."""
-    draws = np.zeros((len(sample.medians), resampling.resamples))
-    for group, part in zip(sample.groups, sample.values, strict=True):
-        units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
-        values = _without_infinite(part)
-        whole = exact_products(values, np.ones((units, 1)), units)
-        for first, size in blocks(units, resampling.resamples):
-            kept = sign_flips(units, first, size, key).astype(np.float64)
-            sums = 2 * exact_products(values, kept, units) - whole
-            draws[:, first : first + size] += sums / units
-    return draws
-
-
-def _without_infinite(values: Floats) -> Floats:
-    return np.where(np.isinf(values), 0.0, values)
-
-
 def mean_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
     """Average the resamples of `intervals.bootstrap` over groups, (V, B)."""
-    seed, count = resampling.seed, resampling.resamples
-    total = np.zeros((len(sample.medians), count))
+    total = np.zeros((len(sample.medians), resampling.resamples))
     for group, values in zip(sample.groups, sample.values, strict=True):
-        total += resampled_averages(values, sample.medians, group, seed, count)
+        total += resampled_averages(values, sample.medians, group, resampling)
     return total / len(sample.groups)
 
 
@@ -139,7 +115,8 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
     for one, others in rows_of(wanted & either, resampling.resamples >> 4):
         yield one, others, _permuted(sample, resampling, one, others)
     draws, most = signed_sums(sample, resampling), int(np.log2(resampling.resamples))
-    parts = [_without_infinite(part) for part in sample.values]
+    count = resampling.resamples + 1
+    parts = [without_infinite(part) for part in sample.values]
     codes = tie_codes(np.concatenate(parts, axis=1))
     values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
     sums, products = values.sum(axis=1), _exact_gram(values)
@@ -151,22 +128,24 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
         near = scores < _SURE
         least = (observed - TIE * spread)[near, None]
         extreme = (np.abs(draws[others[near]] - draws[one]) >= least).sum(axis=1)
-        p_values[near] = _resolved(extreme, resampling.resamples, p_values[near])
+        resolved, few = (extreme + 1) / count, (_RESOLVED + 1) / count
+        tail = np.minimum(p_values[near], few)
+        p_values[near] = np.where(extreme >= _RESOLVED, resolved, tail)
         # Of k differences the score is at most the root of k.
         close = np.flatnonzero(scores**2 <= most + 1)
         unlike = codes[others[close]] != codes[one]
-        counts = unlike.sum(axis=1)
-        for number in np.unique(counts[counts <= most]).tolist():
-            chosen = counts == number
+        differing = unlike.sum(axis=1)
+        for number in np.unique(differing[differing <= most]).tolist():
+            chosen = differing == number
             places = np.nonzero(unlike[chosen])[1].reshape(np.count_nonzero(chosen), number)
             gaps = values[others[close[chosen], None], places] - values[one, places]
-            p_values[close[chosen]] = _exact_p_values(gaps)
+            p_values[close[chosen]] = exact_p_values(gaps)
         yield one, others, p_values
 
 
 def tie_codes(values: Floats) -> Floats:
     """Round values to 30 binary digits, as if they were at least 1: equal codes are ties."""
-    sizes = np.frexp(np.maximum(1.0, np.abs(_without_infinite(values))))[1]
+    sizes = np.frexp(np.maximum(1.0, np.abs(without_infinite(values))))[1]
     return np.asarray(np.ldexp(np.rint(np.ldexp(values, 31 - sizes)), sizes - 31))
 
 
@@ -196,28 +175,6 @@ def normal_tail(scores: Floats) -> Floats:
     return np.asarray(np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny))
 
 
-def _resolved(extreme: NDArray[np.int64], draws: int, tail: Floats) -> Floats:
-    counted = (extreme + 1) / (draws + 1)
-    bound = (_RESOLVED + 1) / (draws + 1)
-    return np.asarray(np.where(extreme >= _RESOLVED, counted, np.minimum(tail, bound)))
-
-
-def _exact_p_values(gaps: Floats) -> Floats:
-    """Try all patterns of signs of k differences, (C, k): p of each row."""
-    if not gaps.shape[1]:
-        return np.ones(len(gaps))
-    sums = np.abs(gaps @ _every_sign(gaps.shape[1]))
-    least = np.abs(gaps.sum(axis=1)) - TIE * np.abs(gaps).max(axis=1)
-    return np.asarray((sums >= least[:, None]).mean(axis=1))
-
-
-@cache
-def _every_sign(number: int) -> Floats:
-    """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
-    digits = (np.arange(2 ** (number - 1)) >> np.arange(number)[:, None]) & 1
-    return np.asarray(1.0 - 2.0 * digits, np.float64)
-
-
 def _test_medians(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> Tested:
     """Take the bootstrap's p; where all resamples lie on one side of 0, less than one draw."""
     if sample.fewest[0] < FEWEST:  # no interval, and so no finding
@@ -229,7 +186,7 @@ def _test_medians(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -
         found = difference(draws[others], draws[one])
         low, high = found.min(axis=1), found.max(axis=1)
         nearest = np.minimum(np.abs(low), np.abs(high))
-        near = TIE * np.maximum(1.0, _without_infinite(nearest))
+        near = TIE * np.maximum(1.0, without_infinite(nearest))
         mixed = (low <= near) & (high >= -near)
         p_values = np.empty(len(others))
         p_values[mixed] = percentile_p_values(paired_difference(draws[others[mixed]], draws[one]))
@@ -284,7 +241,7 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
             limits[:, one, others] = _limits_of_hits(sample, hits, confidence, one, others).T
     else:
         for one, others in rows_of(wanted, sum(part.shape[1] for part in sample.values)):
-            gaps_of_scenes = [paired_difference(part[one], part[others]) for part in sample.values]
+            gaps_of_scenes = sample.differences(one, others)
             limits[:, one, others] = difference_limits(gaps_of_scenes, confidence).T
     return limits
 

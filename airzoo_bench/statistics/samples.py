@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-
-__all__ = ["TIE", "Method", "ResamplingConfig", "Sample", "difference", "paired_difference"]
 
 Method = Literal["bca", "percentile"]
 
@@ -76,6 +74,16 @@ class Sample:
         """Which variables are shares (V,)."""
         return np.zeros(len(self.medians), np.bool_) if self.shares is None else self.shares
 
+    def take(self, variables: Bools) -> Sample:
+        """Return the sample of some of the variables."""
+        values = tuple(part[variables] for part in self.values)
+        shares = self.are_shares[variables]
+        return replace(self, values=values, medians=self.medians[variables], shares=shares)
+
+    def differences(self, first: NDArray[np.intp] | int, second: NDArray[np.intp]) -> list[Floats]:
+        """Subtract variables unit by unit, as `paired_difference` does: for each group (C, N)."""
+        return [paired_difference(part[first], part[second]) for part in self.values]
+
 
 def difference(first: Floats, second: Floats) -> Floats:
     """Subtract arrays that broadcast; two infinite values, which are failures both, differ by 0."""
@@ -93,6 +101,11 @@ def paired_difference(first: Floats, second: Floats) -> Floats:
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
     tied = np.isfinite(found) & (np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes))
     return np.where(tied, 0.0, found)
+
+
+def without_infinite(values: Floats) -> Floats:
+    """Replace infinite values by 0."""
+    return np.where(np.isinf(values), 0.0, values)
 
 
 def stream_key(seed: int, purpose: str, group: str) -> int:
@@ -136,12 +149,12 @@ def _random_words(needed: int, first: int, count: int, key: int) -> NDArray[np.u
 
 
 def resampled_averages(
-    values: Floats, medians: Bools, group: str, seed: int, resamples: int
+    values: Floats, medians: Bools, group: str, resampling: ResamplingConfig
 ) -> Floats:
-    """Average resamples of a group's units, (V, resamples), all variables by the same draws."""
-    units, key = values.shape[1], stream_key(seed, "bootstrap", group)
-    found = np.empty((len(values), resamples))
-    for first, count in blocks(units, resamples):
+    """Average resamples of a group's units, (V, B), all variables by the same draws."""
+    units, key = values.shape[1], stream_key(resampling.seed, "bootstrap", group)
+    found = np.empty((len(values), resampling.resamples))
+    for first, count in blocks(units, resampling.resamples):
         counts = resample_counts(units, first, count, key)
         found[:, first : first + count] = weighted_averages(values, medians, counts)
     return found
@@ -164,10 +177,9 @@ def weighted_averages(values: Floats, medians: Bools, weights: NDArray[np.intege
 
 
 def _weighted_means(values: Floats, factors: Floats, total: int) -> Floats:
-    infinite = np.isinf(values)
-    means = exact_products(np.where(infinite, 0.0, values), factors, total) / total
-    failing = infinite.any(axis=1)
-    drawn = infinite[failing].astype(np.float64) @ factors
+    means = exact_products(without_infinite(values), factors, total) / total
+    failing = np.isinf(values).any(axis=1)
+    drawn = np.isinf(values[failing]).astype(np.float64) @ factors
     means[failing] = np.where(drawn > 0, np.inf, means[failing])
     return np.asarray(means)
 
@@ -177,11 +189,17 @@ def exact_products(values: Floats, factors: Floats, total: int) -> Floats:
 
     Factors are whole numbers, and no column of them has a larger sum of sizes than `total`.
     """
+    whole, one, other = on_grid(values, total)
+    return np.asarray((whole @ factors) / one / other)
+
+
+def on_grid(values: Floats, total: int) -> tuple[Floats, Floats, Floats]:
+    """Return values as whole numbers of the grid's steps, and the two factors (V, 1) of each."""
     largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
     exponents = EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
-    # Two steps: one power of two for tiny values would be infinite.
+    # Two factors: one power of two for tiny values would be infinite.
     one, other = (np.exp2(half(exponents / 2))[:, None] for half in (np.floor, np.ceil))
-    return np.asarray((np.rint(values * one * other) @ factors) / one / other)
+    return np.rint(values * one * other), one, other
 
 
 def _weighted_medians(
@@ -209,7 +227,7 @@ def leave_one_out(values: Floats, medians: Bools) -> Floats:
     """Average all units but one, for each one of at least 2: the jackknife, (V, N)."""
     averages = np.empty_like(values)
     failing = np.isinf(values[~medians])
-    finite = np.where(failing, 0.0, values[~medians])
+    finite = without_infinite(values[~medians])
     rest = (finite.sum(axis=1, keepdims=True) - finite) / (values.shape[1] - 1)
     others_fail = failing.sum(axis=1, keepdims=True) - failing > 0
     averages[~medians] = np.where(others_fail, np.inf, rest)

@@ -19,8 +19,6 @@ from scipy.special import betaincinv, ndtri, stdtrit
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Rates", "average_limits", "difference_limits", "limits_of_rates"]
-
 _PRIOR = 0.5  # so many queries more at 0, and at 1, as Jeffreys' prior has it
 _ALIKE = 1e-9
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -18,21 +19,13 @@ from airzoo_bench.statistics.samples import (
     Sample,
     blocks,
     difference,
+    on_grid,
     paired_difference,
     sign_flips,
     stream_key,
     weighted_averages,
+    without_infinite,
 )
-
-__all__ = [
-    "LEVEL",
-    "PairedTest",
-    "holm",
-    "mcnemar",
-    "p_floor",
-    "paired_permutation",
-    "paired_tests",
-]
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
@@ -70,16 +63,16 @@ def paired_tests(
     means = [pair for pair, p_value in known if p_value is None and not sample.medians[pair[0]]]
     permuted = iter(paired_permutation(sample, resampling, means))
     tests = []
-    for pair, p_value in known:
-        if not sample.medians[pair[0]]:
+    for (one, other), p_value in known:
+        if not sample.medians[one]:
             units = sample.values[0].shape[1]
             of_scenes = None if p_value is None else PairedTest(p_value, True, units, "student")
             tests.append(of_scenes or next(permuted))
         elif p_value is None:
             tests.append(PairedTest(1.0, False, 0, "bootstrap"))
         else:
-            unlike = sum(int((part != 0).sum()) for part in _differences(sample, np.array([pair])))
-            p_value = max(p_value, p_floor(unlike))
+            gaps = sample.differences(one, other)
+            p_value = max(p_value, p_floor(sum(int((part != 0).sum()) for part in gaps)))
             tests.append(PairedTest(p_value, False, resampling.resamples, "bootstrap"))
     return found.overall[len(sample.medians) :], tests
 
@@ -96,26 +89,65 @@ def paired_permutation(
     Smyth 2010), which is never 0. Where one side's average is infinite, patterns that make it so
     too are ordered by wins minus losses.
     """
-    exact: dict[int, PairedTest] = {}
-    for index, pair in enumerate(pairs):
-        unlike = [part[0] != 0 for part in _differences(sample, np.array([pair]))]
+    failing = np.any([np.isinf(values).any(axis=1) for values in sample.values], axis=0)
+    draws: Floats | None = None
+    tests = []
+    for one, other in pairs:
+        gaps = sample.differences(one, other)
+        unlike = [gap != 0 for gap in gaps]
         patterns = 2 ** sum(int(mask.sum()) for mask in unlike)
-        if patterns <= resampling.resamples:
-            [extreme] = _count_extreme(sample, [pair], patterns, _every_pattern(unlike))
-            exact[index] = PairedTest(int(extreme) / patterns, True, patterns)
-    many = [pair for index, pair in enumerate(pairs) if index not in exact]
-    count, flips = resampling.resamples, _random_patterns(sample, resampling.seed)
-    p_values = (_count_extreme(sample, many, count, flips) + 1) / (count + 1)
-    drawn = iter([PairedTest(p_value, False, count) for p_value in p_values.tolist()])
-    return [exact.get(index) or next(drawn) for index in range(len(pairs))]
+        exact = patterns <= resampling.resamples
+        if failing[one] or failing[other]:
+            patterns = patterns if exact else resampling.resamples
+            flips = _every_pattern(unlike) if exact else _random_patterns(sample, resampling.seed)
+            extreme = _count_by_swaps(sample, one, other, patterns, flips)
+            p_value = (extreme if exact else extreme + 1) / (patterns if exact else patterns + 1)
+        elif exact:
+            scaled = [gap[mask] / len(gap) for gap, mask in zip(gaps, unlike, strict=True)]
+            [p_value] = exact_p_values(np.concatenate(scaled)[None]).tolist()
+        else:
+            patterns = resampling.resamples
+            draws = signed_sums(sample, resampling) if draws is None else draws
+            observed = abs(sum(float(gap.mean()) for gap in gaps))
+            least = observed - TIE * max(float(np.abs(gap).max()) for gap in gaps)
+            extreme = np.count_nonzero(np.abs(draws[one] - draws[other]) >= least)
+            p_value = (extreme + 1) / (patterns + 1)
+        tests.append(PairedTest(p_value, exact, patterns))
+    return tests
 
 
-def _differences(sample: Sample, pairs: NDArray[np.intp]) -> list[Floats]:
-    """Subtract variables unit by unit: for each group C pairs of its N units, (C, N)."""
-    return [paired_difference(part[pairs[:, 0]], part[pairs[:, 1]]) for part in sample.values]
+def signed_sums(sample: Sample, resampling: ResamplingConfig) -> Floats:
+    """Sum the groups' means under random signs, (V, B); infinite values count as 0."""
+    draws = np.zeros((len(sample.medians), resampling.resamples))
+    flips = _random_patterns(sample, resampling.seed)
+    for group, part in enumerate(sample.values):
+        units = part.shape[1]
+        whole, one, other = on_grid(without_infinite(part), units)
+        total = whole.sum(axis=1, keepdims=True)
+        for first, size in blocks(units, resampling.resamples):
+            kept = flips(group, first, size).astype(np.float64)
+            sums = (2 * (whole @ kept) - total) / one / other
+            draws[:, first : first + size] += sums / units
+    return draws
 
 
-def _every_pattern(unlike: Sequence[Bools]) -> _Flips:
+def exact_p_values(gaps: Floats) -> Floats:
+    """Try all patterns of signs of k differences, (C, k): p of each row."""
+    if not gaps.shape[1]:
+        return np.ones(len(gaps))
+    sums = np.abs(gaps @ _every_sign(gaps.shape[1]))
+    least = np.abs(gaps.sum(axis=1)) - TIE * np.abs(gaps).max(axis=1)
+    return np.asarray((sums >= least[:, None]).mean(axis=1))
+
+
+@lru_cache(maxsize=2)
+def _every_sign(number: int) -> Floats:
+    """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
+    digits = (np.arange(2 ** (number - 1)) >> np.arange(number)[:, None]) & 1
+    return np.asarray(1.0 - 2.0 * digits, np.float64)
+
+
+def _every_pattern(unlike: list[Bools]) -> _Flips:
     """Count in binary: one digit for each unit that differs."""
     starts = np.cumsum([0, *(int(mask.sum()) for mask in unlike)])
 
@@ -137,61 +169,36 @@ def _random_patterns(sample: Sample, seed: int) -> _Flips:
     return flips
 
 
-def _count_extreme(sample: Sample, pairs: Pairs, patterns: int, flips: _Flips) -> NDArray[np.int64]:
-    """Count, for each pair, the patterns that differ at least as much as what was observed."""
-    chosen = np.array(pairs, np.intp).reshape(-1, 2)
-    finite = np.all([np.isfinite(values).all(axis=1) for values in sample.values], axis=0)
-    simple = finite[chosen].all(axis=1)
-    counts = np.zeros(len(chosen), np.int64)
-    if simple.any():
-        observed, found = _signed_means(_differences(sample, chosen[simple]), patterns, flips)
-        counts[simple] = (found >= observed[:, None]).sum(axis=1)
-    if not simple.all():
-        counts[~simple] = _count_by_swaps(sample, chosen[~simple], patterns, flips)
-    return counts
+def _count_by_swaps(sample: Sample, one: int, other: int, patterns: int, flips: _Flips) -> int:
+    """Count the patterns that differ at least as much as observed, of means with infinite values.
 
-
-def _signed_means(
-    differences: Sequence[Floats], patterns: int, flips: _Flips
-) -> tuple[Floats, Floats]:
-    """Sum the groups' means, up to the sign: as they are (C,), and by pattern (C, patterns)."""
-    count = len(differences[0])
-    observed, largest, found = np.zeros(count), np.zeros(count), np.zeros((count, patterns))
-    for group, values in enumerate(differences):
-        units, total = values.shape[1], values.sum(axis=1)
-        observed += total / units
-        largest = np.maximum(largest, np.abs(values).max(axis=1))
-        for first, size in blocks(units, patterns):
-            kept = values @ flips(group, first, size).astype(np.float64)
-            found[:, first : first + size] += (2 * kept - total[:, None]) / units
-    return np.abs(observed) - TIE * largest, np.abs(found)
-
-
-def _count_by_swaps(
-    sample: Sample, pairs: NDArray[np.intp], patterns: int, flips: _Flips
-) -> NDArray[np.int64]:
-    """Count for means with infinite values: average what each side then has."""
-
-    def both_sides(pooled: Floats, kept: NDArray[np.uint8]) -> Floats:
-        first, no_median = np.concatenate([kept, 1 - kept]), np.zeros(len(pairs), np.bool_)
-        return np.stack([weighted_averages(pooled, no_median, side) for side in (first, 1 - first)])
-
-    sides, before = np.zeros((2, len(pairs), patterns)), np.zeros((2, len(pairs), 1))
+    Where even the difference as observed is infinite, patterns that make it so are all alike: wins
+    minus losses order them.
+    """
+    sides, before = np.zeros((2, patterns)), np.zeros((2, 1))
+    ahead, observed_ahead = np.zeros(patterns), 0.0
     for group, values in enumerate(sample.values):
-        pooled = np.concatenate([values[pairs[:, 0]], values[pairs[:, 1]]], axis=1)
-        units = values.shape[1]
-        before += both_sides(pooled, np.ones((units, 1), np.uint8))
+        units, pooled = values.shape[1], np.concatenate([values[one], values[other]])[None]
+        signs = np.sign(paired_difference(values[one], values[other]))
+        before += _both_sides(pooled, np.ones((units, 1), np.uint8))
+        observed_ahead += signs.sum() / units
         for first, count in blocks(2 * units, patterns):
-            block = flips(group, first, count)
-            sides[:, :, first : first + count] += both_sides(pooled, block)
-    observed = np.abs(difference(before[0], before[1]))
+            kept, part = flips(group, first, count), slice(first, first + count)
+            sides[:, part] += _both_sides(pooled, kept)
+            ahead[part] += (2.0 * (signs @ kept) - signs.sum()) / units
+    observed = abs(difference(before[0], before[1])[0])
     extreme = np.abs(difference(sides[0], sides[1])) >= (1 - TIE) * observed
-    boundless = np.isinf(observed[:, 0])
-    if boundless.any():  # these are all alike: wins minus losses order them
-        signs = [np.sign(part) for part in _differences(sample, pairs[boundless])]
-        ahead, found = _signed_means(signs, patterns, flips)
-        extreme[boundless] &= found >= ahead[:, None]
-    return np.asarray(extreme.sum(axis=1))
+    if np.isinf(observed):
+        extreme &= np.abs(ahead) >= abs(observed_ahead) - TIE
+    return int(np.count_nonzero(extreme))
+
+
+def _both_sides(pooled: Floats, kept: NDArray[np.uint8]) -> Floats:
+    """Average what each side (2, B) has of pooled values (1, 2 N) where some change places."""
+    first, no_median = np.concatenate([kept, 1 - kept]), np.zeros(1, np.bool_)
+    return np.concatenate(
+        [weighted_averages(pooled, no_median, side) for side in (first, 1 - first)]
+    )
 
 
 def p_floor(unlike: int) -> float:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from airzoo_bench.core.errors import ResultError
-from airzoo_bench.results.comparable import check_comparable, find_scene, version_notes
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.results.comparable import (
+    check_comparable,
+    check_same_queries,
+    choose_scores,
+    find_scene,
+    version_notes,
+)
 from airzoo_bench.results.result import Result
-from tests.statistics.support import made_method
+from tests.statistics.support import HIT, SOFT, made_method, random_methods
 
 
 def result(hits: list[float] = [1.0], **changes: object) -> Result:  # noqa: B006
@@ -19,11 +25,6 @@ def refusal(*results: Result) -> ResultError:
     with pytest.raises(ResultError) as error:
         check_comparable(names, results)
     return error.value
-
-
-def test_alike() -> None:
-    check_comparable(["a"], [result()])
-    check_comparable(["a", "b", "c"], [result(), result([0.0]), result()])
 
 
 def test_settings_that_differ_are_named() -> None:
@@ -67,21 +68,6 @@ def test_scenes_by_id_and_title() -> None:
         find_scene(titles, "Sea")
 
 
-def test_what_is_no_scene_gets_a_hint() -> None:
-    titles = {"field1": "City", "field2": "Rural"}
-    for wanted, hint in (
-        ("Citi", "'City'"),
-        ("Cty", "'City'"),
-        ("RUR", "'Rural'"),
-        ("field3", "'field2' or 'field1'"),
-    ):
-        with pytest.raises(ResultError) as error:
-            find_scene(titles, wanted)
-        assert f"there is no scene '{wanted}' in the results" in error.value.what
-        assert hint in error.value.what
-        assert error.value.expected == "one of field1, field2"
-
-
 @pytest.mark.parametrize(
     "change", [{"title": "R@9"}, {"higher_is_better": False}, {"average": "median"}, {"unit": "m"}]
 )
@@ -91,3 +77,29 @@ def test_scores_of_another_meaning(change: dict[str, object]) -> None:
     assert "mean different things by the score" in (
         refusal(one, two.model_copy(update={"columns": columns})).what
     )
+
+
+def test_results_on_other_queries() -> None:
+    methods = [
+        made_method({name: {"recall@1": hits}})
+        for name, hits in (("s", [1.0, 0.0]), ("s", [1.0]), ("t", [1.0]))
+    ]
+    with pytest.raises(ResultError, match="only 1 query in common"):
+        check_same_queries(methods[:2])
+    with pytest.raises(ResultError, match="no query in common") as error:
+        check_same_queries(methods[1:])
+    assert "2 of 2 (s/q00000, t/q00000)" in error.value.what
+
+
+def test_scores_by_key_and_title() -> None:
+    methods = random_methods(2, {"s": 5}, (HIT, SOFT))
+    assert [c.key for c in choose_scores(methods, [])] == ["recall@1"]
+    assert [c.key for c in choose_scores(methods, ["MRR", "recall@1", "mrr"])] == [
+        "mrr",
+        "recall@1",
+    ]
+    with pytest.raises(UsageError, match=r"called 'recall@2' \(did you mean 'recall@1'"):
+        choose_scores(methods, ["recall@2"])
+    one = made_method({"s": {"recall@1": [1.0], "mrr": [1.0]}}, (HIT, SOFT))
+    with pytest.raises(UsageError, match=r"called 'mrr'\n.*\n.*not all have it"):
+        choose_scores([one, made_method({"s": {"recall@1": [1.0]}})], ["mrr"])

@@ -93,17 +93,6 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     assert table.notes[0].startswith(said)
 
 
-def test_holm_goes_over_the_methods_of_a_score():
-    methods = random_methods(4, {"east": 60, "west": 60}, (HIT, ERROR))
-    pairs = against(*methods).pairs
-    assert [pair.score.key for pair in pairs] == ["recall@1"] * 3 + ["error_m"] * 3
-    for part in (pairs[:3], pairs[3:]):
-        ordered = sorted(part, key=lambda pair: pair.test.p_value)
-        assert ordered[0].p_holm == pytest.approx(min(1, 3 * ordered[0].test.p_value))
-    single = against(*methods[:2]).pairs[0]
-    assert single.p_holm == single.test.p_value
-
-
 def test_scenes_are_resampled_where_they_have_one_record_each():
     names = [f"s{number}" for number in range(6)]
     methods = [

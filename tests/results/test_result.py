@@ -5,44 +5,13 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.results.result import Reference, Result, read_result, write_result
+from airzoo_bench.results.result import Reference, read_result, write_result
 from tests.results.made import result
-
-
-def two_scenes(**changes: Any) -> Result:
-    """Return a result of scenes of 3 and 1 queries."""
-    base = result()
-    scenes = {"s": {"recall@1": 0.5, "distance_m": 8.0}, "t": {"recall@1": 1.0, "distance_m": 2.0}}
-    parts: dict[str, Any] = {
-        "truth": base.truth.model_copy(update={"scene_titles": {"s": "S", "t": "T"}}),
-        "counts": {"s": {"queries": 3}, "t": {"queries": 1}},
-        "scenes": scenes,
-        "overall": {"recall@1": 0.75, "distance_m": 5.0},
-        "pooled": {"recall@1": 0.625, "distance_m": 7.0},
-    }
-    return base.model_copy(update=parts | changes).with_checksum()
-
-
-def test_averages_are_those_of_the_scenes(tmp_path: Path) -> None:
-    write_result(tmp_path / "result.json", two_scenes())
-    assert read_result(tmp_path / "result.json") == two_scenes()
-
-
-def test_the_track_says_what_a_record_is_of() -> None:
-    units = [two_scenes(track=name).unit for name in ("matching", "reconstruction", "gone")]
-    assert units == ["query", "scene", "query"]
-    TRACKS.add("floods", SimpleNamespace(unit="scene"))
-    try:
-        assert two_scenes(track="floods").unit == "scene"
-    finally:
-        TRACKS.remove("floods")
 
 
 def test_both_ways_to_the_last_digit(tmp_path: Path) -> None:
