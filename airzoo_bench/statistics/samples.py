@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 Method = Literal["bca", "percentile"]
+Places = NDArray[np.intp] | int
 
 TIE = 1e-9
 """Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
@@ -80,7 +81,7 @@ class Sample:
         shares = self.are_shares[variables]
         return replace(self, values=values, medians=self.medians[variables], shares=shares)
 
-    def differences(self, first: NDArray[np.intp] | int, second: NDArray[np.intp]) -> list[Floats]:
+    def differences(self, first: Places, second: Places) -> list[Floats]:
         """Subtract variables unit by unit, as `paired_difference` does: for each group (C, N)."""
         return [paired_difference(part[first], part[second]) for part in self.values]
 

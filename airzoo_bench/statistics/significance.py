@@ -110,7 +110,7 @@ def paired_permutation(
             draws = signed_sums(sample, resampling) if draws is None else draws
             observed = abs(sum(float(gap.mean()) for gap in gaps))
             least = observed - TIE * max(float(np.abs(gap).max()) for gap in gaps)
-            extreme = np.count_nonzero(np.abs(draws[one] - draws[other]) >= least)
+            extreme = int((np.abs(draws[one] - draws[other]) >= least).sum())
             p_value = (extreme + 1) / (patterns + 1)
         tests.append(PairedTest(p_value, exact, patterns))
     return tests
@@ -195,10 +195,8 @@ def _count_by_swaps(sample: Sample, one: int, other: int, patterns: int, flips: 
 
 def _both_sides(pooled: Floats, kept: NDArray[np.uint8]) -> Floats:
     """Average what each side (2, B) has of pooled values (1, 2 N) where some change places."""
-    first, no_median = np.concatenate([kept, 1 - kept]), np.zeros(1, np.bool_)
-    return np.concatenate(
-        [weighted_averages(pooled, no_median, side) for side in (first, 1 - first)]
-    )
+    first, mean = np.concatenate([kept, 1 - kept]), np.zeros(1, np.bool_)
+    return np.concatenate([weighted_averages(pooled, mean, side) for side in (first, 1 - first)])
 
 
 def p_floor(unlike: int) -> float:
