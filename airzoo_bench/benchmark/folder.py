@@ -24,8 +24,7 @@ from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.core.validation import read_toml, validated
-
-__all__ = ["Benchmark", "benchmark_folders", "benchmark_place", "find_benchmark", "needed"]
+from airzoo_bench.storage.mirror import mirror_of
 
 PartT = TypeVar("PartT")
 
@@ -70,7 +69,8 @@ class Benchmark:
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
         benchmark = cls(folder, file)
-        fetch_truth(folder, file)
+        if mirror_of(folder) is not None:
+            fetch_truth(folder, file)
         with benchmark.fixes():
             verify(folder, file)
         if file.sealed is not None and not sealed:

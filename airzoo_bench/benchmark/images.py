@@ -15,8 +15,6 @@ from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.storage.mirror import fetched
 
-__all__ = ["photo_size", "read_grey", "read_rgb_photo", "read_tile"]
-
 _UPRIGHT = 1
 _TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
 _ORIENTATION_TAG = 0x0112

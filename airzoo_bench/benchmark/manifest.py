@@ -13,8 +13,6 @@ from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import SAFE_NAME
 
-__all__ = ["BenchmarkFile", "SceneFile", "SealedTruth", "verify", "write_benchmark_file"]
-
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)

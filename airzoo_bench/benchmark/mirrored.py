@@ -16,8 +16,6 @@ from airzoo_bench.storage.mirror import RASTERS, Mirror, fetched, mirror_of, poi
 from airzoo_bench.storage.remote import Entry, absent_is_absent, find, names
 from airzoo_bench.storage.urls import Url, url_of
 
-__all__ = ["data_here", "fetch_truth", "resolved"]
-
 _PROTOCOLS = "protocols"
 
 

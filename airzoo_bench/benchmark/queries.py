@@ -20,27 +20,6 @@ from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_
 if TYPE_CHECKING:
     from airzoo_bench.geometry.rasters import RasterInfo  # loads GDAL, which retrieval does without
 
-__all__ = [
-    "CAMERA_COLUMNS",
-    "FOCAL_COLUMNS",
-    "IDENTITY_COLUMNS",
-    "NO_POSE",
-    "POSE_COLUMNS",
-    "PRIOR_COLUMNS",
-    "SIZE_COLUMNS",
-    "SceneInputs",
-    "cameras_of",
-    "conditions_of",
-    "photo_id",
-    "photo_table",
-    "poses_of",
-    "query_table",
-    "read_excluded",
-    "read_queries",
-    "with_unposed",
-    "write_queries",
-]
-
 IDENTITY_COLUMNS = ("id", "image")
 SIZE_COLUMNS = ("width", "height")
 FOCAL_COLUMNS = ("fx", "fy")
@@ -63,12 +42,17 @@ def query_table(
     """Lay out N queries in a row each, without conditions."""
     columns: dict[str, object] = {"id": list(ids), "image": list(images)}
     columns |= {"width": cameras.width, "height": cameras.height}
-    columns |= _columns(FOCAL_COLUMNS, cameras.focal)
-    columns |= _columns(PRINCIPAL_POINT_COLUMNS, cameras.principal_point)
-    columns |= _columns(DISTORTION_COLUMNS, cameras.distortion)
-    columns |= _columns(POSE_COLUMNS, _pose_numbers(poses))
-    if priors is not None:
-        columns |= _columns(PRIOR_COLUMNS, _pose_numbers(priors))
+    parts = [
+        (FOCAL_COLUMNS, cameras.focal),
+        (PRINCIPAL_POINT_COLUMNS, cameras.principal_point),
+        (DISTORTION_COLUMNS, cameras.distortion),
+    ]
+    for names, given in ((POSE_COLUMNS, poses), (PRIOR_COLUMNS, priors)):
+        if given is not None:
+            quaternions = matrix_to_quaternion(given.rotation)
+            parts.append((names, np.concatenate([quaternions, given.centres], axis=1)))
+    for names, values in parts:
+        columns |= dict(zip(names, values.T, strict=True))
     return pd.DataFrame(columns)
 
 
@@ -142,14 +126,6 @@ def _check_complete(queries: pd.DataFrame, columns: Sequence[str], what: str) ->
 
 def _values(queries: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.float64]:
     return queries[list(columns)].to_numpy(np.float64)
-
-
-def _pose_numbers(poses: Poses) -> NDArray[np.float64]:
-    return np.concatenate([matrix_to_quaternion(poses.rotation), poses.centres], axis=1)
-
-
-def _columns(names: Sequence[str], values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    return dict(zip(names, values.T, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

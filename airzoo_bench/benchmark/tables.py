@@ -1,7 +1,7 @@
 """Tables of a benchmark folder, read with the type that each column has.
 
 What a column holds follows from its name, in whatever table it stands; columns with other names are
-conditions (weather, time of day) and keep the type that they look like, but for names of digits,
+conditions (weather, time of day) and keep the type that they look like, except for names of digits,
 such as 007.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats
-
-__all__ = ["read_table", "refuse_cells"]
 
 _POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
 _TEXTS = frozenset(("id", "image", "reason"))
@@ -37,13 +34,14 @@ _NUMBERS = frozenset(
         *("image_lon", "image_lat", "image_x_m", "image_y_m"),
     )
 )
+_KNOWN = _TEXTS | _WHOLE | _NUMBERS
 _LARGEST_WHOLE = 1 << 31
-_LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0
+_LARGEST, _LARGEST_LON, _LARGEST_LAT = 1e9, 540.0, 90.0  # metres on this planet, and degrees
 _NAMED = 3
 _SHOWN = 40
 _CODE = "^([+-]?0[0-9]|[0-9]+[eE][0-9]+$)"
 _PLAIN = r"^-?[0-9]{1,20}(\.[0-9]{1,30})?(e[+-]?[0-9]{1,2})?$"
-_FIX = "correct it, or prepare the benchmark again"
+_AGAIN = "prepare the benchmark again"
 
 
 def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = ()) -> pd.DataFrame:
@@ -52,26 +50,23 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         raise BenchmarkError(
             "the benchmark folder has no truth here",
             where=path,
-            fix="prepare the benchmark again; `check` needs no truth, `eval` does",
+            fix=f"{_AGAIN}; `check` needs no truth, `eval` does",
         )
     try:
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else _csv(path)
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
     except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
         raise BenchmarkError(
             f"not a readable table: {_fault_of(path, error)}",
             where=path,
             expected="a table in UTF-8" if path.suffix == ".csv" else None,
-            fix="prepare the benchmark again",
+            fix=_AGAIN,
         ) from error
     lacking = [name for name in columns if name not in table.columns]
     if lacking:
-        raise BenchmarkError(
-            f"lacks the columns {', '.join(lacking)}",
-            where=path,
-            expected=", ".join(columns),
-            fix="prepare the benchmark again",
-        )
-    typed = table.assign(**{name: _typed(path, table[name]) for name in _known(table)})
+        what = f"lacks the columns {', '.join(lacking)}"
+        raise BenchmarkError(what, where=path, expected=", ".join(columns), fix=_AGAIN)
+    known = [name for name in table.columns if name in _KNOWN]
+    typed = table.assign(**{name: _typed(path, name, table[name]) for name in known})
     for name in complete:
         refuse_cells(path, name, table[name], typed[name].isna().to_numpy(), "a number")
     return typed
@@ -87,56 +82,50 @@ def _fault_of(path: Path, error: Exception) -> str:
     return (str(error) or type(error).__name__).splitlines()[0][:200]
 
 
-def _csv(path: Path) -> pd.DataFrame:
-
+def _read_csv(path: Path) -> pd.DataFrame:
+    """Read a table whose known columns stay texts, as do conditions such as ``007`` or ``12e5``."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = next(csv.reader(stream), [])
     twice = [name for name, times in Counter(names).items() if times > 1]
     if twice:
         raise ValueError(f"the column {twice[0]!r} stands twice")
-    as_text = dict.fromkeys((*_TEXTS, *_WHOLE, *_NUMBERS, *_codes(path, names)), str)
+    as_text = dict.fromkeys(_KNOWN, str)
+    conditions = [name for name in names if name not in _KNOWN]
+    if conditions:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False, usecols=conditions)
+        for name in conditions:
+            codes = pc.match_substring_regex(_texts(table[name]), _CODE)
+            if pc.any(codes, min_count=0).as_py():
+                as_text[name] = str
     missing = {name: ["nan", ""] for name in names if name not in _TEXTS}
     return pd.read_csv(
         path, dtype=as_text, keep_default_na=False, na_values=missing, low_memory=False
     )
 
 
-def _codes(path: Path, names: Sequence[str]) -> list[str]:
-    """Return the conditions that hold names such as ``007`` or ``12e5``, which are no numbers."""
-    conditions = [name for name in names if name not in _TEXTS | _WHOLE | _NUMBERS]
-    if not conditions:
-        return []
-    table = pd.read_csv(path, dtype=str, keep_default_na=False, usecols=conditions)
-    return [
-        name
-        for name in conditions
-        if pc.any(pc.match_substring_regex(_texts(table[name]), _CODE), min_count=0).as_py()
-    ]
-
-
 def _texts(column: pd.Series[Any]) -> Any:
     return pa.array(column, pa.large_string(), from_pandas=True)
 
 
-def _typed(path: Path, column: pd.Series[Any]) -> pd.Series[Any]:
-    """Return a column as what its name promises, or refuse the first values that are none."""
-    name, refuse = str(column.name), partial(refuse_cells, path, str(column.name), column)
+def _typed(path: Path, name: str, column: pd.Series[Any]) -> pd.Series[Any]:
+    """Return a column as its name promises, or refuse the first values that are not so."""
     if name in _TEXTS:
         if not _all_print(column):
-            refuse(np.array([not _prints(v) for v in column]), "text that prints")
+            printing = [isinstance(v, str) and v != "" and v.isprintable() for v in column]
+            refuse_cells(path, name, column, ~np.array(printing), "text that prints")
         if name == "id":
-            refuse(column.duplicated().to_numpy(), "each id once")
+            refuse_cells(path, name, column, column.duplicated().to_numpy(), "each id once")
         return column.astype(str)
     numbers, missing = _numbers(column)
-    limit = _limit(name)
+    parts = name.split("_")
+    limit = _LARGEST_LON if "lon" in parts else _LARGEST_LAT if "lat" in parts else _LARGEST
     wrong = ~(np.abs(numbers) <= limit) & ~missing
-    refuse(wrong, f"a number, at most {limit:.12g} in size")
-    if name in _NUMBERS and column.dtype.kind in "iu":
-        return column
+    refuse_cells(path, name, column, wrong, f"a number, at most {limit:.12g} in size")
     if name in _NUMBERS:
-        return pd.Series(numbers, column.index, name=name)
+        whole = column.dtype.kind in "iu"
+        return column if whole else pd.Series(numbers, column.index, name=name)
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))
-    refuse(wrong, "a whole number")
+    refuse_cells(path, name, column, wrong, "a whole number")
     return pd.Series(numbers.astype(np.int64), column.index, name=name)
 
 
@@ -146,10 +135,6 @@ def _all_print(column: pd.Series[Any]) -> bool:
         return "".join(values).isprintable() and bool((values != "").all())
     except TypeError:  # not all are texts
         return False
-
-
-def _prints(value: object) -> bool:
-    return isinstance(value, str) and value != "" and value.isprintable()
 
 
 def _numbers(column: pd.Series[Any]) -> tuple[Floats, Bools]:
@@ -169,22 +154,11 @@ def _numbers(column: pd.Series[Any]) -> tuple[Floats, Bools]:
     return np.array([_number(value) for value in values], np.float64), missing
 
 
-def _limit(name: str) -> float:
-    """Return the largest size of a column's numbers: degrees are degrees, metres on this planet."""
-    parts = name.split("_")
-    if "lon" in parts or "lat" in parts:
-        return _LARGEST_LON if "lon" in parts else _LARGEST_LAT
-    return _LARGEST
-
-
 def _number(value: object) -> float:
     """Return a cell as a number, NaN where it is none; Python rounds texts correctly."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return np.nan
-    if isinstance(value, str) and "_" in value:
-        return np.nan
+    is_number = isinstance(value, int | float | str) and not isinstance(value, bool)
     try:
-        return float(value)
+        return np.nan if not is_number or "_" in str(value) else float(value)  # type: ignore[arg-type]
     except (ValueError, OverflowError):
         return np.nan
 
@@ -203,23 +177,17 @@ def refuse_cells(
 ) -> None:
     """Refuse the values of a column that are wrong, if any is."""
     rows = np.flatnonzero(wrong).tolist()
-    if rows:
-        values = np.asarray(values, object)
-        whose = [f" ({ids[row]})" if ids else "" for row in rows[:_NAMED]]
-        pairs = zip(rows[:_NAMED], whose, strict=True)
-        named = [f"row {row + 1}{who}: {_as_text(values[row])}" for row, who in pairs]
-        more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
-        raise BenchmarkError(
-            f"column '{name}', {'; '.join(named)}{more}",
-            where=path,
-            expected=f"{expected} (rows are counted from 1, below the head)",
-            fix=_FIX,
-        )
-
-
-def _as_text(value: object) -> str:
-    return "nothing" if _is_missing(value) else repr(value)[:_SHOWN]
-
-
-def _known(table: pd.DataFrame) -> list[str]:
-    return [name for name in table.columns if name in _TEXTS | _WHOLE | _NUMBERS]
+    if not rows:
+        return
+    values, named = np.asarray(values, object), []
+    for row in rows[:_NAMED]:
+        whose = f" ({ids[row]})" if ids else ""
+        value = "nothing" if _is_missing(values[row]) else repr(values[row])[:_SHOWN]
+        named.append(f"row {row + 1}{whose}: {value}")
+    more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
+    raise BenchmarkError(
+        f"column '{name}', {'; '.join(named)}{more}",
+        where=path,
+        expected=f"{expected} (rows are counted from 1, below the head)",
+        fix=f"correct it, or {_AGAIN}",
+    )

@@ -29,7 +29,7 @@ from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.opening import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.queries import check_npz
 from airzoo_bench.evaluation.scene_store import SceneStore
-from airzoo_bench.evaluation.track import Run, Scored, Truth
+from airzoo_bench.evaluation.track import Assignment, Run, Scored, Truth
 from airzoo_bench.protocol.lookup import (
     find_protocol,
     load_protocol,
@@ -56,6 +56,8 @@ _THRESHOLDS = (
     *("distance_below_m", "translation_below_m", "pose_below_m_deg", "auc_up_to_m"),
     *("f1_below_m", "headline_below_m"),
 )
+_HERE = Run()
+_AS_FOUND = ReadBy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +84,8 @@ def evaluate(
     track: str | None = None,
     protocol: str | None = None,
     method: str | None = None,
-    run: Run = Run(),  # noqa: B008 - frozen
-    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
+    run: Run = _HERE,
+    read_by: ReadBy = _AS_FOUND,
     begun: Callable[[], None] = lambda: None,
     store: SceneStore | None = None,
 ) -> Evaluation:
@@ -91,29 +93,32 @@ def evaluate(
     given = open_predictions(
         path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
     )
-    of, predictions, chosen = given.track, given.predictions, given.protocol
-    known = given.truths
+    chosen, known = given.protocol, given.truths
     benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
-    assignment = of.assign(predictions, truths, chosen)
+    assignment = given.track.assign(given.predictions, truths, chosen)
     for error in assignment.errors:
         raise error
     sha256 = sha256_of_tree(path)
     begun()
     if store is not None:
         store.begin(_run_fingerprint(given, sha256, truths, read_by, run))
-    by_scene = {}
+    scored: dict[str, Scored] = {}
     parts = zip(truths, assignment.parts, strict=True)
     for truth, part in run.progress(parts, "scenes", len(truths)):
         scene = None if store is None else store.load(truth.scene)
         if scene is None:
-            scene = of.score(part, truth, chosen, run)
+            scene = given.track.score(part, truth, chosen, run)
             if store is not None:
                 store.save(truth.scene, scene)
-        by_scene[truth.scene] = scene
-    scored = list(by_scene.values())
-    scores, records = _join_records(scored, of.scores(chosen))
-    counts = {name: scene.counts for name, scene in by_scene.items()}
-    accuracy = {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
+        scored[truth.scene] = scene
+    scores, records = _join_records([*scored.values()], given.track.scores(chosen))
+    used = PredictionsUsed(
+        file=path.name,
+        sha256=sha256,
+        kind=", ".join(sorted({scene.kind for scene in scored.values() if scene.kind})),
+        method=method or (path.name if path.is_dir() else path.stem),
+        reader=given.reader,
+    )
     result = Result(
         track=chosen.track,
         protocol=ProtocolUsed(
@@ -128,30 +133,35 @@ def evaluate(
             fingerprint=truth_fingerprint(truths),
             scene_titles={scene.id: scene.title for scene in chosen.scenes},
         ),
-        predictions=PredictionsUsed(
-            file=path.name,
-            sha256=sha256,
-            kind=", ".join(sorted({scene.kind for scene in scored if scene.kind is not None})),
-            method=method or (path.name if path.is_dir() else path.stem),
-            reader=given.reader,
-        ),
+        predictions=used,
         versions=dict(versions()),
         columns=score_columns(scores),
-        counts=counts,
+        counts={name: scene.counts for name, scene in scored.items()},
         extra_queries=assignment.strange,
-        notes=(
-            *_namesake_notes(chosen, benchmark.folder),
-            *_count_notes(chosen, counts),
-            *accuracy_notes(chosen, accuracy),
-            *given.notes,
-            *assignment.notes,
-            *(note for scene in scored for note in scene.notes),
-            *of.notes(predictions, truths, chosen, scored),
-        ),
+        notes=_notes(given, benchmark, truths, assignment, [*scored.values()]),
         **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
-        references=dict(of.references(chosen, truths)),
-    ).with_checksum()
-    return Evaluation(result, records, given, benchmark, truths, by_scene)
+        references=dict(given.track.references(chosen, truths)),
+    )
+    return Evaluation(result.with_checksum(), records, given, benchmark, truths, scored)
+
+
+def _notes(
+    given: Given,
+    benchmark: Benchmark,
+    truths: Sequence[Truth],
+    assignment: Assignment,
+    scored: Sequence[Scored],
+) -> tuple[str, ...]:
+    accuracy = {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
+    return (
+        *_namesake_notes(given.protocol, benchmark.folder),
+        *_count_notes(given.protocol, scored),
+        *accuracy_notes(given.protocol, accuracy),
+        *given.notes,
+        *assignment.notes,
+        *(note for scene in scored for note in scene.notes),
+        *given.track.notes(given.predictions, truths, given.protocol, scored),
+    )
 
 
 def _run_fingerprint(
@@ -201,8 +211,8 @@ def check(
     *,
     data: Path,
     protocol: str | None = None,
-    run: Run = Run(),  # noqa: B008 - frozen
-    read_by: ReadBy = ReadBy(),  # noqa: B008 - frozen
+    run: Run = _HERE,
+    read_by: ReadBy = _AS_FOUND,
 ) -> Checked:
     """Find all errors of predictions, scene by scene, without scoring them."""
     try:
@@ -216,17 +226,16 @@ def check(
         reader = READERS.get(given.reader.name)
         writers = f" ({', '.join(reader.methods)})" if reader.methods else ""
         described = [
-            f"{reader.title}{writers}: {described[0]}, read by --reader {given.reader.name}"
+            f"{reader.title}{writers}: {described[0]}, read by --reader {given.reader.name}",
+            *(f"taken to be so: {convention}" for convention in given.reader.conventions),
         ]
-        described += [f"taken to be so: {convention}" for convention in given.reader.conventions]
     try:
         errors, notes, covered = _check_scenes(given, data, run)
     except (PredictionError, CameraError) as error:
         errors, notes, covered = [error], [], []
     # Of the suite's own files the errors say all; of others, who reads them comes first.
-    if errors and given.reader is None:
-        described = []
-    return Checked(errors, [*given.notes, *notes], [*described, *covered] if described else [])
+    described = [] if errors and given.reader is None else [*described, *covered]
+    return Checked(errors, [*given.notes, *notes], described)
 
 
 def _check_scenes(
@@ -255,8 +264,7 @@ def _check_scenes(
         return errors, notes, []
     notes += [*_namesake_notes(protocol, data), *assignment.notes]
     if not errors:
-        scenes = zip(protocol.scenes, scored, strict=True)
-        notes += _count_notes(protocol, {scene.id: one.counts for scene, one in scenes})
+        notes += _count_notes(protocol, scored)
         notes += track.notes(predictions, truths, protocol, scored)
     return errors, notes, [f"answers {assignment.covered}"]
 
@@ -274,13 +282,13 @@ def _namesake_notes(used: Protocol, data: Path) -> list[str]:
     return [f"the protocol is not the {used.name} that all have: {why}"]
 
 
-def _count_notes(protocol: Protocol, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+def _count_notes(protocol: Protocol, scored: Sequence[Scored]) -> list[str]:
     """Name scenes with more or fewer queries than in the paper."""
     return [
-        f"scene {scene.title} has {counts[scene.id]['queries']:,} queries here, "
+        f"scene {scene.title} has {one.counts['queries']:,} queries here, "
         f"{scene.queries:,} in the paper"
-        for scene in protocol.scenes
-        if scene.queries not in (None, counts[scene.id].get("queries", scene.queries))
+        for scene, one in zip(protocol.scenes, scored, strict=True)
+        if scene.queries not in (None, one.counts.get("queries", scene.queries))
     ]
 
 
@@ -317,7 +325,7 @@ def run_baseline(
     *,
     data: Path,
     settings: Any = None,
-    run: Run = Run(),  # noqa: B008 - frozen
+    run: Run = _HERE,
     note: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Run a track's baseline on a benchmark and write predictions."""
@@ -369,20 +377,14 @@ def write_template(
 
 def _check_target(out: Path, info: TrackInfo, *, force: bool) -> None:
     """Refuse, before any work, a place where a template cannot be, or where predictions are."""
-    if info.folders:
-        fits = out.suffix != ".npz" and not out.is_file()
-        if not fits or (out.is_dir() and any(out.iterdir())):
-            raise UsageError(
-                "is no folder" if not fits else "is there and not empty",
-                where=out,
-                expected="a new folder, such as preds",
-                fix="name another with --out",
-            )
-        return
-    check_npz(out)
-    if out.is_file() and not force:
-        raise UsageError(
-            "is there already, and could be a prediction",
-            where=out,
-            fix="name another file with --out, or add --force",
-        )
+    if not info.folders:
+        check_npz(out)
+        what = "is there already, and could be a prediction" if out.is_file() and not force else ""
+        fix = "name another file with --out, or add --force"
+    else:
+        filled = out.is_dir() and any(out.iterdir())
+        what = "is there and not empty" if filled else ""
+        what = "is no folder" if out.suffix == ".npz" or out.is_file() else what
+        fix = "name a new folder with --out, such as preds"
+    if what:
+        raise UsageError(what, where=out, fix=fix)

@@ -8,8 +8,6 @@ from typing import Any, Literal
 
 from airzoo_bench.core.registry import Option
 
-__all__ = ["DOUBLED", "Baseline", "EvalOption", "TrackInfo"]
-
 DOUBLED = Option("double", "Look for the finest features too, for four times the time.")
 
 
@@ -52,49 +50,23 @@ class Baseline:
 
 @dataclass(frozen=True)
 class TrackInfo:
-    """The row of a track in the registry.
+    """The row of a track in the registry; texts are for the help and for messages."""
 
-    Attributes
-    ----------
-    name : str
-        As in protocol files, commands and results.
-    track : str
-        ``module:NAME`` of its `Track`, which is imported when something is scored.
-    summary, argument, example : str
-        For the help: what is scored; what predictions are; a call.
-    unit : {"query", "scene"}
-        What a record is of; of scenes, intervals and tests resample these.
-    suffixes, kinds : tuple of str, str
-        Endings of files that can be predictions; the same for messages.
-    folders : bool
-        Whether predictions can be a folder, as templates then are.
-    fields : tuple of str
-        Fields of an ``.npz`` that no other track has.
-    jobs : int
-        Threads that ``eval`` takes by default.
-    takes_image_size : bool
-        Whether a reader of the track reads `reader.Reading.image_size`.
-    options, baseline : tuple of EvalOption, Baseline or None
-    files : mapping of str to str
-        What a run writes beside ``result.json`` and ``records.csv``: by its name the
-        ``module:function`` to call with the `evaluate.Evaluation` and the path.
-    templates : tuple of str
-        What templates can hold, the default first; empty where there is no choice.
-    """
-
-    name: str
-    track: str
+    name: str  # as in protocol files, commands and results
+    track: str  # ``module:NAME`` of its `Track`, which is imported when something is scored
     summary: str
     argument: str = "A prediction file."
     example: str = "preds.npz --out results/mymethod"
-    unit: Literal["query", "scene"] = "query"
-    suffixes: tuple[str, ...] = (".npz",)
-    kinds: str = ".npz"
-    folders: bool = False
-    fields: tuple[str, ...] = ()
-    jobs: int = 2
-    takes_image_size: bool = False
+    unit: Literal["query", "scene"] = "query"  # of a record; intervals and tests resample these
+    suffixes: tuple[str, ...] = (".npz",)  # of files that can be predictions
+    kinds: str = ".npz"  # the same for messages
+    folders: bool = False  # whether predictions can be a folder, as templates then are
+    fields: tuple[str, ...] = ()  # fields of an ``.npz`` that no other track has
+    jobs: int = 2  # threads that ``eval`` takes by default
+    takes_image_size: bool = False  # whether a reader of the track reads `Reading.image_size`
     options: tuple[EvalOption, ...] = ()
     baseline: Baseline | None = None
+    # What a run writes beside result.json and records.csv: by its name the ``module:function`` to
+    # call with the `evaluate.Evaluation` and the path.
     files: Mapping[str, str] = field(default_factory=dict)
-    templates: tuple[str, ...] = ()
+    templates: tuple[str, ...] = ()  # what they can hold, the default first; () without a choice

@@ -31,9 +31,8 @@ from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ReaderUsed
 
-__all__ = ["Given", "ReadBy", "open_predictions", "read_truth", "read_truths"]
-
 _EXAMPLE = "`airzoo-bench template` writes an example"
+_LISTED = "`airzoo-bench protocols` lists them"
 
 
 @dataclass(frozen=True)
@@ -104,12 +103,8 @@ def open_predictions(
     predictions: Predictions = load_track(info.name).open(path, run.memory_bytes)
     chosen = chosen or _find_protocol(path, None, predictions.protocol, data)
     if chosen is None:
-        raise ProtocolError(
-            "does not say which protocol it is for",
-            where=path,
-            expected="a field 'protocol' in the file, or protocol.txt in the folder or archive",
-            fix="name it with --protocol; `airzoo-bench protocols` lists them",
-        )
+        expected = "a field 'protocol' in the file, or protocol.txt in the folder or archive"
+        raise _without_protocol(path, expected, f"name it with --protocol; {_LISTED}")
     _check_track(path, chosen, info.name)
     return Given(predictions, chosen)
 
@@ -121,8 +116,11 @@ def _refuse_special(path: Path) -> None:
     what = "no such prediction file or folder"
     if path.exists() or path.is_symlink():
         what = "a pipe, a socket or a device" if path.exists() else "a link to nothing"
-    kinds = "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in TRACKS.names())
-    raise UnreadableError(what, where=path, expected=kinds, fix=_EXAMPLE)
+    raise UnreadableError(what, where=path, expected=_kinds(), fix=_EXAMPLE)
+
+
+def _kinds() -> str:
+    return "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in TRACKS.names())
 
 
 def _find_protocol(
@@ -135,6 +133,11 @@ def _find_protocol(
         return find_protocol(in_file, data)
     except ProtocolError as error:
         raise error.inside(f"{path}, field 'protocol'") from error
+
+
+def _without_protocol(path: Path, expected: str, fix: str) -> ProtocolError:
+    what = "does not say which protocol it is for"
+    return ProtocolError(what, where=path, expected=expected, fix=fix)
 
 
 def _check_track(path: Path, chosen: Protocol, track: str) -> None:
@@ -150,25 +153,22 @@ def _check_track(path: Path, chosen: Protocol, track: str) -> None:
 def _track_of(path: Path, asked: str | None, fields: frozenset[str]) -> TrackInfo:
     """Return the track that was asked for, or find it; a kind of file that it lacks is refused."""
     tracks: dict[str, TrackInfo] = {name: TRACKS.get(name) for name in TRACKS.names()}
-    kind = path.name.lower()
+    kind, is_folder = path.name.lower(), path.is_dir()
     fitting = [
         one
         for one in tracks.values()
-        if (one.folders if path.is_dir() else kind.endswith(one.suffixes))
+        if (one.folders if is_folder else kind.endswith(one.suffixes))
     ]
     if asked is not None and (tracks[asked] in fitting or not fitting):
         return tracks[asked]
-    if asked is not None or not fitting:
-        other = fitting[0].name if fitting else None
-        raise UnreadableError(
-            f"predictions of the {other} track come so, not those of the {asked} track"
-            if other
-            else f"no kind of file that predictions come in: {path.suffix[:20]!r}",
-            where=path,
-            expected="; ".join(f"{one.name}: {one.kinds}" for one in tracks.values()),
-            fix=f"airzoo-bench eval {other} {path}" if other else _EXAMPLE,
-        )
-    return ([one for one in fitting if fields & {*one.fields}] or fitting)[0]
+    if asked is None and fitting:
+        return ([one for one in fitting if fields & {*one.fields}] or fitting)[0]
+    what, fix = f"no kind of file that predictions come in: {path.suffix[:20]!r}", _EXAMPLE
+    if fitting:
+        other = fitting[0].name
+        what = f"predictions of the {other} track come so, not those of the {asked} track"
+        fix = f"airzoo-bench eval {other} {path}"
+    raise UnreadableError(what, where=path, expected=_kinds(), fix=fix)
 
 
 def _open_native(
@@ -190,12 +190,8 @@ def _open_native(
         )
     if chosen is None:
         there = " or ".join(prepared_protocols(reader.track, data)[:3])
-        raise ProtocolError(
-            "does not say which protocol it is for",
-            where=path,
-            expected=f"--protocol NAME, for what was read as {reader.title}",
-            fix=f"add --protocol {there}" if there else "`airzoo-bench protocols` lists them",
-        )
+        expected = f"--protocol NAME, for what was read as {reader.title}"
+        raise _without_protocol(path, expected, f"add --protocol {there}" if there else _LISTED)
     _check_track(path, chosen, reader.track)
     size = image_size_of(read_by.image_size)
     reading = Reading(chosen, [], read_by.names, run.memory_bytes, image_size=size)

@@ -18,17 +18,6 @@ from airzoo_bench.evaluation.track import Assignment
 from airzoo_bench.formats.arrays import Arrays, check_fields, protocol_name, texts
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = [
-    "Fields",
-    "QueryPart",
-    "QueryPredictions",
-    "assign_queries",
-    "check_npz",
-    "errors_of",
-    "read_fields",
-    "write_predictions",
-]
-
 C = TypeVar("C")
 
 _SHOWN = 3
@@ -89,11 +78,8 @@ def _notes(
         notes.append(f"queries that the predictions lack, scored at their worst: {named}")
     if strange.size:
         # Each id stands once: what a mistyped one means is among the queries that are missing.
-        absent = missing.tolist()
-        shown = [
-            repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1)
-            for name in strange[:_SHOWN].tolist()
-        ]
+        absent, some = missing.tolist(), strange[:_SHOWN].tolist()
+        shown = [repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1) for name in some]
         named = first_of([*shown, *strange[_SHOWN:]], shown=_SHOWN)
         notes.append(f"ids of the predictions that are no queries, left aside: {named}")
     return notes

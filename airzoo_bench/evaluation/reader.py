@@ -15,18 +15,6 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.track import Predictions
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = [
-    "POSSIBLE",
-    "SURE",
-    "ReadPredictions",
-    "Reader",
-    "Reading",
-    "find_reader",
-    "image_size_of",
-    "reader_named",
-    "refuse_option",
-]
-
 SURE = 0.5
 """A reader that is less sure than this does not take a path for its own."""
 
@@ -128,15 +116,15 @@ def refuse_option(option: str, value: object, title: str, where: Path) -> None:
 def reader_named(name: str) -> Reader:
     """Return the reader of a name."""
     names = READERS.names()
-    if name not in names:
-        raise UsageError(
-            f"there is no reader {name[:80]!r}{nearest(name[:80], names)}",
-            where="--reader",
-            expected="one of " + ", ".join(names),
-            fix="`airzoo-bench readers` says what each reads",
-        )
-    found: Reader = READERS.get(name)
-    return found
+    if name in names:
+        found: Reader = READERS.get(name)
+        return found
+    raise UsageError(
+        f"there is no reader {name[:80]!r}{nearest(name[:80], names)}",
+        where="--reader",
+        expected="one of " + ", ".join(names),
+        fix="`airzoo-bench readers` says what each reads",
+    )
 
 
 def find_reader(path: Path, track: str | None = None) -> str | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from datetime import datetime
 from pathlib import Path, PurePath
 
 from airzoo_bench.core.errors import ResultError, UsageError
@@ -17,15 +16,6 @@ from airzoo_bench.results.result import read_result, write_result
 from airzoo_bench.storage.mirror import check_writable, uploaded
 from airzoo_bench.storage.remote import cache_folder, find
 from airzoo_bench.storage.urls import url_of
-
-__all__ = [
-    "check_run_folder",
-    "describe_earlier_run",
-    "local_place",
-    "only_run_at",
-    "run_folder",
-    "save",
-]
 
 _RESULT = "result.json"
 
@@ -44,14 +34,14 @@ def _run_entries() -> tuple[list[str], dict[str, str]]:
 
 def check_run_folder(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse, before any work, a folder or a URL that a run cannot be saved in."""
-    url = url_of(out)
-    files, folders = _run_entries()
+    url, (files, folders) = url_of(out), _run_entries()
     if url is not None:
         check_writable(url)
     else:
         check_output_folder(Path(out), files)
+    home = _real_place(out)
     for one in inputs:
-        home, places = _real_place(out), [*_real_places(one)]
+        places = [*_real_places(one)]
         lost = [
             name for name in (*files, *folders) for p in places if p.is_relative_to(home / name)
         ]
@@ -136,22 +126,18 @@ def save(
 
 
 def describe_earlier_run(out: str | Path) -> str | None:
-    """Name the run that has left its files in a folder, where `save` will replace them."""
+    """Say which files of a run `save` will replace, if it replaces some."""
     url = url_of(out)
     if url is not None:
         there = find(url.child(_RESULT)) is not None
         return f"{url} holds a run, which will be replaced" if there else None
-    folder, (files, folders) = Path(out), _run_entries()
-    names = ", ".join(name for name in (*files, *folders) if (folder / name).exists())
+    files, folders = _run_entries()
+    names = ", ".join(name for name in (*files, *folders) if Path(out, name).exists())
     if not names:
         return None
     try:
-        found = read_result(folder / _RESULT)
+        found = read_result(Path(out, _RESULT))
     except ResultError:  # none, or one that nobody can read any more
-        return f"{folder} holds files of a run; this one takes the place of {names}"
-    written = datetime.fromtimestamp((folder / _RESULT).stat().st_mtime)
-    return (
-        f"{folder} holds a run of the {found.track} track: {found.predictions.method} by "
-        f"{found.protocol.name} v{found.protocol.version}, written {written:%Y-%m-%d %H:%M}; "
-        f"this one takes the place of {names}"
-    )
+        return f"{out} holds files of a run; this one takes the place of {names}"
+    what = f"{found.predictions.method} by {found.protocol.name}"
+    return f"{out} holds a run, {what}; this one takes the place of {names}"

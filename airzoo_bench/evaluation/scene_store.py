@@ -11,8 +11,6 @@ import pandas as pd
 from airzoo_bench.core.files import PART, atomic_write, fingerprint
 from airzoo_bench.evaluation.track import Scored
 
-__all__ = ["SceneStore"]
-
 _RECORDS, _REST = ".records", ".scene"
 
 

@@ -34,23 +34,19 @@ from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score
 
-__all__ = ["Assignment", "Predictions", "Run", "ScenePredictions", "Scored", "Track", "Truth"]
-
 
 class Predictions(Structural):
-    """A prediction file or folder, opened.
+    """A prediction file or folder, opened, with the protocol that it names.
 
     A child process that reads what strangers wrote hands it to its parent by its fields, so it is
     a dataclass of texts, numbers, arrays, paths, and dataclasses of these; or `ScenePredictions`.
     """
 
     @property
-    def path(self) -> Path:
-        """Where it lies."""
+    def path(self) -> Path: ...  # noqa: D102
 
     @property
-    def protocol(self) -> str | None:
-        """The protocol that it names."""
+    def protocol(self) -> str | None: ...  # noqa: D102
 
 
 class ScenePredictions(ABC):
@@ -78,15 +74,16 @@ class ScenePredictions(ABC):
 
 
 class Truth(Structural):
-    """The truth of a scene; of a track with queries it has ``queries``, a table with their ids."""
+    """The truth of a scene, and the SHA-256 over all that scores depend on.
+
+    Of a track with queries it has ``queries``, a table with their ids.
+    """
 
     @property
-    def scene(self) -> str:
-        """Its id."""
+    def scene(self) -> str: ...  # noqa: D102
 
     @property
-    def fingerprint(self) -> str:
-        """SHA-256 over all that scores depend on."""
+    def fingerprint(self) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)

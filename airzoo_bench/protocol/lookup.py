@@ -15,16 +15,6 @@ from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest, read_toml, validated, validation_message
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = [
-    "find_protocol",
-    "load_protocol",
-    "prepared_protocols",
-    "protocol_files",
-    "protocol_for",
-    "protocol_of_track",
-    "shipped_protocols",
-]
-
 P = TypeVar("P", bound=Protocol)
 
 

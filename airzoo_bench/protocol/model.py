@@ -14,8 +14,6 @@ from pydantic import Field, field_validator
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.core.validation import Name, Strict
 
-__all__ = ["Protocol", "ProtocolScene"]
-
 
 class ProtocolScene(Strict):
     """A scene of the benchmark and, where it is published, its number of queries."""

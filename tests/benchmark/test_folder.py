@@ -13,7 +13,6 @@ from airzoo_bench.benchmark.folder import Benchmark, benchmark_folders, find_ben
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import data_root
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import read_truth, write_truth
 from tests.support import MadeScene, made_protocol, made_truth, write_benchmark
@@ -42,19 +41,6 @@ def test_a_part_that_was_prepared_is_named(tmp_path: Path) -> None:
     write_benchmark(tmp_path / "other-partial", made_protocol(scenes, "other-partial"), scenes)
     with pytest.raises(BenchmarkError, match="other-partial-retrieval"):
         find_benchmark("other", tmp_path)
-
-
-def test_places_are_relative_or_absolute(data: Path, tmp_path: Path) -> None:
-    benchmark = Benchmark.open(data / "made")
-    assert benchmark.resolve("data/dom.tif") == data / "made" / "data" / "dom.tif"
-    assert benchmark.resolve(str(tmp_path / "dom.tif")) == tmp_path / "dom.tif"
-
-
-def test_the_data_root(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", "~/benchmarks")
-    assert data_root() == Path.home() / "benchmarks"
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", "")
-    assert data_root().name == "data"
 
 
 @pytest.mark.parametrize(

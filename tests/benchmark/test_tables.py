@@ -79,20 +79,6 @@ def test_names_of_digits_stay_what_they_are(tmp_path: Path) -> None:
     assert table["serial"].tolist() == [0, 10]
 
 
-def test_a_column_that_stands_twice(tmp_path: Path) -> None:
-    path = tmp_path / "crops.csv"
-    path.write_text("id,crop_x,crop_x\na,3,4\n")
-    with pytest.raises(BenchmarkError, match="the column 'crop_x' stands twice"):
-        read_table(path, ("id", "crop_x"))
-
-
-def test_ids_in_parquet_are_text(tmp_path: Path) -> None:
-    path = tmp_path / "tiles.parquet"
-    pd.DataFrame({"id": [b"a\xff", b"b"]}).to_parquet(path)
-    with pytest.raises(BenchmarkError, match=r"column 'id', row 1: b'a\\xff'; row 2: b'b'\n"):
-        read_table(path, ("id",))
-
-
 def test_degrees_are_degrees(tmp_path: Path) -> None:
     path = tmp_path / "tiles.parquet"
     pd.DataFrame({"id": ["a", "b"], "lat_min": [0, 256], "x": [0, 256]}).to_parquet(path)

@@ -106,13 +106,6 @@ def test_the_command_line_has_it(
     assert "Score heights above ground." in capsys.readouterr().out
 
 
-def test_a_file_where_the_track_should_stand(
-    heights: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("eval", heights) == 2
-    assert f"eval retrieval {heights}" in capsys.readouterr().err
-
-
 def test_it_has_no_template_and_no_baseline(
     heights: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -58,15 +58,6 @@ def ranked(tmp_path: Path, data: Path, toy: None, perfect: dict[str, list[Any]])
     return path
 
 
-def test_without_a_protocol_those_of_prepared_folders_are_offered(
-    ranked: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("check", ranked) == 2
-    said = capsys.readouterr().err
-    assert "what was read as ranked lists of Toy" in said
-    assert "--protocol made-retrieval" in said
-
-
 def test_a_method_file_is_recognised_and_scored(
     ranked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -79,13 +70,6 @@ def test_a_method_file_is_recognised_and_scored(
     assert result["predictions"]["reader"] == {"name": "toy", "conventions": ["best first"]}
     assert "2 scenes" in result["notes"]
     assert ab.load_result(out).overall["recall@1"] == 1.0
-
-
-def test_own_files_have_no_reader_in_their_result(
-    data: Path, tmp_path: Path, perfect: dict[str, list[Any]]
-) -> None:
-    result = ab.evaluate(perfect, protocol="made-retrieval")
-    assert "reader" not in json.loads(result.result.model_dump_json())["predictions"]
 
 
 @pytest.mark.parametrize("command", [("eval", "retrieval"), ("check",)])
@@ -109,11 +93,6 @@ def test_check_says_what_it_is(ranked: Path, command: Callable[..., Result]) -> 
     assert "answers 10 of 10 queries" in ran.stdout
 
 
-def test_the_face_reads_it_too(ranked: Path) -> None:
-    assert ab.check(ranked, protocol="made-retrieval").ok
-    assert ab.evaluate(ranked, protocol="made-retrieval", reader="toy").overall["recall@1"] == 1.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -129,13 +108,6 @@ def test_refusals(
     assert words in capsys.readouterr().err
 
 
-def test_another_track_is_refused(ranked: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("eval", "matching", ranked, "--protocol", "made-retrieval") == 2
-    said = capsys.readouterr().err
-    assert "is ranked lists of Toy, predictions of the retrieval track" in said
-    assert "airzoo-bench eval retrieval" in said
-
-
 def test_two_that_are_equally_sure_are_named(ranked: Path) -> None:
     READERS.add("toy2", Toy())
     try:
@@ -148,13 +120,6 @@ def test_two_that_are_equally_sure_are_named(ranked: Path) -> None:
         READERS.remove("toy2")
 
 
-def test_names_are_for_readers(data: Path, tmp_path: Path, perfect: dict[str, list[Any]]) -> None:
-    path = tmp_path / "own.npz"
-    np.savez(path, **{name: np.array(value) for name, value in perfect.items()})
-    with pytest.raises(UserError, match="--names is for files as methods write them"):
-        ab.evaluate(path, protocol="made-retrieval", names=path)
-
-
 def test_what_a_reader_refuses_is_an_error_of_the_check(
     ranked: Path, command: Callable[..., Result]
 ) -> None:
@@ -162,13 +127,3 @@ def test_what_a_reader_refuses_is_an_error_of_the_check(
     found = ab.check(ranked, protocol="made-retrieval")
     assert [error.what for error in found.errors] == ["is empty"]
     assert command("check", ranked, "--protocol", "made-retrieval").exit_code == 1
-
-
-def test_names_are_refused_where_images_have_names(ranked: Path) -> None:
-    with pytest.raises(UserError, match=r"ranked lists of Toy, .*--names"):
-        ab.evaluate(ranked, protocol="made-retrieval", names=ranked)
-
-
-def test_readers_are_listed(toy: None, command: Callable[..., Result]) -> None:
-    ran = command("readers", "--format", "json")
-    assert "ranked lists of Toy" in ran.stdout

@@ -10,7 +10,7 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.run_files import check_run_folder, save
+from airzoo_bench.evaluation.run_files import save
 from tests.support import files_below, run_main, write_predictions
 
 
@@ -87,37 +87,3 @@ def test_what_no_run_wrote_stays(out: Path, data: Path, capsys: pytest.CaptureFi
     assert run_main(*ask) == 0
     assert files_below(out) == {"result.json", "records.csv", "mine.npz"}
     assert (out / "mine.npz").read_bytes() == before
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_no_file_that_lies_there_costs_another(
-    shared: bool, tmp_path: Path, data: Path, perfect: dict[str, Any]
-) -> None:
-    """As a stranger's archive may hold them: notes that name others, parts of others, links."""
-    path, home = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect), tmp_path / "d"
-    for place in (home, home / "out") if shared else (home,):
-        for name in (".git", "src"):
-            (place / name).mkdir(parents=True)
-            (place / name / "file").touch()
-        for name in ("evil.airzoo-aside", "out.airzoo-aside", "x.airzoo-part", "outer.airzoo-old"):
-            (place / f".{name}").mkdir()
-            (place / f".{name}" / ".airzoo-names").write_text(".git\nsrc\n")
-        (place / ".x.abcdefgh.airzoo-part").touch()
-        (place / ".link.airzoo-aside").symlink_to(".evil.airzoo-aside")
-        (place / ".out.abcdefgh.airzoo-part").symlink_to("src")
-    before = files_below(tmp_path)
-    for _ in range(2):
-        assert run_main("eval", "retrieval", path, "--data", data, "--out", home / "out") == 0
-    assert run_main("table", home / "out") == 0
-    assert files_below(tmp_path) - before == {
-        *(f"d/out/{name}" for name in ("result.json", "records.csv")),
-        *(() if shared else ("d/out",)),
-    }
-    assert before <= files_below(tmp_path)
-
-
-def test_predictions_in_a_bucket_are_refused_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("airzoo_bench.evaluation.run_files.check_writable", lambda url: None)
-    with pytest.raises(UsageError, match="would replace clouds"):
-        check_run_folder("s3://bucket/out/", ["s3://bucket/out/clouds/p.npz"])
-    check_run_folder("s3://bucket/out", ["s3://bucket/out/mine.npz", "s3://other/out/clouds"])

@@ -13,20 +13,6 @@ from airzoo_bench.evaluation.track import Run
 from tests.evaluation.scored import score
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
-
-def test_a_constant_scorer_scores_nothing(data: Path, tmp_path: Path, scenes: Any) -> None:
-    # Without the tie rule, gallery order would give q00000 its tile 0 at rank 1.
-    arrays = {
-        "query_ids": [q for s in scenes for q in s.query_ids],
-        "query_descriptors": np.ones((10, 3), np.float32),
-        "gallery_ids": [t for s in scenes for t in s.tile_ids],
-        "gallery_descriptors": np.ones((20, 3), np.float32),
-    }
-    result = score(write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays), data).result
-    assert result.overall["recall@5"] == 0.0
-    assert result.counts["east"]["tie_dependent"] == 6
-
-
 N_TIED = 300
 
 

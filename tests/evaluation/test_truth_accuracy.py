@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-
 import pytest
 
 from airzoo_bench.evaluation.evaluate import accuracy_notes
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.protocol.model import Protocol
-from tests.support import make_place, run_main
 
 
 def protocol(track: str) -> Protocol:
@@ -39,37 +35,3 @@ def test_thresholds_below_three_times_the_accuracy_are_named(
     if fine is not None:
         assert fine in notes[0]
         assert f"good to {accuracy_m:g} m" in notes[0]
-
-
-def test_it_is_said_by_prepare_and_by_eval(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    place = make_place(tmp_path / "sources")
-    assert run_main(*place.arguments(**{"truth-accuracy": 10.0})) == 0
-    expected = "of park-retrieval measures errors of the truth too"
-    said = capsys.readouterr().err
-    assert "warning: the truth of 1 scene (park) is stated to be good to 10 m: " in said
-    assert f"the threshold 25 m {expected}" in said
-    folder = tmp_path / "data" / "park"
-    file = tomllib.loads((folder / "benchmark.toml").read_text())
-    assert file["scenes"][0]["truth_accuracy_m"] == 10.0
-    predictions = tmp_path / "p.npz"
-    assert run_main("template", "park-retrieval", "--out", predictions) == 0
-    capsys.readouterr()
-    assert run_main("eval", "retrieval", predictions) == 0
-    said = capsys.readouterr()
-    assert expected in " ".join((said.out + said.err).split())
-
-
-@pytest.mark.parametrize("value", ["0", "-1", "inf"])
-def test_what_is_no_accuracy_is_refused(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    value: str,
-) -> None:
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    place = make_place(tmp_path / "sources")
-    assert run_main(*place.arguments(**{"truth-accuracy": value})) == 2
-    assert "--truth-accuracy" in capsys.readouterr().err

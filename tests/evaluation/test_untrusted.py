@@ -6,13 +6,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.sandbox import Limits
-from airzoo_bench.evaluation.evaluate import check, evaluate
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
 from tests.readers.samples import cut3r
@@ -49,25 +47,6 @@ def test_clouds_of_an_archive_and_maps_read_one_by_one(tmp_path: Path) -> None:
     (tmp_path / "native").mkdir()
     cut3r.write(tmp_path / "native", world)
     alike(tmp_path / "native", world.root, PROTOCOL)
-
-
-def test_what_takes_too_much_memory_is_one_message(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ids = np.tile(np.array([f"east/t{t:07d}" for t in range(1000)]), (6, 500))
-    path = tmp_path / "p.npz"
-    np.savez_compressed(path, query_ids=[f"east/q{q:05d}" for q in range(6)], ranked_ids=ids)
-    protocol = ("--protocol", "made-retrieval", "--data", data)
-    code = run_main("eval", "retrieval", path, *protocol, "--untrusted", "--max-memory", "16M")
-    said = capsys.readouterr().err
-    assert code == 2, said
-    assert "p.npz" in said
-
-
-def test_checking_under_limits_refuses_what_it_cannot_read(data: Path, tmp_path: Path) -> None:
-    (tmp_path / "p.npz").write_bytes(b"PK\x03\x04" + bytes(100))
-    with pytest.raises(PredictionError, match="not an npz file"):
-        check(tmp_path / "p.npz", data=data, run=Run(MEMORY, limits=Limits(MEMORY)))
 
 
 def test_a_system_without_limits_is_refused_with_the_reason(

@@ -42,17 +42,6 @@ def under(*keys: str, **changes: Any) -> Callable[[dict[str, Any]], None]:
     return edit
 
 
-@pytest.mark.parametrize("name", RETRIEVAL)
-def test_shipped_protocols_load_under_their_own_name(name: str, tmp_path: Path) -> None:
-    assert find_protocol(name, tmp_path).name == name
-    assert find_protocol(str(shipped_protocols()[name]), tmp_path).name == name
-
-
-def test_scene_counts_of_the_paper() -> None:
-    real = load_protocol(shipped_protocols()["airzoo-real-retrieval"])
-    assert {scene.title: scene.queries for scene in real.scenes} == {"City": 161, "Rural": 190}
-
-
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], list[str]]] = {
     "unknown key": (under(sumary="x"), ["'sumary'", "'summary'"]),
     "unknown key below": (under("scores", recal_at=[1]), ["'scores.recal_at'", "'recall_at'"]),
@@ -86,17 +75,6 @@ def test_refused(case: str, tmp_path: Path) -> None:
     assert "fix:      correct the protocol file" in message
     for fragment in fragments:
         assert fragment in message
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["name = ", "a = 1\na = 2", "x = " + "[" * 10_000, "version = " + "9" * 5000, "\x00"],
-    ids=["cut off", "twice", "too deep", "too many digits", "NUL"],
-)
-def test_not_toml(text: str, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(ProtocolError, match=r"mine.toml: not valid TOML: .*\n  expected"):
-        load_protocol(tmp_path / "mine.toml")
 
 
 def test_unknown_names_offer_the_nearest(tmp_path: Path) -> None:
@@ -168,10 +146,3 @@ def test_a_protocol_for_own_data() -> None:
         protocol_for(photos, "park", truth(iou_above=0.3))
     with pytest.raises(ProtocolError, match="would make a second protocol photos-retrieval"):
         protocol_for(photos, "photos", {})
-
-
-def test_a_base_with_iou_can_go_back_to_the_plane() -> None:
-    photos = load_protocol(shipped_protocols()["photos-retrieval"])
-    iou = protocol_for(photos, "park", truth(rule="iou", iou_above=0.39))
-    plane = protocol_for(iou, "lake", truth(rule="plane", iou_above=None))
-    assert (plane.ground_truth.rule, plane.ground_truth.iou_above) == ("plane", None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.engines.engine import Processes
-from airzoo_bench.retrieval.baseline import describe, root_sift, vlad
+from airzoo_bench.retrieval.baseline import describe, vlad
 from airzoo_bench.retrieval.info import VladSettings
 
 
@@ -33,19 +33,6 @@ def test_the_number_of_workers_and_the_images_before_do_not_matter() -> None:
     alone = describe(tiles, SETTINGS, "tiles")
     assert np.array_equal(alone, describe(tiles, SETTINGS, "tiles", Processes(2)))
     assert np.array_equal(alone[4:5], describe([tiles[4]], SETTINGS, "photos"))
-
-
-def test_a_blank_image_is_near_to_none() -> None:
-    blank = partial(np.zeros, (128, 128), np.uint8)
-    some, none = describe([partial(textured, 0), blank], SETTINGS, "tiles")
-    assert some @ none == 0
-    assert np.linalg.norm(none) == 1
-
-
-def test_features_lie_inside_and_have_unit_length() -> None:
-    features = root_sift(textured(3, 256), 500, doubled=True)
-    assert 20 < len(features) <= 1000  # up to two orientations a keypoint
-    np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-6)
 
 
 def test_vlad_worked_by_hand() -> None:

@@ -51,13 +51,6 @@ def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
     assert np.array_equal(part.read(0, 99), expected[25:29])
 
 
-def test_changes_of_a_private_map_are_seen(tmp_path):
-    np.save(tmp_path / "rows.npy", np.zeros((4, 2), np.float32))
-    mapped = np.load(tmp_path / "rows.npy", mmap_mode="c")
-    mapped[1] = 7
-    assert Rows.join(mapped).located().read(1, 2).tolist() == [[7, 7]]
-
-
 def test_file_cut_short_is_refused(tmp_path):
     np.save(tmp_path / "rows.npy", np.zeros((400, 5), np.float32))
     source = Rows.join(np.load(tmp_path / "rows.npy", mmap_mode="r")).located()
@@ -128,8 +121,3 @@ def test_no_tiles_and_no_queries():
     assert run(np.ones((2, 4)), np.ones((0, 4))).tiles.tolist() == [[-1] * 3] * 2
     assert run(np.ones((0, 4)), np.ones((5, 4))).tiles.shape == (0, 3)
     assert run(np.ones((0, 4)), np.arange(20.0).reshape(5, 4)).tiles.shape == (0, 3)
-
-
-def test_descriptors_of_other_lengths_are_refused():
-    with pytest.raises(PredictionError, match="descriptors of queries have 4 numbers"):
-        run(np.ones((1, 4)), np.ones((3, 5)))

@@ -89,43 +89,6 @@ def test_a_web_mercator_map_is_measured_on_the_ground(tmp_path: Path) -> None:
         cut_gallery(open_info(path), gallery(gsd_m=0.6), "s")
 
 
-def test_a_map_smaller_than_a_tile_is_one_tile(tmp_path: Path) -> None:
-    # UAV-VisLoc's scene 7 has such a map.
-    path = write_map(tmp_path / "m.tif", "EPSG:32650", Affine(1, 0, 0, 0, -1, 10), 50, 20)
-    tiles = cut_gallery(open_info(path), gallery((64,)), "s")
-    assert tiles[["x", "y", "width", "height"]].to_numpy().tolist() == [[0, 0, 50, 20]]
-
-
-@pytest.mark.parametrize(("size", "stride"), [(201, 101), (203, 102), (16, 8), (17, 9)])
-def test_strides_of_odd_tiles_are_rounded_half_up(size: int, stride: int) -> None:
-    # Python's round goes to the even neighbour: 201 gave 100, 203 gave 102.
-    assert tile_starts(10_000, size, 0.5)[1] == stride
-
-
-@pytest.mark.parametrize(
-    ("crs", "transform"),
-    [
-        ("EPSG:4326", Affine(1e-4, 0, 179.995, 0, -1e-4, 10)),
-        ("EPSG:4326", Affine(1e-4, 0, -180.005, 0, -1e-4, 10)),
-        ("EPSG:32601", Affine(11, 0, 170_400, 0, -11, 1_107_000)),
-        ("EPSG:32760", Affine(11, 0, 816_800, 0, -11, 8_008_000)),
-        ("EPSG:3832", Affine(11, 0, 3_338_700, 0, -11, 1_000_000)),
-    ],
-)
-def test_boxes_across_the_180th_meridian_are_no_larger_than_their_tiles(
-    tmp_path: Path, crs: str, transform: Affine
-) -> None:
-    info = open_info(write_map(tmp_path / "m.tif", crs, transform))
-    tiles = cut_gallery(info, gallery((64,)), "s")
-    boxes = tiles[list(BOX_COLUMNS)].to_numpy(float)
-    assert (boxes[:, 0] <= boxes[:, 2]).all()
-    assert (boxes[:, 2] - boxes[:, 0]).max() < 0.01
-    assert np.ptp(boxes[:, [0, 2]]) < 0.02
-    across = (np.abs(boxes[:, 0]) < 180) != (np.abs(boxes[:, 2]) < 180)
-    assert across.any()
-    assert box_growth(info, tiles) < 0.04
-
-
 def test_a_map_beyond_the_earth_is_refused(tmp_path: Path) -> None:
     path = write_map(tmp_path / "m.tif", "EPSG:4326", Affine(0.1, 0, 10, 0, -0.1, -84))
     with pytest.raises(RasterError, match="not on the earth"):

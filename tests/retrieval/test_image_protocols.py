@@ -38,13 +38,3 @@ def test_sections_of_a_protocol_must_fit() -> None:
     assert "ranks_kept must reach" in refused(gta, "scores", ranks_kept=4)
     said = refused("uav-visloc-retrieval", "ground_truth", rule="labels", iou_above=None)
     assert "key 'ground_truth.rule' is 'labels': Input should be 'plane', 'dsm' or 'iou'" in said
-
-
-def test_keys_are_named_as_they_stand_in_the_file() -> None:
-    university, map_one = "university-1652-drone-to-satellite", "uav-visloc-retrieval"
-    said = refused(university, "gallery", positions="somewhere")
-    assert "key 'gallery.positions' is 'somewhere'" in said
-    said = refused(university, "scores", recal_at=[1])
-    assert "unknown key 'scores.recal_at' (did you mean 'recall_at'" in said
-    said = refused(map_one, "gallery", overlap=1.5)
-    assert "key 'gallery.overlap' is 1.5" in said

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.evaluation.evaluate import check, evaluate
-from airzoo_bench.retrieval.chance import chance_scores
-from tests.support import MadeScene, made_protocol, run_main, write_benchmark, write_predictions
+from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 MEMORY = 1 << 30
 
@@ -60,19 +59,6 @@ def test_empty_lists_are_counted_as_missing(
     assert evaluation.result.counts["east"]["empty_lists"] == 2
     assert evaluation.result.counts["east"]["missing"] == 2
     assert (~evaluation.records["answered"]).sum() == 2
-
-
-def test_described_tiles_of_no_gallery_are_counted(
-    data: Path, tmp_path: Path, scenes: list[MadeScene]
-) -> None:
-    arrays = random_descriptors(scenes)
-    arrays["gallery_ids"] = [*arrays["gallery_ids"], "east/t99999", "north/t00000"]
-    arrays["gallery_descriptors"] = np.concatenate([arrays["gallery_descriptors"], np.ones((2, 4))])
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
-    assert has(
-        both(path, data),
-        "described tiles that are in no gallery, left aside: 2 (east/t99999, north",
-    )
 
 
 def test_lists_that_end_before_their_positives_are_said(
@@ -140,36 +126,3 @@ def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     notes = both(path, data)
     assert has(notes, "10 queries depend on ties")
     assert has(notes, "10 queries give all tiles the same score")
-
-
-def test_the_chance_level_stands_beside_the_scores(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], scenes: list[MadeScene]
-) -> None:
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
-    result = evaluated(path, data)
-    found = result.references["Chance level"]
-    for scene in scenes:
-        counts = np.array([len(some) for some in scene.positives])
-        expected = 1 - np.prod(
-            [(scene.n_tiles - counts - i) / (scene.n_tiles - i) for i in range(3)], axis=0
-        )
-        assert found.scenes[scene.id]["recall@3"] == pytest.approx(expected.mean())
-    assert set(found.overall) == set(chance_scores(np.array([1]), 9, _scores_of(data)))
-    for key, value in found.overall.items():
-        assert 0 < value < result.overall[key]
-        assert value == pytest.approx(np.mean([found.scenes[s.id][key] for s in scenes]))
-
-
-def _scores_of(data: Path) -> Any:
-    from airzoo_bench.protocol.lookup import find_protocol
-
-    return find_protocol("made-retrieval", data).scores
-
-
-def test_the_template_says_what_chance_scores(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("template", "made-retrieval", "--data", data, "--out", tmp_path / "t.npz") == 0
-    said = capsys.readouterr().err
-    assert "near nothing" not in said
-    assert "by chance: R@1 " in said

@@ -25,16 +25,6 @@ def test_overlap_by_hand():
     assert found.overlap == pytest.approx([0.25 / 1.75, 0.25 / 1.75, 1])
 
 
-def test_diamond_by_hand():
-    diamond = np.array([[[0.5, -0.5], [1.5, 0.5], [0.5, 1.5], [-0.5, 0.5]]])
-    assert overlaps(diamond, UNIT_BOX).overlap == pytest.approx([1 / 2])
-
-
-def test_touching_is_not_overlapping():
-    beside = np.array([[[1.0, 0], [2, 0], [2, 1], [1, 1]], [[1.0, 1], [2, 0.7], [2, 2], [1, 2]]])
-    assert overlaps(beside, UNIT_BOX).counts.tolist() == [0, 0]
-
-
 def test_rounding_does_not_make_touching_an_overlap():
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-3, 4, (2, 500, 4))
@@ -44,12 +34,6 @@ def test_rounding_does_not_make_touching_an_overlap():
     above[:, :2, 1] = boxes[0, 3]
     every = Positives(np.arange(501), np.zeros(500, np.int32))
     assert not overlap_of(above, boxes, every).any()
-
-
-def test_bow_tie_is_its_hull():
-    square = [[0.25, 0], [0.75, 0], [0.75, 1], [0.25, 1]]
-    ties = np.array([[square[i] for i in order] for order in ([0, 2, 1, 3], [0, 1, 3, 2])])
-    assert overlaps(ties, UNIT_BOX).overlap == pytest.approx([0.5, 0.5])
 
 
 def test_footprint_with_nan_or_without_area_overlaps_nothing():

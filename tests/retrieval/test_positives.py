@@ -79,35 +79,11 @@ def test_of_a_grid_few_tiles_are_tested(place):
     assert positives._grids(np.random.default_rng(0).permutation(boxes)) == []
 
 
-def test_columns_of_very_different_width():
-    edges = np.geomspace(1e-6, 1e3, 60)
-    low, high = edges[:-2], edges[2:]
-    boxes = np.array([[w, -s - 1, e, -s] for s in range(3) for w, e in zip(low, high, strict=True)])
-    points = points_near(boxes, np.random.default_rng(1), 500)
-    assert_same(positives_from_points(points, boxes), naive(points, boxes))
-
-
-def test_borders_and_corners_belong_to_the_tile():
-    points = np.array([[[1.0, 1.0]], [[0.5, 0.0]], [[np.nextafter(1, 2), 0.5]]])
-    assert positives_from_points(points, UNIT_BOX).counts.tolist() == [1, 1, 0]
-
-
-def test_two_points_in_a_tile_count_once():
-    points = np.array([[[0.2, 0.2], [0.8, 0.8]]])
-    assert positives_from_points(points, UNIT_BOX).tiles.tolist() == [0]
-
-
 def test_no_tiles_no_points_no_ground():
     assert_same(positives_from_points(np.zeros((2, 4, 2)), np.empty((0, 4))), [[], []])
     assert_same(positives_from_points(np.zeros((0, 4, 2)), UNIT_BOX), [])
     assert_same(positives_from_points(np.zeros((2, 0, 2)), UNIT_BOX), [[], []])
     assert_same(positives_from_points(np.full((2, 4, 2), np.nan), UNIT_BOX), [[], []])
-
-
-def test_many_blocks_of_queries_keep_their_order():
-    boxes = two_scales(30.0, 30.0)
-    points = points_near(boxes, np.random.default_rng(5), 9_000, per_query=1)
-    assert_same(positives_from_points(points, boxes), naive(points, boxes))
 
 
 def test_large_galleries_are_searched_by_several_trees(monkeypatch):

@@ -188,23 +188,6 @@ def test_the_reason_that_is_given_is_the_true_one(tmp_path: Path) -> None:
     }
 
 
-def test_an_overlap_below_the_threshold_is_said(tmp_path: Path) -> None:
-    given = inputs(tmp_path, np.array([[0.0, 0], [230, 0]]))
-    best = built(given, rule="iou", iou_above=0.0, without_positive="miss").truth.positives
-    assert best.overlap is not None
-    ratio = best.overlap[best.queries == 1].max()
-    assert reasons(built(given, rule="iou", iou_above=0.3).truth) == {
-        "s/p001": f"no tile overlaps by more than 0.3: the best by {ratio:.3g}"
-    }
-
-
-def test_rays_without_ground_are_said(tmp_path: Path) -> None:
-    given = inputs(tmp_path, np.array([[0.0, 0], [1, 1]]))
-    # 100 m below and 50 m aside: corners are 111.8 m away, and nothing nearer is a corner.
-    truth = built(given, max_range_m=111.0, without_positive="exclude").truth
-    assert set(reasons(truth).values()) == {"no ray meets the ground"}
-
-
 def test_a_scene_without_any_query_is_named(tmp_path: Path) -> None:
     found = built(inputs(tmp_path, np.array([[5000.0, 0]])))
     write_queries(tmp_path / "s", inputs(tmp_path, np.array([[5000.0, 0]])).photos)

@@ -58,24 +58,6 @@ def test_descriptors_without_ties(metric, length):
     assert_is(ranking, naive(similarities(queries, gallery, metric), positives, 30, 5))
 
 
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("memory_bytes", [1 << 12, 1 << 30])
-def test_constant_scorer_scores_nothing(metric, memory_bytes):
-    gallery = np.full((1_000, 3), 0.3, np.float32)
-    positives = positives_of([0, 1], range(500, 520), [])
-    ranking = rank_by_descriptors(
-        np.random.default_rng(0).random((3, 3)),
-        gallery,
-        k=10,
-        metric=metric,
-        positives=positives,
-        depth=5,
-        memory_bytes=memory_bytes,
-    )
-    assert (ranking.tiles == -1).all()
-    assert ranking.tie_dependent.tolist() == [True, True, False]
-
-
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 @pytest.mark.parametrize("n_tiles", [2, 40, 900])  # kept; kept; a crowd
 def test_multiples_of_one_vector_tie_under_cosine(dtype, n_tiles):
@@ -127,38 +109,6 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
 
 
 @pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("n_tiles", [2, 40, 900])
-@pytest.mark.parametrize("memory_bytes", [1 << 14, 1 << 30])
-def test_a_gallery_that_rounding_alone_tells_apart_is_no_ranking(metric, n_tiles, memory_bytes):
-    base = np.random.default_rng(5).standard_normal(96)
-    gallery = np.stack([np.random.default_rng(i).permutation(base) for i in range(n_tiles)])
-    found = rank_by_descriptors(
-        np.full((2, 96), 0.1),
-        gallery,
-        k=10,
-        metric=metric,
-        positives=positives_of([0], []),
-        depth=5,
-        memory_bytes=memory_bytes,
-    )
-    assert (found.tiles == -1).all()
-    assert found.tie_dependent.tolist() == [True, False]
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_where_every_tile_answers_a_constant_scorer_is_right(metric):
-    found = rank_by_descriptors(
-        np.ones((1, 4)),
-        np.ones((3, 4)),
-        k=5,
-        metric=metric,
-        positives=positives_of([0, 1, 2]),
-        depth=5,
-    )
-    assert_is(found, (np.array([[0, 1, 2, -1, -1]]), np.array([False])))
-
-
-@pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("n_tiles", [80, 500])  # few enough to be kept; a crowd
 @pytest.mark.parametrize("memory_bytes", [1 << 13, 1 << 30])
 @pytest.mark.parametrize("apart", [1e-8, 3e-8])
@@ -190,24 +140,6 @@ def crowded_case(metric):
         gallery[copies] = 3 * queries[query] / np.linalg.norm(queries[query])
     positives = random_positives(rng, 9, 3_000, most=600)
     return queries, gallery, {"metric": metric, "k": 25, "positives": positives, "depth": 5}
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_result_does_not_depend_on_blocks_threads_or_file(metric, tmp_path):
-    queries, gallery, options = crowded_case(metric)
-    np.save(tmp_path / "gallery.npy", gallery)
-    mapped = np.load(tmp_path / "gallery.npy", mmap_mode="r")
-    expected = rank_by_descriptors(queries, gallery, **options, jobs=1)
-    # Every two of memory, threads and source meet.
-    for row, memory_bytes in enumerate((1 << 13, 1 << 16, 1 << 20)):
-        for column, source in enumerate((gallery, mapped, np.asfortranarray(gallery))):
-            workers = 1 if (row + column) % 2 else 3
-            found = rank_by_descriptors(
-                queries, source, **options, memory_bytes=memory_bytes, jobs=workers
-            )
-            assert found.tiles.tobytes() == expected.tiles.tobytes()
-            assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
-    assert expected.tie_dependent.any()
 
 
 @pytest.mark.parametrize("metric", METRICS)

@@ -17,12 +17,6 @@ from tests.retrieval.ranking_support import (
 )
 
 
-def test_order_stands_without_scores():
-    ranked = np.array([[3, 1, -1], [0, 2, 1]])
-    ranking = rank_by_ids(ranked, None, positives_of([3], []), n_tiles=4, k=3, depth=5)
-    assert_is(ranking, (ranked, np.array([False, False])))
-
-
 def test_ties_go_against_the_submitter():
     ranked = np.array([[3, 1, 2, 0]])
     scores = np.array([[1.0, 1, 1, 0.5]])
@@ -39,32 +33,6 @@ def test_tie_counts_when_it_begins_before_the_depth(depth, tied):
     ranking = rank_by_ids(ranked, scores, positives_of([2]), n_tiles=6, k=6, depth=depth)
     assert ranking.tiles.tolist() == [[5, 3, 4, 2, 1, 0]]
     assert ranking.tie_dependent.tolist() == [tied]
-
-
-def test_tie_of_one_kind_is_none():
-    ranked, scores = np.array([[1, 0, 2], [1, 0, 2]]), np.array([[1, 1, 0.0]] * 2)
-    ranking = rank_by_ids(ranked, scores, positives_of([], [0, 1]), n_tiles=3, k=3, depth=2)
-    assert ranking.tiles.tolist() == [[0, 1, 2], [0, 1, 2]]
-    assert not ranking.tie_dependent.any()
-
-
-def test_missing_tiles_take_no_part():
-    ranked = np.array([[0, 5, 4, 1, -1, -1]])
-    scores = np.array([[2, 1.0, 1, 0.5, 0.5, np.nan]])
-    ranking = rank_by_ids(ranked, scores, positives_of([5]), n_tiles=6, k=6, depth=4)
-    assert ranking.tiles.tolist() == [[0, 4, 5, 1, -1, -1]]
-
-
-def test_infinite_scores_tie():
-    ranking = rank_by_ids(
-        np.array([[5, 4, 1]]),
-        np.array([[np.inf, np.inf, -np.inf]]),
-        positives_of([5]),
-        n_tiles=6,
-        k=3,
-        depth=3,
-    )
-    assert ranking.tiles.tolist() == [[4, 5, 1]]
 
 
 def completed(ranked, scores, positives, n_tiles):
@@ -108,15 +76,6 @@ def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, li
         if tied_throughout and not positive.all():
             expected = [-1] * k
         assert found.tiles[query].tolist() == expected
-
-
-def test_a_constant_list_is_no_ranking_however_long_it_is():
-    # Tile 0 answers, and stands first; every list says the same of all that it names.
-    for listed in (2, 5, 100, 299, 300):
-        ranked, scores = np.arange(listed)[None], np.full((1, listed), 0.7)
-        found = rank_by_ids(ranked, scores, positives_of([0]), n_tiles=300, k=100, depth=5)
-        assert (found.tiles == -1).all()
-        assert found.tie_dependent.tolist() == [True]
 
 
 def test_a_tie_with_a_positive_that_was_left_out_counts_as_one():

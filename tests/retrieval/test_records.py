@@ -26,15 +26,3 @@ def test_the_first_tiles_are_named_rank_by_rank_down_to_the_deepest_recall() -> 
     ]
     assert records["ranked"].tolist() == [7, 2, 0]
     assert records["first_hit_rank"].tolist() == [1, 2, 0]
-
-
-def test_a_gallery_of_fewer_tiles_than_ranks_has_empty_columns() -> None:
-    scene = MadeScene("east", [[1]], 2)
-    ranking = Ranking(np.array([[1, 0]], np.int32), np.zeros(1, bool))
-    records = score_scene(
-        made_truth(scene), ranking, np.array([True]), made_protocol([scene]).scores
-    )
-    assert records[[f"tile@{k}" for k in (1, 2, 3, 5)]].to_numpy().tolist() == [
-        ["east/t00001", "east/t00000", "", ""]
-    ]
-    assert records["ranked"].tolist() == [2]
