@@ -19,6 +19,7 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
+from tests.shared import made_once
 from tests.statistics.support import ERROR, HIT, made_result
 
 NAMES = ["first", "second", HOSTILE]
@@ -26,7 +27,10 @@ NAMES = ["first", "second", HOSTILE]
 
 @pytest.fixture(scope="session")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("report")
+    return made_once(tmp_path_factory, "report", _make_page) / "report.html"
+
+
+def _make_page(folder: Path) -> None:
     data, results = write_photo_results(folder, NAMES)
     made = [
         reconstruction_method("cloud", 0, scenes=5),
@@ -34,10 +38,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         far_method("far"),
     ]
     others = write_methods(folder, made)
-    out = folder / "report.html"
-    done = run("report", *results, *others, "--data", data, "-o", out)
+    done = run("report", *results, *others, "--data", data, "-o", folder / "report.html")
     assert done.exit_code == 0, done.exception
-    return out
 
 
 def far_method(name: str) -> Scored:
@@ -55,7 +57,10 @@ def far_method(name: str) -> Scored:
 @pytest.fixture(scope="session")
 def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a report of twenty methods, two of the same name and two of long ones."""
-    folder = tmp_path_factory.mktemp("crowded")
+    return made_once(tmp_path_factory, "crowded", _make_crowded) / "report.html"
+
+
+def _make_crowded(folder: Path) -> None:
     names = ["same", "same", "a name of many words that goes on and on", "x" * 70]
     names += [f"method {number}" for number in range(16)]
     methods = [retrieval_method(name, number) for number, name in enumerate(names)]
@@ -67,7 +72,6 @@ def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     out = folder / "report.html"
     assert run("report", *write_methods(folder, noted), "-o", out).exit_code == 0
-    return out
 
 
 @pytest.fixture(scope="session")
