@@ -38,8 +38,7 @@ from pykdtree.kdtree import KDTree
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.reconstruction.distances import (
     NeighbourSearch,
-    block_distances,
-    gather,
+    cloud_distances,
     morton_order,
     mutual_distances,
 )
@@ -152,7 +151,8 @@ def profile(points: int) -> None:
     print(f"one way, {points:,} points, one thread {'CPU s':>29}")
     orders = step("Morton order of both", lambda: (morton_order(first), morton_order(second)))
     ours, others = step(
-        "points moved into it", lambda: (gather(first, orders[0]), gather(second, orders[1]))
+        "points moved into it",
+        lambda: (first.take(orders[0], axis=0), second.take(orders[1], axis=0)),
     )
     search = step("copies looked for, tree built", lambda: NeighbourSearch(others))
     step("asked for two, ties decided", lambda: search.squared(ours, jobs=1))
@@ -169,7 +169,7 @@ def _peak_mb() -> float:
 
 def in_blocks(count: int, block_points: int, threads: int) -> Both:
     """Both ways without the clouds in memory."""
-    found = block_distances(Made(count, 0), Made(count, 1), block_points=block_points, jobs=threads)
+    found = cloud_distances(Made(count, 0), Made(count, 1), block_points=block_points, jobs=threads)
     return found.to_truth, found.to_prediction
 
 
@@ -284,7 +284,7 @@ def main() -> None:
     threads = max(options.threads)
     if options.blocks:
         result = measured("blocks", options.blocks, threads, options, limit_mb=options.limit_mb)
-        row(f"block_distances, {options.block_points:,} a block", options.blocks, result)
+        row(f"cloud_distances, {options.block_points:,} a block", options.blocks, result)
 
 
 if __name__ == "__main__":

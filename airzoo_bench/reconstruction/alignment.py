@@ -47,13 +47,8 @@ _MOST_REFITS = 100
 class PosedCameras:
     """N cameras by the names of their images.
 
-    Attributes
-    ----------
-    names : tuple of N str
-    centres : (N, 3) array
-        In world coordinates; NaN for a camera without a pose.
-    rotation : (N, 3, 3) array or None
-        World-to-camera, OpenCV axes; None where there are positions only (GPS).
+    Centres (N, 3) are NaN for a camera without a pose; rotations (N, 3, 3) are world-to-camera in
+    OpenCV's axes, None where there are positions only (GPS).
     """
 
     names: tuple[str, ...]
@@ -92,15 +87,12 @@ class RansacSettings:
     def from_protocol(cls, stated: AlignmentSettings) -> RansacSettings:
         """Take the settings of a protocol."""
         share, limit = stated.sample_share, stated.inlier_below_m
+        names = ("min_trials", "max_trials", "confidence", "line_ratio", "seed")
         return cls(
             inlier_limit=None if isinstance(limit, str) else limit,
             inlier_limit_deg=stated.inlier_below_deg,
-            min_trials=stated.min_trials,
-            max_trials=stated.max_trials,
-            confidence=stated.confidence,
             sample_share=None if isinstance(share, str) else share,
-            line_ratio=stated.line_ratio,
-            seed=stated.seed,
+            **{name: getattr(stated, name) for name in names},
         )
 
 
@@ -112,13 +104,12 @@ class Residuals:
     median: float
     largest: float
 
-    @classmethod
-    def summarise(cls, values: Floats) -> Residuals | None:
-        """Summarise values (N,); None where there are none."""
-        if not len(values):
-            return None
-        rms = float(np.sqrt((values * values).mean()))
-        return cls(rms, float(np.median(values)), float(values.max()))
+
+def _summarise(values: Floats) -> Residuals | None:
+    if not len(values):
+        return None
+    rms = float(np.sqrt((values * values).mean()))
+    return Residuals(rms, float(np.median(values)), float(values.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +124,9 @@ class Alignment:
     method: Literal["none", "sim3", "sim3+icp"]
     transform: Similarity
     cameras: int = 0
-    missing: int = 0
+    cameras_missing: int = 0
     inliers: int = 0
-    inlier_limit: float | None = None
+    inlier_limit_m: float | None = None
     used_orientations: bool = False
     robust: bool = True
     centres: Residuals | None = None
@@ -144,6 +135,22 @@ class Alignment:
     icp: IcpReport | None = None
     icp_failure: str | None = None
     inlier_names: tuple[str, ...] = ()
+
+
+def alignment_values(found: Alignment) -> dict[str, Any]:
+    """Return what ``alignment.json`` says: how a scene was aligned, its scale, its residuals."""
+    values = asdict(found)
+    del values["transform"]
+    scale, matrix = found.transform.scale, found.transform.matrix.tolist()
+    return {"scale": scale, "matrix": matrix, **_finite(values)}
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Write infinite numbers as text, as in results, at whatever depth."""
+    return {
+        key: _finite(one) if isinstance(one, dict) else "Infinity" if one == np.inf else one
+        for key, one in values.items()
+    }
 
 
 def align(
@@ -171,7 +178,7 @@ def align(
         method=method,
         transform=fit.transform,
         inliers=int(fit.inliers.sum()),
-        inlier_limit=fit.limit,
+        inlier_limit_m=fit.limit,
         used_orientations=fit.used_orientations,
         robust=fit.robust,
         inlier_names=target.take(np.flatnonzero(fit.inliers)).names,
@@ -200,13 +207,13 @@ def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCamera
     angles = None
     if source.rotation is not None and target.rotation is not None:
         aligned = source.rotation @ found.transform.rotation.T
-        angles = Residuals.summarise(rotation_angle_deg(aligned, target.rotation))
+        angles = _summarise(rotation_angle_deg(aligned, target.rotation))
     return replace(
         found,
         cameras=len(rows),
-        missing=len(truth.names) - len(rows),
-        centres=Residuals.summarise(away),
-        inlier_centres=Residuals.summarise(away[np.isin(target.names, found.inlier_names)]),
+        cameras_missing=len(truth.names) - len(rows),
+        centres=_summarise(away),
+        inlier_centres=_summarise(away[np.isin(target.names, found.inlier_names)]),
         rotations_deg=angles,
     )
 
@@ -240,57 +247,61 @@ def fit_cameras(source: PosedCameras, target: PosedCameras, settings: RansacSett
                 expected="cameras that move",
             )
     if not _on_a_line(target.centres, settings):
-        fit = _consensus(_Partners(source, target, settings, strip=False))
+        fit = _Consensus(source, target, settings, strip=False).find()
         # What seemed a plane may have been a strip with an outlier.
         if fit is not None and not _on_a_line(target.centres[fit.inliers], settings):
             return fit
-    strip = _consensus(_Partners(source, target, settings, strip=True))
-    if strip is None:
+    if source.rotation is None or target.rotation is None:
+        whose = "truth" if target.rotation is None else "prediction"
+        raise AlignmentError(
+            "the camera centres lie on a line, which leaves the turn about it free, and the "
+            f"{whose} has no orientations",
+            expected="centres that span a plane, or orientations of the cameras",
+            fix="add photos off the line, give camera poses, or predict in the truth's frame "
+            "and align by 'none'",
+        )
+    fit = _Consensus(source, target, settings, strip=True).find()
+    if fit is None:
         raise AlignmentError("the camera centres determine no similarity")
-    return strip
+    return fit
 
 
 def _on_a_line(true_centres: Floats, settings: RansacSettings) -> bool:
     return point_rank(true_centres, max(settings.line_ratio, RANK_TOLERANCE)) < 2
 
 
-class _Partners:
-    """Partner cameras; centres give the similarity, and on a strip orientations too."""
+_Best = tuple[list[Similarity], Floats]
+"""The best fit yet, as a list of one or none; its residuals (N,), infinite for outliers."""
+
+
+class _Consensus:
+    """The search for the largest set of partners that agree; on a strip, orientations count too."""
 
     def __init__(
         self, source: PosedCameras, target: PosedCameras, settings: RansacSettings, *, strip: bool
     ) -> None:
-        if strip and (source.rotation is None or target.rotation is None):
-            whose = "truth" if target.rotation is None else "prediction"
-            raise AlignmentError(
-                "the camera centres lie on a line, which leaves the turn about it free, and the "
-                f"{whose} has no orientations",
-                expected="centres that span a plane, or orientations of the cameras",
-                fix="add photos off the line, give camera poses, or predict in the truth's frame "
-                "and align by 'none'",
-            )
         self.a, self.b, self.settings, self.strip = source.centres, target.centres, settings, strip
-        self._rotations = source.rotation, target.rotation
-        self.first = self.fits(np.arange(len(self.a))[None])
-        self.limit = self._limit()
+        self.turned, self.true = (
+            np.zeros((0, 3, 3)) if one.rotation is None else one.rotation
+            for one in (source, target)
+        )
+        self.all = self.fits(np.arange(len(self.a))[None])
+        self.limit = settings.inlier_limit or self._nearest_camera_limit()
 
-    def _limit(self) -> float:
-        if self.settings.inlier_limit is not None:
-            return self.settings.inlier_limit
+    def _nearest_camera_limit(self) -> float:
         least = _LEAST_LIMIT * float(_apart(self.b, self.b[:1]).max())
-        if not self.first:
+        if not self.all:
             return least
         here = self.b[0]
-        away, _ = cKDTree(self.b - here).query(self.first[0].apply(self.a) - here)
+        away, _ = cKDTree(self.b - here).query(self.all[0].apply(self.a) - here)
         return max(float(np.median(away)), least)
 
     def fits(self, samples: Ints) -> list[Similarity]:
         """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
         a, b = self.a[samples], self.b[samples]
-        turned, true = self._rotations
-        if self.strip and turned is not None and true is not None:
-            turns = np.swapaxes(true, -1, -2) @ turned
-            found = fit_strips(a, b, turns[samples], axis_share=self.settings.line_ratio)
+        if self.strip:
+            turns = (np.swapaxes(self.true, -1, -2) @ self.turned)[samples]
+            found = fit_strips(a, b, turns, axis_share=self.settings.line_ratio)
         else:
             found = fit_many(a, b, with_scale=True)
         return list(itertools.compress(*found))
@@ -302,25 +313,73 @@ class _Partners:
 
     def residuals(self, fits: list[Similarity]) -> Floats:
         """Return distances of centres (S, N), infinite where a camera is no inlier."""
-        turned, true = self._rotations
-        if not self.strip or turned is None or true is None:
+        if not self.strip:
             return self.near(fits)
         back = np.array([fit.rotation.T for fit in fits])
-        angles = rotation_angle_deg(turned[None] @ back[:, None], true[None])
+        angles = rotation_angle_deg(self.turned[None] @ back[:, None], self.true[None])
         return np.where(angles < self.settings.inlier_limit_deg, self.near(fits), np.inf)
 
+    def find(self) -> CameraFit | None:
+        """Find the largest set of cameras that agree; None where no fit is determined."""
+        fits, residuals = self._search()
+        inliers = np.isfinite(residuals)
+        robust = int(inliers.sum()) >= LEAST_CAMERAS
+        if not robust:
+            if self.strip and self.all:
+                _refuse_orientations(np.isfinite(self.near(self.all)[0]))
+            inliers = np.ones(len(inliers), np.bool_)
+        final = self.fits(np.flatnonzero(inliers)[None]) or self.all or fits
+        return CameraFit(final[0], inliers, self.limit, self.strip, robust) if final else None
 
-def _consensus(cameras: _Partners) -> CameraFit | None:
-    """Find the largest set of cameras that agree; None where no fit is determined."""
-    best = _search(cameras)
-    inliers = np.isfinite(best.residuals)
-    robust = int(inliers.sum()) >= LEAST_CAMERAS
-    if not robust:
-        if cameras.strip and cameras.first:
-            _refuse_orientations(np.isfinite(cameras.near(cameras.first)[0]))
-        inliers = np.ones(len(inliers), np.bool_)
-    final = cameras.fits(np.flatnonzero(inliers)[None]) or cameras.first or best.fits
-    return CameraFit(final[0], inliers, cameras.limit, cameras.strip, robust) if final else None
+    def _search(self) -> _Best:
+        settings, count = self.settings, len(self.a)
+        size, minimal = 2 if self.strip else 3, settings.sample_share is None
+        if settings.sample_share is not None:
+            size = min(count, max(size, math.ceil(settings.sample_share * count)))
+        best = self._better(([], np.full(count, np.inf)), self.all, refit=minimal)
+        done = 0
+        for samples in _sample_blocks(count, size, settings):
+            best = self._better(best, self.fits(samples), refit=minimal)
+            done += len(samples)
+            share = np.isfinite(best[1]).sum() / count
+            if done >= settings.min_trials and done >= _trials_needed(share**size, settings):
+                break
+        return best
+
+    def _better(self, best: _Best, fits: list[Similarity], *, refit: bool) -> _Best:
+        if not fits:
+            return best
+        residuals = self.residuals(fits)
+        inliers = np.isfinite(residuals)
+        counts = inliers.sum(axis=1)
+        means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
+        first = np.lexsort((means, -counts))[0]
+        found = [fits[first]], residuals[first]
+        found = self._refitted(found) if refit else found
+        return found if _score(found[1]) < _score(best[1]) else best
+
+    def _refitted(self, best: _Best) -> _Best:
+        """Refit to the inliers until they stay, as long as they do not become fewer."""
+        for _ in range(_MOST_REFITS):
+            inliers = np.isfinite(best[1])
+            fits = self.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
+            if not fits:
+                break
+            residuals = self.residuals(fits)[0]
+            again = np.isfinite(residuals)
+            if again.sum() < inliers.sum():
+                break
+            best = fits, residuals
+            if (again == inliers).all():
+                break
+        return best
+
+
+def _score(residuals: Floats) -> tuple[int, float]:
+    """Rate a fit, smaller is better: the most inliers; among equals the least mean residual."""
+    inliers = np.isfinite(residuals)
+    count = int(inliers.sum())
+    return -count, float(residuals[inliers].mean()) if count else np.inf
 
 
 def _refuse_orientations(near: Bools) -> None:
@@ -333,70 +392,12 @@ def _refuse_orientations(near: Bools) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Best:
-    """The best fit yet, as a list of one or none; its residuals (N,), infinite for outliers."""
-
-    fits: list[Similarity]
-    residuals: Floats
-
-    @property
-    def score(self) -> tuple[int, float]:
-        """The most inliers; among equals the least mean residual. Smaller is better."""
-        inliers = np.isfinite(self.residuals)
-        count = int(inliers.sum())
-        return -count, float(self.residuals[inliers].mean()) if count else np.inf
-
-
-def _search(cameras: _Partners) -> _Best:
-    settings, count = cameras.settings, len(cameras.a)
-    size, minimal = 2 if cameras.strip else 3, settings.sample_share is None
-    if settings.sample_share is not None:
-        size = min(count, max(size, math.ceil(settings.sample_share * count)))
-    best = _better(cameras, _Best([], np.full(count, np.inf)), cameras.first, refit=minimal)
-    done = 0
-    for samples in _sample_blocks(count, size, settings):
-        best = _better(cameras, best, cameras.fits(samples), refit=minimal)
-        done += len(samples)
-        share = -best.score[0] / count
-        if done >= settings.min_trials and done >= _trials_needed(share**size, settings):
-            break
-    return best
-
-
 def _trials_needed(good: float, settings: RansacSettings) -> float:
     """Return how many samples hold a good one with the confidence asked for."""
     missed = 1.0 - settings.confidence
     if good >= 1.0:
         return 0.0
     return math.log(missed) / math.log1p(-good) if good > 0.0 and missed > 0.0 else math.inf
-
-
-def _better(cameras: _Partners, best: _Best, fits: list[Similarity], *, refit: bool) -> _Best:
-    if not fits:
-        return best
-    residuals = cameras.residuals(fits)
-    inliers = np.isfinite(residuals)
-    counts = inliers.sum(axis=1)
-    means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
-    first = np.lexsort((means, -counts))[0]
-    found = _Best([fits[first]], residuals[first])
-    found = _refitted(cameras, found) if refit else found
-    return found if found.score < best.score else best
-
-
-def _refitted(cameras: _Partners, best: _Best) -> _Best:
-    """Refit to the inliers until they stay, as long as they do not become fewer."""
-    for _ in range(_MOST_REFITS):
-        inliers = np.isfinite(best.residuals)
-        fits = cameras.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
-        found = _Best(fits, cameras.residuals(fits)[0]) if fits else best
-        if not fits or found.score[0] > best.score[0]:
-            break
-        best = found
-        if (np.isfinite(found.residuals) == inliers).all():
-            break
-    return best
 
 
 def _sample_blocks(count: int, size: int, settings: RansacSettings) -> Iterator[Ints]:
@@ -408,43 +409,10 @@ def _sample_blocks(count: int, size: int, settings: RansacSettings) -> Iterator[
         return
     random = np.random.default_rng(settings.seed)
     for start in range(0, settings.max_trials, _BLOCK):
-        yield _draw_samples(random, min(_BLOCK, settings.max_trials - start), count, size)
-
-
-def _draw_samples(random: np.random.Generator, trials: int, count: int, size: int) -> Ints:
-    """Draw samples (trials, size) of rows without replacement, each ascending."""
-    rows = np.empty((trials, 0), dtype=np.int64)
-    for taken in range(size):
-        row = random.integers(0, count - taken, trials)
-        for column in rows.T:  # ascending
-            row += row >= column
-        rows = np.sort(np.column_stack((rows, row)), axis=1)
-    return rows
-
-
-def alignment_values(found: Alignment) -> dict[str, Any]:
-    """Return what ``alignment.json`` says: how a scene was aligned, its scale, its residuals."""
-    parts = {name: getattr(found, name) for name in ("centres", "inlier_centres", "rotations_deg")}
-    parts["icp"] = found.icp
-    return {
-        "method": found.method,
-        "scale": found.transform.scale,
-        "matrix": found.transform.matrix.tolist(),
-        "cameras": found.cameras,
-        "cameras_missing": found.missing,
-        "inliers": found.inliers,
-        "inlier_names": list(found.inlier_names),
-        "inlier_limit_m": found.inlier_limit,
-        "used_orientations": found.used_orientations,
-        "robust": found.robust,
-        **{name: None if part is None else _finite(asdict(part)) for name, part in parts.items()},
-        "icp_failure": found.icp_failure,
-    }
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """Write infinite numbers as text, as in results, at whatever depth."""
-    return {
-        key: _finite(one) if isinstance(one, dict) else "Infinity" if one == np.inf else one
-        for key, one in values.items()
-    }
+        rows = np.empty((min(_BLOCK, settings.max_trials - start), 0), dtype=np.int64)
+        for taken in range(size):
+            row = random.integers(0, count - taken, len(rows))
+            for column in rows.T:  # ascending
+                row += row >= column
+            rows = np.sort(np.column_stack((rows, row)), axis=1)
+        yield rows

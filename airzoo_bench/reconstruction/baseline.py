@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, check_output_folder, temporary_folder, write_npz
 from airzoo_bench.core.optional_imports import load_pycolmap
+from airzoo_bench.core.progress import shown
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
@@ -37,13 +39,9 @@ from airzoo_bench.reconstruction.truth import read_truth
 _LEAST_PHOTOS = 3
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 
-
-class Lens(NamedTuple):
-    """A known camera, with COLMAP's parameters of the model FULL_OPENCV."""
-
-    width: int
-    height: int
-    params: tuple[float, ...]
+Colours = NDArray[np.uint8]
+Lens = tuple[int, int, tuple[float, ...]]
+"""Width, height and parameters of COLMAP's model FULL_OPENCV."""
 
 
 class TwoViews(NamedTuple):
@@ -62,10 +60,9 @@ class _Features:
     starts: Ints
     places: Floats
     descriptors: NDArray[np.uint8]
-    colours: NDArray[np.uint8]
+    colours: Colours
 
     def rows(self, photo: int) -> slice:
-        """Return the rows of a photo."""
         return slice(int(self.starts[photo]), int(self.starts[photo + 1]))
 
 
@@ -76,7 +73,7 @@ class Model:
     rows: Ints
     poses: Poses
     points: Floats
-    colours: NDArray[np.uint8]
+    colours: Colours
 
 
 def predict(
@@ -133,31 +130,34 @@ def sparse_reconstruction(
             f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
             fix="name a folder with photos that overlap",
         )
-    engine, progress = run.processes, run.progress
-    lenses = _lenses_of(cameras)
-    extracted = engine.map(
+    # k1 k2 p1 p2 k3, and a denominator of 1.
+    rows = np.hstack((cameras.focal, cameras.principal_point, cameras.distortion))
+    lenses: list[Lens] = [
+        (int(width), int(height), (*map(float, row), 0.0, 0.0, 0.0))
+        for width, height, row in zip(cameras.width, cameras.height, rows, strict=True)
+    ]
+    extracted = run.processes.map(
         _extract_features,
         list(zip(photos, lenses, strict=True)),
         shared=settings,
         stage="features",
         name=lambda item: str(item[0]),
     )
-    parts = list(progress(extracted, "features", len(photos)))
+    parts = list(run.progress(extracted, "features", len(photos)))
     starts = np.cumsum([0, *(len(places) for places, *_ in parts)])
     features = _Features(starts, *map(np.concatenate, zip(*parts, strict=True)))
     pairs = photo_pairs(len(photos), positions, settings.neighbours)
     firsts = np.unique(pairs[:, 0]).tolist()
-    matched = engine.map(
+    matched = run.processes.map(
         _match_photo,
         [(first, pairs[pairs[:, 0] == first, 1].tolist()) for first in firsts],
         shared=(settings, lenses, features),
         stage="matches",
         name=lambda item: str(photos[item[0]]),
     )
-    views = [two for found in progress(matched, "matches", len(firsts)) for two in found]
-    modelled = (_map_photos(lenses, features, views, scratch, settings) for _ in range(1))
-    (model,) = progress(modelled, "model", 1)
-    return model
+    views = [two for found in run.progress(matched, "matches", len(firsts)) for two in found]
+    work = partial(_map_photos, lenses, features, views, scratch, settings)
+    return shown(work, "model", run.progress)
 
 
 def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) -> Ints:
@@ -179,16 +179,16 @@ def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) ->
 
 def _extract_features(
     settings: SfmSettings, item: tuple[Path, Lens]
-) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint8]]:
+) -> tuple[Floats, NDArray[np.uint8], Colours]:
     """Return pixels at full size, descriptors and colours of a photo's features."""
-    path, lens = item
+    path, (width, height, _) = item
     colour = read_rgb_photo(path, settings.long_side_px)
     grey = np.round(colour @ _GREY).astype(np.uint8)
     seen, found = extract(
         grey, settings.max_features, settings.peak_threshold, doubled=settings.doubled
     )
     column, row = np.floor(seen).astype(np.int64).T
-    scale = np.array((lens.width, lens.height)) / (grey.shape[1], grey.shape[0])
+    scale = np.array((width, height)) / (grey.shape[1], grey.shape[0])
     return seen * scale, found.astype(np.uint8), colour[row, column]
 
 
@@ -197,64 +197,45 @@ def _match_photo(
 ) -> list[TwoViews]:
     """Match a photo with others, and keep what one motion of the camera explains."""
     settings, lenses, features = shared
-    first, seconds = item
-    here = features.rows(first)
-    found = []
-    for second in seconds:
-        there = features.rows(second)
-        a, b = (features.descriptors[rows].astype(np.float32) for rows in (here, there))
-        matches = np.stack(mutual_nearest(a, b, settings.ratio), axis=1)
-        places = features.places[here], features.places[there]
-        two = _verify((lenses[first], lenses[second]), places, matches, settings)
-        if len(two[1]):
-            found.append(TwoViews(first, second, *two))
-    return found
-
-
-def _verify(
-    lenses: tuple[Lens, Lens], places: tuple[Floats, Floats], matches: Ints, settings: SfmSettings
-) -> tuple[int, Ints]:
-    if len(matches) < settings.least_inliers:
-        return 0, np.zeros((0, 2), np.int64)
     pycolmap = load_pycolmap()
     options = pycolmap.TwoViewGeometryOptions(min_num_inliers=settings.least_inliers)
-    options.ransac.max_error = _max_error_px(lenses, settings)
     options.ransac.random_seed = settings.seed
     options.ransac.num_threads = 1
-    pycolmap.set_random_seed(settings.seed)
-    first, second = (_camera(pycolmap, lens, 1) for lens in lenses)
-    found = pycolmap.estimate_two_view_geometry(
-        first, places[0], second, places[1], matches.astype(np.uint32), options
-    )
-    return int(found.config), np.asarray(found.inlier_matches, np.int64).reshape(-1, 2)
+    first, seconds = item
+    found = []
+    for second in seconds:
+        rows = [features.rows(photo) for photo in (first, second)]
+        a, b = (features.descriptors[one].astype(np.float32) for one in rows)
+        matches = np.stack(mutual_nearest(a, b, settings.ratio), axis=1).astype(np.uint32)
+        if len(matches) < settings.least_inliers:
+            continue
+        pair = [lenses[photo] for photo in (first, second)]
+        options.ransac.max_error = _max_error_px(pair, settings)
+        pycolmap.set_random_seed(settings.seed)
+        cameras = [_camera(lens, 1) for lens in pair]
+        here, there = (features.places[one] for one in rows)
+        two = pycolmap.estimate_two_view_geometry(
+            cameras[0], here, cameras[1], there, matches, options
+        )
+        inliers = np.asarray(two.inlier_matches, np.int64).reshape(-1, 2)
+        if len(inliers):
+            found.append(TwoViews(first, second, int(two.config), inliers))
+    return found
 
 
 def _max_error_px(lenses: Iterable[Lens], settings: SfmSettings) -> float:
     """Return the largest reprojection error in pixels at full size."""
-    longest = max(max(lens.width, lens.height) for lens in lenses)
+    longest = max(max(width, height) for width, height, _ in lenses)
     return settings.max_error_px * max(1.0, longest / settings.long_side_px)
 
 
 # --- pycolmap ---
 
 
-def _lenses_of(cameras: Cameras) -> list[Lens]:
-    """Return cameras as COLMAP has them, with all coefficients of the lens."""
-    rows = np.hstack((cameras.focal, cameras.principal_point, cameras.distortion))
-    return [
-        # k1 k2 p1 p2 k3, and a denominator of 1.
-        Lens(int(w), int(h), (*map(float, row), 0.0, 0.0, 0.0))
-        for w, h, row in zip(cameras.width, cameras.height, rows, strict=True)
-    ]
-
-
-def _camera(pycolmap: Any, lens: Lens, number: int) -> Any:
-    camera = pycolmap.Camera(
-        camera_id=number,
-        model="FULL_OPENCV",
-        width=lens.width,
-        height=lens.height,
-        params=list(lens.params),
+def _camera(lens: Lens, number: int) -> Any:
+    width, height, params = lens
+    camera = load_pycolmap().Camera(
+        camera_id=number, model="FULL_OPENCV", width=width, height=height, params=list(params)
     )
     camera.has_prior_focal_length = True
     return camera
@@ -269,43 +250,8 @@ def _map_photos(
 ) -> Model:
     """Reconstruct incrementally, and return the model with the most photos."""
     pycolmap = load_pycolmap()
-    database = folder / "database.db"
-    _write_database(pycolmap, database, lenses, features, pairs)
-    options = _mapper_options(pycolmap, _max_error_px(lenses, settings), settings)
-    pycolmap.set_random_seed(settings.seed)
-    models = pycolmap.incremental_mapping(database, folder, folder, options)
-    if not models:
-        none = Poses(rotation=np.zeros((0, 3, 3)), centres=np.zeros((0, 3)))
-        return Model(np.zeros(0, np.int64), none, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-    best = max(
-        sorted(models), key=lambda key: (models[key].num_reg_images(), models[key].num_points3D())
-    )
-    return _read_model(models[best], features)
-
-
-def _write_database(
-    pycolmap: Any,
-    path: Path,
-    lenses: list[Lens],
-    features: _Features,
-    pairs: Iterable[TwoViews],
-) -> None:
-    # Photos of one lens share its camera. Image n + 1 is photo n.
-    numbers = {lens: n for n, lens in enumerate(dict.fromkeys(lenses), start=1)}
-    with pycolmap.Database.open(path) as database:
-        for lens, number in numbers.items():
-            database.write_camera(_camera(pycolmap, lens, number), use_camera_id=True)
-            rig = pycolmap.Rig(rig_id=number)
-            rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number))
-            database.write_rig(rig, use_rig_id=True)
-        for photo, lens in enumerate(lenses):
-            row, number = photo + 1, numbers[lens]
-            image = pycolmap.Image(name=f"{row}", camera_id=number, image_id=row)
-            database.write_image(image, use_image_id=True)
-            frame = pycolmap.Frame(frame_id=row, rig_id=number)
-            frame.add_data_id(image.data_id)
-            database.write_frame(frame, use_frame_id=True)
-            database.write_keypoints(row, features.places[features.rows(photo)].astype(np.float32))
+    with pycolmap.Database.open(folder / "database.db") as database:
+        _write_photos(pycolmap, database, lenses, features)
         for first, second, config, found in pairs:
             matches = found.astype(np.uint32)
             geometry = pycolmap.TwoViewGeometry(
@@ -313,6 +259,33 @@ def _write_database(
             )
             database.write_matches(first + 1, second + 1, matches)
             database.write_two_view_geometry(first + 1, second + 1, geometry)
+    options = _mapper_options(pycolmap, _max_error_px(lenses, settings), settings)
+    pycolmap.set_random_seed(settings.seed)
+    models = pycolmap.incremental_mapping(folder / "database.db", folder, folder, options)
+    if not models:
+        none = Poses(rotation=np.zeros((0, 3, 3)), centres=np.zeros((0, 3)))
+        return Model(np.zeros(0, np.int64), none, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+    ordered = [models[key] for key in sorted(models)]
+    best = max(ordered, key=lambda model: (model.num_reg_images(), model.num_points3D()))
+    return _read_model(best, features)
+
+
+def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], features: _Features) -> None:
+    # Photos of one lens share its camera. Image n + 1 is photo n.
+    numbers = {lens: n for n, lens in enumerate(dict.fromkeys(lenses), start=1)}
+    for lens, number in numbers.items():
+        database.write_camera(_camera(lens, number), use_camera_id=True)
+        rig = pycolmap.Rig(rig_id=number)
+        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number))
+        database.write_rig(rig, use_rig_id=True)
+    for photo, lens in enumerate(lenses):
+        row, number = photo + 1, numbers[lens]
+        image = pycolmap.Image(name=f"{row}", camera_id=number, image_id=row)
+        database.write_image(image, use_image_id=True)
+        frame = pycolmap.Frame(frame_id=row, rig_id=number)
+        frame.add_data_id(image.data_id)
+        database.write_frame(frame, use_frame_id=True)
+        database.write_keypoints(row, features.places[features.rows(photo)].astype(np.float32))
 
 
 def _mapper_options(pycolmap: Any, max_error_px: float, settings: SfmSettings) -> Any:
@@ -338,24 +311,18 @@ def _read_model(model: Any, features: _Features) -> Model:
     images = [model.images[key] for key in sorted(model.images) if model.images[key].has_pose]
     poses = [image.cam_from_world() for image in images]
     points = [model.points3D[key] for key in sorted(model.points3D)]
+    rotation = np.array([pose.rotation.matrix() for pose in poses])
+    translation = np.array([pose.translation for pose in poses])
+    colours = np.zeros((len(points), 3), np.uint8)
+    for row, point in enumerate(points):
+        seen = [
+            features.colours[features.starts[one.image_id - 1] + one.point2D_idx]
+            for one in point.track.elements
+        ]
+        colours[row] = np.round(np.mean(seen, axis=0))
     return Model(
         rows=np.array([image.image_id - 1 for image in images], np.int64),
-        poses=Poses.from_translations(
-            np.array([pose.rotation.matrix() for pose in poses]),
-            np.array([pose.translation for pose in poses]),
-        ),
+        poses=Poses.from_translations(rotation, translation),
         points=np.array([point.xyz for point in points]).reshape(-1, 3),
-        colours=_mean_colours(points, features),
+        colours=colours,
     )
-
-
-def _mean_colours(points: Sequence[Any], features: _Features) -> NDArray[np.uint8]:
-    elements = [(e.image_id - 1, e.point2D_idx) for p in points for e in p.track.elements]
-    if not elements:
-        return np.zeros((0, 3), np.uint8)
-    photo, feature = np.array(elements, np.int64).T
-    seen = features.colours[features.starts[photo] + feature].astype(np.int64)
-    lengths = np.array([point.track.length() for point in points])
-    sums = np.add.reduceat(seen, np.cumsum(lengths) - lengths, axis=0)
-    mean: NDArray[np.uint8] = np.round(sums / lengths[:, None]).astype(np.uint8)
-    return mean

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import CameraError, PredictionError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import pose_errors_m
-from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, PosedCameras
+from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, PosedCameras, partners
 from airzoo_bench.reconstruction.checks import (
     Inversion,
     refuse_camera_to_world,
@@ -91,15 +91,14 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     except CameraError as error:
         raise camera_fault(arrays, "extrinsics", error) from error
     last = np.abs(matrices[found, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
-    odd = names[found][~last.all(axis=(1, 2))]
+    odd = names[found][~last.all(axis=(1, 2))].tolist()
     what = "a last row other than 0 0 0 1 (a transposed matrix has t there)"
-    _refuse(arrays, "extrinsics", what, odd.tolist(), count)
+    _refuse(arrays, "extrinsics", what, odd, count)
     found &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
     translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
     errors = np.zeros(count)
     errors[found] = pose_errors_m(matrices[found, :3, :3], translation[found], None)
-    poses = Poses.from_translations(rotation, translation)
-    return ImagePoses(names, found, poses, errors, named)
+    return ImagePoses(names, found, Poses.from_translations(rotation, translation), errors, named)
 
 
 def _refuse(arrays: Arrays, field: str, what: str, names: list[str], count: int) -> None:
@@ -138,19 +137,13 @@ def match_cameras(
     if images is None:
         return None
     names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
-    found = np.flatnonzero(images.found)
-    true = truth.poses.take(_true_rows([names[row] for row in found], truth))
-    refuse_camera_to_world(images.poses.take(found), true, place)
     rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
     centres = np.where(images.found[:, None], images.poses.centres, np.nan)
     cameras = PosedCameras(tuple(names), centres, rotation)
+    rows, true_rows = partners(cameras, truth.posed)
+    refuse_camera_to_world(images.poses.take(rows), truth.poses.take(true_rows), place)
     refuse_shifted_names(cameras, truth.posed, place)
     return cameras
-
-
-def _true_rows(names: list[str], truth: ReconstructionTruth) -> Ints:
-    rows = {name: row for row, name in enumerate(truth.photos["image"])}
-    return np.array([rows[name] for name in names], dtype=int)
 
 
 def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
@@ -159,8 +152,8 @@ def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> lis
     if len(images.names) != len(photos):
         more = len(images.names) == len(photos) + len(truth.excluded) > len(photos)
         raise _nameless(
-            f"has no image_names, and {counted(len(images.names), 'view')} for "
-            f"{counted(len(photos), 'photo')} of the scene",
+            f"and {counted(len(images.names), 'view')} for {counted(len(photos), 'photo')} of the "
+            "scene",
             place,
             _OTHER_PHOTOS if more else _LIST,
         )
@@ -168,24 +161,24 @@ def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> lis
     if len(rows) < LEAST_CAMERAS:
         raise AlignmentError("has no image_names, and too few poses to tell which view is which")
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
-    true = truth.poses.take(_true_rows([photos[row] for row in rows], truth))
-    given = images.poses.take(rows)
+    places = np.argsort(truth.photos["image"].to_numpy(str))
+    given, true = images.poses.take(rows), truth.poses.take(places[rows])
     off = float(np.median(pair_errors(given, true, least_baseline=0.0).worse_deg))
     if off > _ORDER_FITS_DEG:
         inversion = Inversion.between(given, true)
         turned = inversion is not None and inversion.is_likely
         raise _nameless(
-            "has no image_names, and its cameras do not fit the photos in the order of their "
-            f"names: between two cameras they are {off:.0f} degrees off"
-            + (f"; {inversion}" if turned else ""),
+            "and its cameras do not fit the photos in the order of their names: between two "
+            f"cameras they are {off:.0f} degrees off" + (f"; {inversion}" if turned else ""),
             place,
             _INVERT if turned else _LIST,
         )
     return photos
 
 
-def _nameless(what: str, place: str, fix: str) -> PredictionError:
+def _nameless(why: str, place: str, fix: str) -> PredictionError:
     expected = "a field image_names (N,) that says which photo each view is of"
+    what = f"has no image_names, {why}"
     return PredictionError(what, where=place, expected=expected, fix=fix)
 
 
@@ -219,11 +212,8 @@ def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> l
     found = [known[name] for name in names]
     twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]
     if twice:
-        raise PredictionError(
-            f"images that are named with their ending and without: {first_of(twice, len(names))}",
-            where=where,
-            expected="each image once",
-        )
+        what = f"images that are named with their ending and without: {first_of(twice, len(names))}"
+        raise PredictionError(what, where=where, expected="each image once")
     return found
 
 

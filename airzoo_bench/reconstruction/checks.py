@@ -20,7 +20,7 @@ from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, partners
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.metrics import angle_deg, relative_poses
 from airzoo_bench.reconstruction.similarity import Similarity, fit_many
@@ -41,7 +41,8 @@ _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _PIECE, _LOOKED_AT, _TRIED = 1 << 14, 1 << 22, 2000
 _FEWEST_DIGITS = 6  # what C's and C++'s streams write unless told otherwise
-_BETWEEN = "about the middle between it and the truth"
+_ORDERS = tuple(itertools.permutations(range(3)))
+_SIGNS = tuple(itertools.product((1.0, -1.0), repeat=3))
 
 
 def scene_notes(
@@ -84,10 +85,9 @@ class Inversion:
         chosen, true = given.take(rows), truth.take(rows)
         inverse = Poses.from_centres(np.swapaxes(chosen.rotation, 1, 2), chosen.translation)
         opengl = Poses.from_centres(_OPENGL @ inverse.rotation, inverse.centres)
-        as_given = _median_angle(chosen, true)
         readings = ((inverse, ""), (opengl, " and in OpenCV's axes, not OpenGL's"))
-        found = [cls(as_given, _median_angle(one, true), axes) for one, axes in readings]
-        return min(found, key=lambda one: one.inverted)
+        inverted, axes = min((_median_angle(one, true), axes) for one, axes in readings)
+        return cls(_median_angle(chosen, true), inverted, axes)
 
     @property
     def is_likely(self) -> bool:
@@ -108,10 +108,8 @@ class Inversion:
 
 
 def _median_angle(poses: Poses, truth: Poses) -> float:
-    first, second = np.triu_indices(len(poses), 1)
-    (turn, sight), (true_turn, true_sight) = (
-        relative_poses(one, first, second) for one in (poses, truth)
-    )
+    pairs = np.triu_indices(len(poses), 1)
+    (turn, sight), (true_turn, true_sight) = (relative_poses(one, *pairs) for one in (poses, truth))
     worse = np.maximum(rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight))
     return float(np.median(worse))
 
@@ -175,11 +173,9 @@ def _check_cameras(
         yield f"holds no cameras: taken as it stands, without alignment by {method}"
     if cameras is None or cameras.rotation is None:
         return
-    rows = {name: row for row, name in enumerate(truth.photos["image"])}
-    there = np.flatnonzero(np.isfinite(cameras.centres).all(axis=1))
-    given = Poses(rotation=cameras.rotation[there], centres=cameras.centres[there])
-    true = truth.poses.take(np.array([rows[cameras.names[row]] for row in there], dtype=int))
-    found = Inversion.between(given, true)
+    rows, true_rows = partners(cameras, truth.posed)
+    given = Poses(rotation=cameras.rotation[rows], centres=cameras.centres[rows])
+    found = Inversion.between(given, truth.poses.take(true_rows))
     if found is not None and found.is_likely:
         yield str(found)
 
@@ -200,44 +196,39 @@ def _check_alignment(alignment: Alignment) -> Iterator[str]:
         yield (
             f"only {alignment.inliers} of {counted(alignment.cameras, 'camera')} "
             f"{agreeing(alignment.inliers, 'agrees', 'agree')} within "
-            f"{alignment.inlier_limit:.3g} m: the alignment may be that of a part"
+            f"{alignment.inlier_limit_m:.3g} m: the alignment may be that of a part"
         )
     if alignment.icp_failure is not None:
         yield f"{alignment.icp_failure}: aligned by cameras only"
-    if alignment.method != "none" and alignment.missing:
-        photos = counted(alignment.cameras + alignment.missing, "photo")
-        have = agreeing(alignment.missing, "has", "have")
-        yield f"{alignment.missing} of {photos} {have} no pose in the prediction"
+    if alignment.method != "none" and alignment.cameras_missing:
+        photos = counted(alignment.cameras + alignment.cameras_missing, "photo")
+        have = agreeing(alignment.cameras_missing, "has", "have")
+        yield f"{alignment.cameras_missing} of {photos} {have} no pose in the prediction"
 
 
 # --- views ---
 
 
-def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) -> tuple[str, ...]:
+def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) -> None:
     """Refuse intrinsics of images of another size than the maps, which the cameras have."""
     size = np.stack((cameras.width, cameras.height), axis=-1)
     middle, point = size / 2.0, cameras.principal_point
     ratio = point / middle
     normalised = (np.abs(point) <= 1.0).all(axis=1) & (size > 4).all(axis=1)
-    other = _scaled_alike(ratio, np.abs(point - middle)) | normalised
+    other = np.flatnonzero(_scaled_alike(ratio, np.abs(point - middle)) | normalised)
+    if not len(other):
+        return
     labels = names or [f"camera {row}" for row in range(len(cameras))]
-    if other.any():
-        rows = np.flatnonzero(other)
-        typical = float(np.median(ratio[rows].mean(axis=1)))
-        width, height = (round(typical * side) for side in size[0].tolist())
-        likely = f"of images of about {width} x {height}"
-        likely = "normalised to 0..1" if normalised.any() else likely
-        raise PredictionError(
-            f"the principal point is {typical:.3g} times the centre of the maps in "
-            f"{first_of([labels[row] for row in rows.tolist()], len(cameras))}: the intrinsics "
-            f"look {likely}",
-            where=where,
-            expected=f"intrinsics of the maps' own size, {size[0, 0]} x {size[0, 1]}",
-            fix="scale fx, cx by the ratio of widths and fy, cy by the ratio of heights",
-        )
-    off = np.flatnonzero((np.abs(ratio - 1.0) > 0.5).any(axis=1)).tolist()
-    listed = first_of([labels[row] for row in off], len(cameras))
-    return (f"the principal point is far from the centre of the maps in {listed}",) * bool(off)
+    typical = float(np.median(ratio[other].mean(axis=1)))
+    likely = "of images of about {} x {}".format(*np.rint(typical * size[0]).astype(int))
+    raise PredictionError(
+        f"the principal point is {typical:.3g} times the centre of the maps in "
+        f"{first_of([labels[row] for row in other.tolist()], len(cameras))}: the intrinsics look "
+        f"{'normalised to 0..1' if normalised.any() else likely}",
+        where=where,
+        expected=f"intrinsics of the maps' own size, {size[0, 0]} x {size[0, 1]}",
+        fix="scale fx, cx by the ratio of widths and fy, cy by the ratio of heights",
+    )
 
 
 def _scaled_alike(ratio: Floats, shift: Floats) -> Bools:
@@ -282,22 +273,18 @@ def _check_views(
             "which their poses fit"
         )
     if isinstance(maps, DepthMaps):
-        yield _check_far_depths(_sample_depths(maps).astype(np.float64) * scale, fusion.max_depth_m)
+        seen, far = _sample_depths(maps).astype(np.float64) * scale, fusion.max_depth_m
+        if seen.size and (seen > far).mean() > 0.5:
+            yield (
+                f"depths are {float(np.median(seen)):g} m as aligned (median), beyond the "
+                f"protocol's {far:g} m: are they in millimetres?"
+            )
         if images is not None and not images.found.all():
             lost, every = int(np.count_nonzero(~images.found)), len(images.found)
             have = agreeing(lost, "has", "have")
             yield f"{lost} of {counted(every, 'depth map')} {have} no pose: left out"
     if fusion.least_confidence is not None and maps.confidence is None:
         yield "has no confidence: all of it was taken"
-
-
-def _check_far_depths(seen: Floats, farthest: float) -> str | None:
-    if not seen.size or (seen > farthest).mean() <= 0.5:
-        return None
-    return (
-        f"depths are {float(np.median(seen)):g} m as aligned (median), beyond the protocol's "
-        f"{farthest:g} m: are they in millimetres?"
-    )
 
 
 def _sample_depths(maps: DepthMaps) -> NDArray[Any]:
@@ -342,13 +329,13 @@ def _check_pixel_centres(
     seen = _sample_depths(maps)
     off = float(np.hypot(*(0.5 / np.median(maps.cameras.focal, axis=0))))
     error = off * float(np.median(seen)) * scale if seen.size else 0.0
+    if not error > tolerance:
+        return None
     taken = "half (the first pixel's is 0.5, 0.5)" if named else "integer (Depth Anything 3)"
     return (
         f"does not say where K has its pixel centres, taken as {taken}: if that is wrong, points "
         f"are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, VGGT, CUT3R, "
         "MapAnything, DUSt3R) or 'half'"
-        if error > tolerance
-        else None
     )
 
 
@@ -393,16 +380,15 @@ def _stated_step(points: Floats, largest: Floats, stored: np.dtype[Any]) -> tupl
 
 def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[str | None]:
     """Say what was left out of a cloud, and where it seems to lie elsewhere."""
-    (cloud, true), distrusted = found.clouds, found.distrusted
-    if distrusted:
-        yield f"left out: {counted(distrusted, 'point')} of too little confidence"
+    cloud, true = found.clouds
+    if cloud.distrusted:
+        yield f"left out: {counted(cloud.distrusted, 'point')} of too little confidence"
     if cloud.not_finite:
         what = "with coordinates that are NaN, infinite or too large to compute with"
         yield f"left out: {counted(cloud.not_finite, 'point')} {what}"
-    transform = found.alignment.transform
     yield (
         check_bounds(cloud.bounds, true.bounds)
-        or check_mirror(cloud.sample, true.sample, transform, scores.f1_below_m)
+        or check_mirror(cloud.sample, true.sample, found.alignment.transform, scores.f1_below_m)
         or check_datum(cloud.bounds, true.bounds)
     )
     share = cloud.outside / max(cloud.source.count + cloud.thinned + cloud.outside, 1)
@@ -410,7 +396,7 @@ def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[st
         mostly = ": precision and F1 tell of the smaller part" if share > 0.5 else ""
         yield f"{share:.0%} of the prediction lies outside the scored region, uncounted{mostly}"
     if not cloud.source.count:
-        if not cloud.outside and not cloud.not_finite and not distrusted:
+        if not cloud.outside and not cloud.not_finite and not cloud.distrusted:
             yield "the prediction holds no point, or no depth within the protocol's range"
         yield "no point is left to compare: it scores 0 and infinite distances"
 
@@ -419,132 +405,87 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     """Guess from bounds (2, 3) in which other coordinates a cloud may be."""
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
         return None
-    checks = (_check_degrees, _check_feet, _check_scale, _check_axes, _check_place)
-    return next((note for check in checks if (note := check(cloud, truth))), None)
-
-
-def _check_degrees(cloud: Floats, truth: Floats) -> str | None:
-    """Look for longitude and latitude with heights in metres."""
     span, true_span = np.ptp(cloud, axis=0), np.ptp(truth, axis=0)
-    few = 0.0 < span[:2].max() < 5.0 and span[:2].max() * _FACTOR < true_span[:2].max()
-    upright = span[2] > 0.0 and true_span[2] > 0.0 and 0.1 < span[2] / true_span[2] < 10.0
-    if not (few and upright and (np.abs(cloud[:, :2]) <= 180.0).all()):
-        return None
-    return (
-        "the cloud looks like longitude and latitude in degrees: it spans "
-        f"{_spans(cloud)}, the truth {_spans(truth)}"
+    spans = "it spans {}, the truth {}".format(
+        *(" x ".join(f"{side:.4g}" for side in one) for one in (span, true_span))
     )
-
-
-def _check_feet(cloud: Floats, truth: Floats) -> str | None:
-    """Look for projected coordinates in feet: far from the truth, and all in its proportion."""
-    apart, span = np.abs(cloud[:, :2] * _FOOT_M - truth[:, :2]), np.ptp(truth[:, :2], axis=0)
-    if _overlap(cloud, truth) or not (apart < span).all():
-        return None
-    return "the cloud looks like feet: in metres it would lie on the truth"
-
-
-def _check_scale(cloud: Floats, truth: Floats) -> str | None:
-    size, true_size = (float(np.linalg.norm(np.ptp(one, axis=0))) for one in (cloud, truth))
-    if not (size > 0.0 and true_size > 0.0) or 1 / _FACTOR < size / true_size < _FACTOR:
-        return None
-    ratio = size / true_size
-    off = f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
-    for factor, unit in _UNITS:
-        if 0.5 < ratio / factor < 2.0:
+    flat, rise, true_rise = span[:2].max(), span[2], true_span[2]
+    in_degrees = 0.0 < flat < 5.0 and (np.abs(cloud[:, :2]) <= 180.0).all()
+    upright = 0.1 * true_rise < rise < 10.0 * true_rise
+    if in_degrees and flat * _FACTOR < true_span[:2].max() and upright:
+        return f"the cloud looks like longitude and latitude in degrees: {spans}"
+    overlap = _overlap(cloud, truth)
+    if not overlap and (np.abs(cloud[:, :2] * _FOOT_M - truth[:, :2]) < true_span[:2]).all():
+        return "the cloud looks like feet: in metres it would lie on the truth"
+    size, true_size = float(np.linalg.norm(span)), float(np.linalg.norm(true_span))
+    if min(size, true_size) > 0.0 and not 1 / _FACTOR < size / true_size < _FACTOR:
+        ratio = size / true_size
+        off = (
+            f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
+        )
+        unit = next((unit for factor, unit in _UNITS if 0.5 < ratio / factor < 2.0), None)
+        if unit is not None:
             return f"the cloud looks like {unit}: it is {off} the truth"
-    return f"the cloud is {off} the truth: it spans {_spans(cloud)}, the truth {_spans(truth)}"
-
-
-def _check_axes(cloud: Floats, truth: Floats) -> str | None:
-    exchanged = not _overlap(cloud, truth) and _overlap(cloud[:, [1, 0, 2]], truth)
+        return f"the cloud is {off} the truth: {spans}"
+    if not overlap and _overlap(cloud[:, [1, 0, 2]], truth):
+        return "the cloud has x and y exchanged: with easting first it would lie on the truth"
+    away, width = (
+        float(np.linalg.norm(cloud.mean(axis=0) - truth.mean(axis=0))),
+        max(size, true_size),
+    )
+    if not away > _FACTOR * width:
+        return None
     return (
-        "the cloud has x and y exchanged: with easting first it would lie on the truth" * exchanged
+        f"the cloud lies {away:.6g} away from the truth, {away / max(width, 1e-300):.3g} times "
+        "its size: another coordinate system, or a local origin that was subtracted"
     )
 
 
 def check_datum(cloud: Floats, truth: Floats) -> str | None:
     """Look for ellipsoidal heights where the truth has heights above the sea, or the reverse."""
-    if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
-        return None
     apart = float(np.mean(cloud[:, 2]) - np.mean(truth[:, 2]))
-    if not _overlap(cloud[:, :2], truth[:, :2]) or _overlap(cloud[:, 2:], truth[:, 2:]):
-        return None
-    if not _UNDULATIONS_M[0] < abs(apart) < _UNDULATIONS_M[1]:
+    elsewhere = not _overlap(cloud[:, :2], truth[:, :2]) or _overlap(cloud[:, 2:], truth[:, 2:])
+    if elsewhere or not _UNDULATIONS_M[0] < abs(apart) < _UNDULATIONS_M[1]:
         return None
     where = "above" if apart > 0 else "below"
     return f"the cloud lies {abs(apart):.3g} m {where} the truth: are its heights of another datum?"
-
-
-def _check_place(cloud: Floats, truth: Floats) -> str | None:
-    size = max(float(np.linalg.norm(np.ptp(one, axis=0))) for one in (cloud, truth))
-    away = float(np.linalg.norm(cloud.mean(axis=0) - truth.mean(axis=0)))
-    if not away > _FACTOR * size:
-        return None
-    return (
-        f"the cloud lies {away:.6g} away from the truth, {away / max(size, 1e-300):.3g} times "
-        "its size: another coordinate system, or a local origin that was subtracted"
-    )
 
 
 def _overlap(one: Floats, other: Floats) -> bool:
     return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
 
 
-def _spans(bounds: Floats) -> str:
-    return " x ".join(f"{span:.4g}" for span in bounds[1] - bounds[0])
-
-
 def check_mirror(
     cloud: Floats, truth: Floats, transform: Similarity, near: Sequence[float]
 ) -> str | None:
-    """Say where a cloud (N, 3) would fit the truth (M, 3) if its axes were negated or exchanged."""
+    """Say where a cloud (N, 3) would fit the truth (M, 3) with axes of its own frame negated.
+
+    Or exchanged; most of it has to lie nearer than one of some distances then, and not now.
+    """
     if not (len(cloud) and len(truth)):
         return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
-    tree, limits = cKDTree(truth - truth[0]), sorted(near)
+    tree, own = cKDTree(truth - truth[0]), transform.inverse().apply(some)
 
     def share(points: Floats, limit: float) -> float:
         away, _ = tree.query(points - truth[0], distance_upper_bound=limit)
         return float(np.isfinite(away).mean())
 
-    if share(some, limits[0]) > 0.5:  # as for nearly every cloud
-        return None
-    apart = np.median(truth, axis=0) - np.median(some, axis=0)
-    others = list(_with_other_axes(some, transform, apart))
-    # A cloud that is merely elsewhere would fit about as well without being mirrored.
-    moved = np.array([words.endswith(_BETWEEN) for _, words in others])
-    for limit in limits:
-        own, shifted = share(some, limit), share(some + apart, limit)
-        shares = np.array([share(points, limit) for points, _ in others])
-        shares[shares < np.maximum(0.6, 2 * np.where(moved, max(own, shifted), own))] = 0.0
-        best = int(np.argmax(shares))
-        if own <= 0.5 and shares[best]:
+    for limit in sorted(near):
+        now = share(some, limit)
+        if now > 0.5:  # as for nearly every cloud
+            return None
+        others = {}
+        for order, signs in itertools.product(_ORDERS, _SIGNS):
+            words = ", ".join(
+                "+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True)
+            )
+            others[words] = share(transform.apply(own[:, order] * signs), limit)
+        words = max(others, key=lambda one: others[one])
+        if others[words] >= max(0.6, 2 * now):
             return (
-                f"the cloud looks mirrored or turned over: {own:.0%} of its points lie "
-                f"within {limit:g} m of the truth, {shares[best]:.0%} with {others[best][1]}, "
-                "though its cameras are aligned"
+                f"the cloud looks mirrored or turned over: {now:.0%} of its points lie within "
+                f"{limit:g} m of the truth, {others[words]:.0%} with ({words}) for (+x, +y, +z) in "
+                "its own frame, though its cameras are aligned"
             )
     return None
-
-
-def _with_other_axes(
-    some: Floats, transform: Similarity, apart: Floats
-) -> Iterator[tuple[Floats, str]]:
-    """Yield points as they would lie with axes negated, then also exchanged, and what was done."""
-    own, middle = transform.inverse().apply(some), np.median(some, axis=0)
-    orders, signs = itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)
-    for order, sign in itertools.product(orders, signs):
-        in_order, negated = order == (0, 1, 2), [one < 0.0 for one in sign]
-        if in_order and not any(negated):
-            continue
-        axes = ["-" * minus + "xyz"[axis] for axis, minus in zip(order, negated, strict=True)]
-        words = f"({', '.join(axes)}) for (x, y, z)"
-        if in_order:
-            words = f"{' and '.join(axis[1:] for axis in axes if len(axis) > 1)} negated"
-        at_origin = transform.apply(own[:, order] * sign)
-        yield at_origin, f"{words} about the origin of its own frame"
-        here = (some - middle)[:, order] * sign + middle
-        yield here, f"{words} about its middle"
-        if in_order:
-            yield here + np.where(negated, apart, 0.0), f"{words} {_BETWEEN}"

@@ -8,7 +8,7 @@ voxel and summed as integers, which no order changes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,27 +43,35 @@ class InMemoryCloud:
 
 
 @dataclass(frozen=True, eq=False)
-class TransformedCloud:
-    """A cloud brought into another frame, without points of too little confidence."""
+class PieceCloud:
+    """A cloud that a function reads in pieces, as a `CloudSource`.
 
-    source: CloudSource
-    transform: Similarity
-    confidence_above: float | None
+    It has `count` points, those of too little confidence included, which are not read.
+    """
 
-    @property
-    def count(self) -> int:
-        """How many points it holds at most."""
-        return self.source.count
+    count: int
+    read: Callable[[int], Iterator[Cloud]]
 
     def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, in pieces of at most `points`."""
-        for piece in self.source.pieces(points):
+        """Yield the points, in pieces of at most `points`."""
+        return self.read(points)
+
+
+def transformed(
+    source: CloudSource, transform: Similarity, confidence_above: float | None = None
+) -> PieceCloud:
+    """Bring a cloud into another frame, without points of too little confidence."""
+
+    def read(points: int) -> Iterator[Cloud]:
+        for piece in source.pieces(points):
             kept = piece.points
-            if self.confidence_above is not None and piece.confidence is not None:
-                kept = kept[piece.confidence > self.confidence_above]
+            if confidence_above is not None and piece.confidence is not None:
+                kept = kept[piece.confidence > confidence_above]
             # What is infinite becomes NaN at worst, and is counted where the cloud is prepared.
             with np.errstate(invalid="ignore", over="ignore"):
-                yield Cloud(self.transform.apply(kept))
+                yield Cloud(transform.apply(kept))
+
+    return PieceCloud(source.count, read)
 
 
 def finite_rows(points: Floats) -> Bools:
@@ -89,32 +97,8 @@ def grid_origin(size: float) -> Floats:
     return np.full(3, size * _OFF_GRID)
 
 
-@dataclass(frozen=True, eq=False)
-class _Voxels:
-    """Sums over the points of V occupied voxels, sorted by x, then y, then z."""
-
-    cells: Floats
-    counts: Ints
-    offsets: Ints
-
-    @classmethod
-    def merged(cls, cells: Floats, counts: Ints, offsets: Ints) -> _Voxels:
-        """Sum what is in the same voxel."""
-        order = _order(cells)
-        ordered = cells[order]
-        changes = (ordered[1:] != ordered[:-1]).any(axis=1)
-        starts = np.flatnonzero(np.concatenate(([True], changes)))
-        summed = [np.add.reduceat(values[order], starts, axis=0) for values in (counts, offsets)]
-        return cls(ordered[starts], *summed)
-
-    def __len__(self) -> int:
-        return len(self.cells)
-
-
 class VoxelGrid:
     """Collects points piece by piece, and gives one for each occupied voxel.
-
-    Memory holds the occupied voxels and some pieces.
 
     Parameters
     ----------
@@ -128,7 +112,8 @@ class VoxelGrid:
 
     def __init__(self, size: float, origin: Floats, most: int | None = None) -> None:
         self._size, self._origin, self._most = size, origin, most
-        self._parts: list[_Voxels] = []
+        # Cells (V, 3) sorted by x, y, z with sums (V, 4): of their points' offsets, and the count.
+        self._parts: list[tuple[Floats, Ints]] = []
 
     def add(self, points: Floats) -> None:
         """Add finite points (N, 3)."""
@@ -136,10 +121,11 @@ class VoxelGrid:
             position = (points[start : start + _CHUNK] - self._origin) / self._size
             # Floating-point numbers hold these integers exactly, however far the point.
             cells = np.floor(position)
-            offsets = np.rint((position - cells) * _UNIT).astype(np.int64)
-            self._parts.append(_Voxels.merged(cells, np.ones(len(cells), np.int64), offsets))
+            sums = np.ones((len(cells), 4), np.int64)
+            sums[:, :3] = np.rint((position - cells) * _UNIT)
+            self._parts.append(_merged(cells, sums))
             # Like a binary counter: a part is merged about log2(pieces) times, not with each piece.
-            while len(self._parts) > 1 and 2 * len(self._parts[-1]) >= len(self._parts[-2]):
+            while len(self._parts) > 1 and 2 * len(self._parts[-1][0]) >= len(self._parts[-2][0]):
                 self._join_last_two()
             self._require_room()
 
@@ -149,14 +135,14 @@ class VoxelGrid:
             self._join_last_two()
         if not self._parts:
             return np.zeros((0, 3))
-        (voxels,) = self._parts
-        mean = voxels.offsets / voxels.counts[:, None] / _UNIT
-        points: Floats = (voxels.cells + mean) * self._size + self._origin
+        ((cells, sums),) = self._parts
+        mean = sums[:, :3] / sums[:, 3:] / _UNIT
+        points: Floats = (cells + mean) * self._size + self._origin
         return points
 
     def _require_room(self) -> None:
         # Parts may share voxels: they are counted once all are merged.
-        while self._most is not None and sum(map(len, self._parts)) > self._most:
+        while self._most is not None and sum(len(cells) for cells, _ in self._parts) > self._most:
             if len(self._parts) == 1:
                 raise UsageError(
                     f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, "
@@ -166,17 +152,20 @@ class VoxelGrid:
             self._join_last_two()
 
     def _join_last_two(self) -> None:
-        one, other = self._parts[-2:]
-        fields = ("cells", "counts", "offsets")
-        joined = (np.concatenate((getattr(one, key), getattr(other, key))) for key in fields)
-        self._parts[-2:] = [_Voxels.merged(*joined)]
+        cells, sums = map(np.concatenate, zip(*self._parts[-2:], strict=True))
+        self._parts[-2:] = [_merged(cells, sums)]
 
 
-def _order(cells: Floats) -> Ints:
-    """Sort cells by x, then y, then z: as one integer each, where they are not too far apart."""
+def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
+    """Sum what is in the same cell; cells are sorted by x, then y, then z."""
     low, high = cells.min(axis=0), cells.max(axis=0)
     along_x, along_y, along_z = (int(length) + 1 for length in high - low)
     if along_x * along_y * along_z > _MOST_CELLS:
-        return np.lexsort(cells.T[::-1])
-    x, y, z = (cells - low).astype(np.int64).T
-    return np.argsort((x * along_y + y) * along_z + z)
+        order = np.lexsort(cells.T[::-1])
+    else:
+        x, y, z = (cells - low).astype(np.int64).T
+        order = np.argsort((x * along_y + y) * along_z + z)
+    ordered = cells[order]
+    changes = (ordered[1:] != ordered[:-1]).any(axis=1)
+    starts = np.flatnonzero(np.concatenate(([True], changes)))
+    return ordered[starts], np.add.reduceat(sums[order], starts, axis=0)

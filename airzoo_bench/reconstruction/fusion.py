@@ -5,15 +5,13 @@ in `geometry.cameras`: the pixel in column u and row v looks through (u + 0.5, v
 
 A truncated signed distance function fuses depth maps into one surface (Curless and Levoy, A
 volumetric method for building complex models from range images, SIGGRAPH 1996), by Open3D's
-``VoxelBlockGrid``. Values of voxels do not depend on threads, only the order in which blocks come
-out does: the points are sorted.
+``VoxelBlockGrid``. Only the order of its points depends on threads: they are sorted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.clouds import InMemoryCloud, PieceCloud
 from airzoo_bench.reconstruction.settings import Fusion
 from airzoo_bench.reconstruction.similarity import Similarity
 
@@ -81,17 +80,10 @@ FloatMaps = NDArray[Any] | LazyMaps
 
 @dataclass(frozen=True, eq=False)
 class DepthMaps:
-    """Depth maps of N views.
+    """Depth maps (N, H, W) of N views, along the camera's z axis.
 
-    Attributes
-    ----------
-    depth : (N, H, W) float array
-        Along the camera's z axis. 0, negative, NaN and infinite stand for no surface.
-    cameras : Cameras
-        N, at the size of the maps.
-    poses : Poses
-        N, in the frame of the prediction.
-    confidence : (N, H, W) float array or None
+    0, negative, NaN and infinite depths stand for no surface. Cameras are at the size of the maps,
+    poses in the frame of the prediction.
     """
 
     depth: FloatMaps
@@ -101,11 +93,9 @@ class DepthMaps:
 
     def take(self, rows: Ints) -> DepthMaps:
         """Return the maps of some views."""
+        confidence = None if self.confidence is None else self.confidence[rows]
         return DepthMaps(
-            self.depth[rows],
-            self.cameras.take(rows),
-            self.poses.take(rows),
-            None if self.confidence is None else self.confidence[rows],
+            self.depth[rows], self.cameras.take(rows), self.poses.take(rows), confidence
         )
 
 
@@ -117,71 +107,66 @@ class PointMaps:
     confidence: FloatMaps | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class DepthCloud:
-    """The cloud of all pixels of depth maps that have a surface; a `CloudSource`.
+def depth_cloud(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud:
+    """Make a cloud of all pixels of depth maps that have a surface, view by view and row by row.
 
-    `transform` leads into the frame of the truth, and depths grow by its scale; beyond `max_depth`
-    there is no surface. Pixels need a higher confidence than `confidence_above`; None takes all,
-    as do maps without confidence.
+    The transform leads into the frame of the truth, and depths grow by its scale.
     """
+    poses = transform.apply_poses(maps.poses)
 
-    maps: DepthMaps
-    transform: Similarity
-    max_depth: float
-    confidence_above: float | None
-
-    @cached_property
-    def count(self) -> int:
-        """How many points there are."""
-        return sum(int((self.depth(row) > 0.0).sum()) for row in range(len(self.maps.depth)))
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, view by view and row by row, in pieces of at most `points`."""
-        poses = self.transform.apply_poses(self.maps.poses)
-        for row in range(len(self.maps.depth)):
-            depth = self.depth(row)
+    def read(points: int) -> Iterator[Cloud]:
+        for row in range(len(maps.depth)):
+            depth = _scaled_depth(maps, row, transform, settings)
             for pixels in _parts(depth > 0.0, min(points, _BLOCK_PIXELS)):
-                yield Cloud(_lift(depth, pixels, self.maps.cameras.take(row), poses.take(row)))
+                yield Cloud(_lift(depth, pixels, maps.cameras.take(row), poses.take(row)))
 
-    def depth(self, row: int) -> Floats:
-        """Return the depth map (H, W) of one view, 0 where it has no surface that counts."""
-        with np.errstate(invalid="ignore"):  # of NaN, which compares false
-            depth = self.maps.depth[row].astype(np.float64) * self.transform.scale
-        surface = (depth > 0.0) & (depth <= self.max_depth)
-        surface &= _trusted(self.maps.confidence, row, self.confidence_above)
-        return np.where(surface, depth, 0.0)
+    return PieceCloud(_count_pixels(maps, transform, settings, trusted=False), read)
 
 
-@dataclass(frozen=True, eq=False)
-class PointMapCloud:
-    """The cloud of all pixels of point maps that have a surface; see `DepthCloud`."""
+def point_map_cloud(maps: PointMaps, transform: Similarity, settings: Fusion) -> PieceCloud:
+    """Make a cloud of all pixels of point maps that have a surface; see `depth_cloud`."""
+    views = range(len(maps.points))
 
-    maps: PointMaps
-    transform: Similarity
-    confidence_above: float | None
+    def surface(row: int) -> Bools:
+        finite: Bools = np.isfinite(maps.points[row]).all(axis=-1)
+        return finite
 
-    @cached_property
-    def count(self) -> int:
-        """How many points there are."""
-        return sum(int(self._surface(row).sum()) for row in range(len(self.maps.points)))
+    def read(points: int) -> Iterator[Cloud]:
+        for row in views:
+            flat = maps.points[row].reshape(-1, 3)
+            chosen = surface(row) & _trusted(maps.confidence, row, settings)
+            for pixels in _parts(chosen, min(points, _BLOCK_PIXELS)):
+                yield Cloud(transform.apply(flat[pixels].astype(np.float64)))
 
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, view by view and row by row, in pieces of at most `points`."""
-        for row in range(len(self.maps.points)):
-            flat = self.maps.points[row].reshape(-1, 3)
-            for pixels in _parts(self._surface(row), min(points, _BLOCK_PIXELS)):
-                yield Cloud(self.transform.apply(flat[pixels].astype(np.float64)))
-
-    def _surface(self, row: int) -> Bools:
-        finite: Bools = np.isfinite(self.maps.points[row]).all(axis=-1)
-        return finite & _trusted(self.maps.confidence, row, self.confidence_above)
+    return PieceCloud(sum(int(surface(row).sum()) for row in views), read)
 
 
-def _trusted(confidence: FloatMaps | None, row: int, above: float | None) -> Bools | np.bool_:
-    if confidence is None or above is None:
+def _scaled_depth(
+    maps: DepthMaps, row: int, transform: Similarity, settings: Fusion, *, trusted: bool = True
+) -> Floats:
+    """Return the depth map (H, W) of one view, 0 where it has no surface that counts."""
+    with np.errstate(invalid="ignore"):  # of NaN, which compares false
+        depth = maps.depth[row].astype(np.float64) * transform.scale
+    surface = (depth > 0.0) & (depth <= settings.max_depth_m)
+    if trusted:
+        surface &= _trusted(maps.confidence, row, settings)
+    return np.where(surface, depth, 0.0)
+
+
+def _count_pixels(
+    maps: DepthMaps, transform: Similarity, settings: Fusion, *, trusted: bool
+) -> int:
+    """Count the pixels that have a surface."""
+    return sum(
+        int((_scaled_depth(maps, row, transform, settings, trusted=trusted) > 0.0).sum())
+        for row in range(len(maps.depth))
+    )
+
+
+def _trusted(confidence: FloatMaps | None, row: int, settings: Fusion) -> Bools | np.bool_:
+    if confidence is None or settings.least_confidence is None:
         return np.True_
-    return np.asarray(confidence[row] > above)
+    return np.asarray(confidence[row] > settings.least_confidence)
 
 
 def _parts(surface: Bools, size: int) -> Iterator[Ints]:
@@ -206,8 +191,8 @@ def _lift(
 # --- truncated signed distances ---
 
 
-def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> Floats:
-    """Fuse depth maps and return the points where the surface crosses edges between voxels."""
+def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud:
+    """Fuse depth maps into the points where their surface crosses edges between voxels."""
     if maps.cameras.distortion.any():
         raise PredictionError(
             "depth maps of cameras with lens distortion cannot be fused by TSDF",
@@ -218,60 +203,51 @@ def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> Floats:
     side = settings.tsdf_voxel_m * _BLOCK
     origin = np.floor(poses.centres.min(axis=0, initial=np.inf) / side) * side
     origin = np.asarray(origin + _OFF_GRID * settings.tsdf_voxel_m)
-    views = DepthCloud(maps, transform, settings.max_depth_m, settings.least_confidence)
-    volume = _Volume(settings)
+    o3d = load_open3d()
+    kinds, sizes = [o3d.core.float32] * 2, [(1,), (1,)]
+    grid = o3d.t.geometry.VoxelBlockGrid(
+        ["tsdf", "weight"], kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
+    )
     for row in range(len(maps.depth)):
-        depth, pose = views.depth(row), poses.take(row)
+        depth, pose = _scaled_depth(maps, row, transform, settings), poses.take(row)
         if depth.any():
             near = Poses(rotation=pose.rotation, centres=pose.centres - origin)
-            volume.add(depth, maps.cameras.take(row), near)
-    surface: Floats = volume.surface() + origin
-    return surface
+            _integrate(o3d, grid, depth, maps.cameras.take(row), near, settings)
+    surface = np.zeros((0, 3))
+    if grid.hashmap().size():
+        points = grid.extract_point_cloud(0.0).point.positions.numpy().astype(np.float64)
+        surface = points[np.lexsort(points.T[::-1])] + origin
+    every, used = (_count_pixels(maps, transform, settings, trusted=one) for one in (False, True))
+    return PieceCloud(len(surface) + every - used, InMemoryCloud(surface).pieces)
 
 
-class _Volume:
-    """Open3D's grid of voxel blocks, within a budget."""
+def _integrate(
+    o3d: Any, grid: Any, depth: Floats, camera: Cameras, pose: Poses, settings: Fusion
+) -> None:
+    """Add a view to Open3D's grid of voxel blocks."""
+    blocks = _touched_blocks(depth, camera, pose, settings)
+    _require_room(len(blocks), settings)
+    extrinsics = np.eye(4)
+    extrinsics[:3, :3], extrinsics[:3, 3] = pose.rotation[0], pose.translation[0]
+    # A voxel takes the depth of pixel (floor u, floor v): of the image whose corner is (0, 0),
+    # so that the camera stays as it is, though other parts of Open3D have pixel centres there.
+    steps = settings.tsdf_truncation_m / settings.tsdf_voxel_m
+    tensor = o3d.core.Tensor
+    view = (tensor(camera.matrices[0]), tensor(extrinsics), 1.0, settings.max_depth_m, steps)
+    # It takes no voxel beyond the start of the last row and column, so there is one more.
+    padded = np.pad(depth.astype(np.float32)[..., None], ((0, 1), (0, 1), (0, 0)))
+    grid.integrate(tensor(blocks), o3d.t.geometry.Image(tensor(padded)), *view)
+    _require_room(grid.hashmap().size(), settings)
 
-    def __init__(self, settings: Fusion) -> None:
-        self._o3d, self._settings = load_open3d(), settings
-        kinds, sizes = [self._o3d.core.float32] * 2, [(1,), (1,)]
-        self._grid = self._o3d.t.geometry.VoxelBlockGrid(
-            ["tsdf", "weight"], kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
+
+def _require_room(blocks: int, settings: Fusion) -> None:
+    if blocks * _BLOCK**3 > settings.tsdf_max_voxels:
+        raise PredictionError(
+            f"the fused surface takes more than {settings.tsdf_max_voxels:,} voxels of "
+            f"{settings.tsdf_voxel_m:g}",
+            expected="depths and poses of one scene, in one scale",
+            fix="check the scale of the depth maps against that of the poses",
         )
-
-    def add(self, depth: Floats, camera: Cameras, pose: Poses) -> None:
-        settings = self._settings
-        blocks = _touched_blocks(depth, camera, pose, settings)
-        self._require(len(blocks))
-        tensor, image = self._o3d.core.Tensor, self._o3d.t.geometry.Image
-        extrinsics = np.eye(4)
-        extrinsics[:3, :3], extrinsics[:3, 3] = pose.rotation[0], pose.translation[0]
-        # A voxel takes the depth of pixel (floor u, floor v): of the image whose corner is (0, 0),
-        # so that the camera stays as it is, though other parts of Open3D have pixel centres there.
-        steps = settings.tsdf_truncation_m / settings.tsdf_voxel_m
-        view = (tensor(camera.matrices[0]), tensor(extrinsics), 1.0, settings.max_depth_m, steps)
-        # It takes no voxel beyond the start of the last row and column, so there is one more.
-        border = ((0, 1), (0, 1), (0, 0))
-        seen = image(tensor(np.pad(depth.astype(np.float32)[..., None], border)))
-        self._grid.integrate(tensor(blocks), seen, *view)
-        self._require(self._grid.hashmap().size())
-
-    def surface(self) -> Floats:
-        if not self._grid.hashmap().size():
-            return np.zeros((0, 3))
-        cloud = self._grid.extract_point_cloud(0.0)
-        points: Floats = cloud.point.positions.numpy().astype(np.float64)
-        ordered: Floats = points[np.lexsort(points.T[::-1])]
-        return ordered
-
-    def _require(self, blocks: int) -> None:
-        if blocks * _BLOCK**3 > self._settings.tsdf_max_voxels:
-            raise PredictionError(
-                f"the fused surface takes more than {self._settings.tsdf_max_voxels:,} voxels of "
-                f"{self._settings.tsdf_voxel_m:g}",
-                expected="depths and poses of one scene, in one scale",
-                fix="check the scale of the depth maps against that of the poses",
-            )
 
 
 def _touched_blocks(

@@ -1,9 +1,9 @@
 """Iterated closest points: a similarity refined between two clouds.
 
-The library's own solver (Open3D's ``registration_icp``) sums in the order in which its threads
-finish, so that the same clouds give other last bits on every run; the loop is therefore here, over
-pykdtree, whose neighbours do not depend on threads. The truth is searched in parts of a fixed size,
-whether or not they are kept in memory, so that memory changes no neighbour.
+Open3D's ``registration_icp`` sums in the order in which its threads finish, so that the same clouds
+give other last bits on every run; the loop is therefore here, over pykdtree, whose neighbours do
+not depend on threads. The truth is searched in parts of a fixed size, whether or not they are kept
+in memory, so that memory changes no neighbour.
 """
 
 from __future__ import annotations
@@ -67,7 +67,11 @@ def refine(
         raise AlignmentError("ICP needs points in the prediction and in the truth")
     # Near zero: the tree works on offsets from a point of the truth.
     points = points - origin
-    nearest = _Nearest(truth, origin, limit, in_memory=truth.count <= memory_points)
+    kept = list(_trees(truth, origin)) if truth.count <= memory_points else None
+
+    def nearest(queries: Floats) -> tuple[Floats, Floats]:
+        return _nearest(queries, _trees(truth, origin) if kept is None else kept, limit)
+
     transform = Similarity.identity()
     distances, partners = nearest(points)
     before = fit = CloudFit.summarise(distances, limit)
@@ -118,39 +122,26 @@ def _step(points: Floats, partners: Floats, transform: Similarity, with_scale: b
     return step.after(transform) if determined else transform
 
 
-class _Nearest:
-    """Finds distances to the nearest true point within a limit, infinite beyond, and that point."""
+def _trees(truth: CloudSource, origin: Floats) -> Iterator[tuple[Floats, Any]]:
+    for part in finite_pieces(truth, _PART):
+        if len(part):
+            yield part - origin, KDTree(part - origin)
 
-    def __init__(
-        self, truth: CloudSource, origin: Floats, limit: float, *, in_memory: bool
-    ) -> None:
-        self._truth, self._origin, self._limit = truth, origin, limit
-        self._parts = list(self._read()) if in_memory else None
 
-    def __call__(self, queries: Floats) -> tuple[Floats, Floats]:
-        distances, partners = np.full(len(queries), np.inf), np.full_like(queries, np.nan)
-        for points, tree in self._read() if self._parts is None else self._parts:
-            self._improve(queries, points, tree, distances, partners)
-        return distances, partners
-
-    def _read(self) -> Iterator[tuple[Floats, Any]]:
-        for part in finite_pieces(self._truth, _PART):
-            if len(part):
-                near_zero = part - self._origin
-                yield near_zero, KDTree(near_zero)
-
-    def _improve(
-        self, queries: Floats, points: Floats, tree: Any, distances: Floats, partners: Floats
-    ) -> None:
-        low, high = points.min(axis=0) - self._limit, points.max(axis=0) + self._limit
+def _nearest(queries: Floats, trees: Any, limit: float) -> tuple[Floats, Floats]:
+    """Find the nearest true points (N, 3) and their distances (N,), infinite beyond the limit."""
+    distances, partners = np.full(len(queries), np.inf), np.full_like(queries, np.nan)
+    for points, tree in trees:
+        low, high = points.min(axis=0) - limit, points.max(axis=0) + limit
         rows = np.flatnonzero(((queries >= low) & (queries <= high)).all(axis=1))
         if not len(rows):
-            return
-        _, index = tree.query(queries[rows], distance_upper_bound=self._limit)
+            continue
+        _, index = tree.query(queries[rows], distance_upper_bound=limit)
         inside = index < len(points)
         rows, there = rows[inside], points[index[inside]]
         offset = queries[rows] - there
         found = np.sqrt((offset * offset).sum(axis=1))
         # The tree compares rounded squares: what it let through at the limit is cut here.
-        nearer = (found <= self._limit) & (found < distances[rows])
+        nearer = (found <= limit) & (found < distances[rows])
         distances[rows[nearer]], partners[rows[nearer]] = found[nearer], there[nearer]
+    return distances, partners

@@ -15,20 +15,10 @@ from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
 class SfmSettings:
     """How photos become a sparse model.
 
-    Attributes
-    ----------
-    peak_threshold : float
-        Least contrast of a feature, of grey values from 0 to 1; pycolmap's own.
-    doubled : bool
-        See `sift.extract`.
-    ratio : float
-        A match is kept where its distance is below this share of the second nearest's.
-    neighbours : int or None
-        None, or photos without GPS: each is matched with all.
-    least_inliers : int
-        Matches that a pair needs.
-    max_error_px : float
-        Largest reprojection error, in pixels of the photo made small.
+    A feature has at least the contrast `peak_threshold`, of grey values from 0 to 1. A match is
+    kept where its distance is below `ratio` of the second nearest's; a pair needs `least_inliers`.
+    Without `neighbours`, or without GPS, each photo is matched with all. `max_error_px` is the
+    largest reprojection error, in pixels of the photo made small.
     """
 
     long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1600

@@ -8,23 +8,18 @@ camera that the prediction lacks has no pose (NaN), and each of its errors is in
 
 References
 ----------
-Knapitsch, Park, Zhou, Koltun, Tanks and Temples: benchmarking large-scale scene reconstruction,
-ACM Transactions on Graphics 36(4), 2017, for precision, recall and F1, and curves of them.
-
-Seitz, Curless, Diebel, Scharstein, Szeliski, A comparison and evaluation of multi-view stereo
-reconstruction algorithms, CVPR 2006, for accuracy and completeness. The Chamfer distance is the
-mean of their two means, not the sum, and not of squares.
-
-Wang, Karaev, Rupprecht, Novotny, PoseDiffusion, ICCV 2023, section 4, for the area under the curve.
-
-Sturm, Engelhard, Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM systems,
-IROS 2012, section IV, for absolute (ATE) and relative (RPE) errors.
+Precision, recall and F1: Knapitsch, Park, Zhou, Koltun, Tanks and Temples, ACM TOG 36(4), 2017.
+Accuracy and completeness: Seitz, Curless, Diebel, Scharstein, Szeliski, A comparison and evaluation
+of multi-view stereo reconstruction algorithms, CVPR 2006; the Chamfer distance is the mean of their
+two means, not the sum, and not of squares. Area under the curve: Wang, Karaev, Rupprecht, Novotny,
+PoseDiffusion, ICCV 2023, section 4. Absolute (ATE) and relative (RPE) errors: Sturm, Engelhard,
+Endres, Burgard, Cremers, A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,20 +125,12 @@ def even_thresholds(up_to: float, steps: int) -> Floats:
 
 
 def exact_mean(distances: Floats, limit: float = math.inf) -> float:
-    """Return the exact sum of distances, each at most `limit`, rounded once, over their number.
-
-    References
-    ----------
-    Shewchuk, Adaptive precision floating-point arithmetic, 1997, as in `math.fsum`.
-    """
+    """Return the exact sum of distances, each at most `limit`, rounded once, over their number."""
     if len(distances) == 0:
         return math.inf
-    return math.fsum(_clipped(distances, limit)) / len(distances)
-
-
-def _clipped(distances: Floats, limit: float) -> Iterator[float]:
-    for start in range(0, len(distances), _CHUNK):
-        yield from np.minimum(distances[start : start + _CHUNK], limit).tolist()
+    starts = range(0, len(distances), _CHUNK)
+    chunks = (np.minimum(distances[start : start + _CHUNK], limit).tolist() for start in starts)
+    return math.fsum(itertools.chain.from_iterable(chunks)) / len(distances)
 
 
 # --- camera poses ---
@@ -169,11 +156,9 @@ class PairErrors:
 def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> PairErrors:
     """Compare the relative poses of all pairs of N cameras, by first camera, then second.
 
-    Pairs are ordered, (i, j) and (j, i): the direction of j as seen by i and that of i as seen by
-    j err differently once rotations do, and with one of the two the score would depend on the
-    order of the images. No camera is a reference, and a similarity of either world changes
-    nothing. A direction opposite to the true one is 180 degrees off; it is not folded to 0.
-
+    Pairs are ordered, (i, j) and (j, i), which err differently in direction once rotations do: so
+    the order of the images does not matter, no camera is a reference, and a similarity of either
+    world changes nothing. A direction opposite to the true one is 180 degrees off, not folded to 0.
     Pairs whose true centres are at most `least_baseline` apart count by their rotation only. A
     prediction without a baseline where the truth has one has failed.
     """
@@ -213,9 +198,8 @@ def pose_auc(errors: PairErrors, limit_deg: float) -> float:
     r"""Return the area under the curve of pairs that are right, up to a limit, 0 to 1.
 
     A pair is right below an angle where both its rotation and its direction are:
-    :math:`\frac{1}{P} \sum_p \max(0, 1 - e_p / L)` with e the larger of both. Exact for the
-    curve, which is a step function; evaluations that fill a histogram by whole degrees differ by
-    up to half a degree over L.
+    :math:`\frac{1}{P} \sum_p \max(0, 1 - e_p / L)` with e the larger of both, exactly; histograms
+    by whole degrees differ by up to half a degree over L.
     """
     if not 0.0 < limit_deg < np.inf:
         raise ValueError(f"limit is {limit_deg}, expected above 0 and finite")
@@ -227,13 +211,9 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
     """Return the areas up to each limit in whole degrees as Depth Anything 3's benchmark has them.
 
     Unlike `pose_auc` it takes a pair once, not both ways; compares the motions of the world that
-    take one camera to another, in the frame of the first camera that has a pose, so that the order
-    of the images matters; folds opposite directions to 0 degrees, gives 90 to those of cameras that
-    share a place; and counts by whole degrees.
-
-    References
-    ----------
-    Lin et al., Depth Anything 3, 2025; ``compute_pose`` of its ``bench/utils.py``.
+    take one camera to another, in the frame of the first camera that has a pose; folds opposite
+    directions to 0 degrees, gives 90 to those of cameras that share a place; and counts by whole
+    degrees. See ``compute_pose`` of its ``bench/utils.py`` (Lin et al., Depth Anything 3, 2025).
     """
     count = len(truth)
     _check(predicted, truth)

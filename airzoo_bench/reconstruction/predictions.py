@@ -62,19 +62,11 @@ _EXPECTED = (
 
 @dataclass(frozen=True, eq=False)
 class ScenePrediction:
-    """The prediction of a scene, opened.
+    """The prediction of a scene, opened; depth maps of views without a pose are among the geometry.
 
-    Attributes
-    ----------
-    geometry : FileCloud, DepthMaps or PointMaps
-        Depth maps of all views, those without a pose included.
-    images : ImagePoses or None
-        Of the views themselves, or from a file of cameras.
-    notes : tuple of str
-        What looks odd and need not be wrong.
-    pixel_centres : str or None
-        As the file states it: ``half`` or ``integer``; None where it does not. Then they are taken
-        to be ``half`` where images are named, ``integer`` where they are not.
+    `images` are of the views themselves, or from a file of cameras. `pixel_centres` are what the
+    file states, ``half`` or ``integer``; where it does not, they are taken to be ``half`` where
+    images are named, ``integer`` where they are not.
     """
 
     geometry: FileCloud | DepthMaps | PointMaps
@@ -187,49 +179,45 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
         return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
     bundle = open_bundle(path, unpacked_limit_bytes)
     wrapper = _wrapper(bundle.members)
-    clouds: dict[str, list[Member]] = {}
-    texts_beside: dict[str, list[Member]] = {}
-    cameras: dict[str, list[Member]] = {}
-    shards: dict[str, list[Member]] = {}
+    by_kind: dict[str, dict[str, list[Member]]] = {"geometry": {}, "cameras": {}, "shards": {}}
     protocol, unknown_files = None, []
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
-        scene, is_camera = _scene_of(name)
+        scene, kind = _place_of(name)
         if name == _PROTOCOL:
             protocol = _protocol_name(bundle, member)
-        elif (whole := _scene_of_shard(name)) is not None:
-            shards.setdefault(whole, []).append(member)
         elif scene is None:
             unknown_files.append(name)
         else:
-            kind = cameras if is_camera else texts_beside if _is_text(name) else clouds
-            kind.setdefault(scene, []).append(member)
-    for scene, (first, *_) in shards.items():
-        clouds.setdefault(scene, []).append(first)
-    for kind in (cameras, texts_beside, clouds):
-        _refuse_two_entries(path, kind)
-    # A text may as well be a remark: beside another cloud of its scene it is not read.
-    unknown_files += [texts_beside[scene][0].name for scene in texts_beside if scene in clouds]
-    geometry = texts_beside | clouds | shards
-    unknown_files += [cameras[scene][0].name for scene in cameras if scene not in geometry]
-    entries = {
-        scene: _Entry(tuple(members), cameras.get(scene, [None])[0], scene in shards)
-        for scene, members in sorted(geometry.items())
-    }
+            by_kind[kind].setdefault(scene, []).append(member)
+    entries = {}
+    for scene in sorted({*by_kind["geometry"], *by_kind["shards"]}):
+        geometry, cameras, shards = (of.get(scene, []) for of in by_kind.values())
+        # A text may as well be a remark: beside another cloud of its scene it is not read.
+        clouds = [one for one in geometry if not _is_text(one.name)]
+        if clouds or shards:
+            unknown_files += [one.name for one in geometry if _is_text(one.name)]
+            geometry = clouds
+        for members in ([*geometry, *shards[:1]], cameras):
+            _refuse_two(path, scene, members)
+        entries[scene] = _Entry(tuple(shards or geometry), next(iter(cameras), None), bool(shards))
+    lonely = [
+        members[0].name for scene, members in by_kind["cameras"].items() if scene not in entries
+    ]
+    unknown_files += lonely
     if not entries:
         raise _no_entries(path, unknown_files)
     return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
 
 
-def _refuse_two_entries(path: Path, by_scene: dict[str, list[Member]]) -> None:
-    for scene, members in by_scene.items():
-        if len(members) > 1:
-            raise PredictionError(
-                f"scene {scene!r} has two entries: {members[0].name} and {members[1].name}",
-                where=path,
-                expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
-                fix="keep one of the two",
-            )
+def _refuse_two(path: Path, scene: str, members: list[Member]) -> None:
+    if len(members) > 1:
+        raise PredictionError(
+            f"scene {scene!r} has two entries: {members[0].name} and {members[1].name}",
+            where=path,
+            expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
+            fix="keep one of the two",
+        )
 
 
 def _wrapper(members: tuple[Member, ...]) -> str:
@@ -237,35 +225,31 @@ def _wrapper(members: tuple[Member, ...]) -> str:
     tops = {member.name.partition("/")[0] for member in members}
     if len(tops) != 1 or any("/" not in member.name for member in members):
         return ""
-    if any(_scene_of_shard(member.name) for member in members):
-        return ""
     prefix = f"{tops.pop()}/"
     rest = [member.name.removeprefix(prefix) for member in members]
     files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
     files = [name for name in files if not _is_text(name)] or files
     is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
-    return "" if is_scene else prefix
+    is_sharded = any(_place_of(member.name)[1] == "shards" for member in members)
+    return "" if is_scene or is_sharded else prefix
 
 
 def _is_text(name: str) -> bool:
     return name.lower().endswith(TEXT_SUFFIXES)
 
 
-def _scene_of(name: str) -> tuple[str | None, bool]:
-    """Return the scene that a file belongs to, and whether it holds cameras."""
-    path = PurePosixPath(name)
-    if not name.lower().endswith(SUFFIXES) or len(path.parts) > 2:
-        return None, False
-    if len(path.parts) == 2:
-        return path.parts[0], path.name == _CAMERAS
+def _place_of(name: str) -> tuple[str | None, str]:
+    """Return the scene that a file belongs to, and whether it is geometry, cameras or a shard."""
+    parts, lower = PurePosixPath(name).parts, name.lower()
+    if len(parts) == 3 and parts[1] == _SHARDS and lower.endswith(SHARD_SUFFIXES):
+        return parts[0], "shards"
+    if not lower.endswith(SUFFIXES) or len(parts) > 2:
+        return None, ""
+    if len(parts) == 2:
+        return parts[0], "cameras" if parts[1] == _CAMERAS else "geometry"
     if name.endswith(f".{_CAMERAS}"):
-        return name.removesuffix(f".{_CAMERAS}"), True
-    return path.stem, False
-
-
-def _scene_of_shard(name: str) -> str | None:
-    scene, *folder = PurePosixPath(name).parent.parts or ("",)
-    return scene if folder == [_SHARDS] and name.lower().endswith(SHARD_SUFFIXES) else None
+        return name.removesuffix(f".{_CAMERAS}"), "cameras"
+    return PurePosixPath(name).stem, "geometry"
 
 
 def _protocol_name(bundle: Bundle, member: Member) -> str:
@@ -285,13 +269,14 @@ def _protocol_name(bundle: Bundle, member: Member) -> str:
 def _no_entries(path: Path, unknown_files: list[str]) -> UnreadableError:
     there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
     endings = sorted({PurePosixPath(name).suffix[:20] for name in unknown_files} - {"", *SUFFIXES})
-    unread = [f"endings such as {one!r} are not read: write a cloud as .ply" for one in endings]
     return UnreadableError(
         f"holds no cloud, mesh or npz{there}",
         where=path,
         expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
         f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-        fix=unread[0] if unread else "name the files by their scenes",
+        fix=f"write clouds as .ply: endings such as {endings[0]!r} are not read"
+        if endings
+        else "name the files by their scenes",
     )
 
 
@@ -324,13 +309,13 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     pixels = height * width
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
     arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
-    cameras, notes = _map_cameras(arrays, maps.shape, shift)
+    cameras = _map_cameras(arrays, maps.shape, shift)
     images = image_poses(arrays, count) if "extrinsics" in names else None
     confidence = _confidence(arrays, maps.shape[:3])
     geometry: DepthMaps | PointMaps = PointMaps(maps, confidence)
     if kind == "depth" and cameras is not None and images is not None:
         geometry = DepthMaps(maps, cameras, images.poses, confidence)
-    return ScenePrediction(geometry, images, notes, stated)
+    return ScenePrediction(geometry, images, pixel_centres=stated)
 
 
 def _maps(arrays: Arrays, name: str) -> FloatMaps:
@@ -340,16 +325,16 @@ def _maps(arrays: Arrays, name: str) -> FloatMaps:
     last = (3,) if name in _POINTS else ()
     fits = values.ndim == 3 + len(last) and values.shape[3:] == last and 0 not in values.shape
     if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
-        millimetres = "; whole numbers are often millimetres, / 1000"
-        squeezed = name == "depth" and values.ndim == 4 and values.shape[1] == 1
+        fix = f"{name}.astype(np.float32), in the units of the poses"
+        if values.dtype.kind in "iu":
+            fix += "; whole numbers are often millimetres, / 1000"
+        if name == "depth" and values.ndim == 4 and values.shape[1] == 1:
+            fix = "depth[:, 0] (depth.squeeze(1))"
         raise PredictionError(
             f"field '{name}' is {values.dtype} of shape {values.shape}",
             where=arrays.path,
             expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, last)))})",
-            fix="depth[:, 0] (depth.squeeze(1))"
-            if squeezed
-            else f"{name}.astype(np.float32), in the units of the poses"
-            + millimetres * (values.dtype.kind in "iu"),
+            fix=fix,
         )
     return values
 
@@ -371,11 +356,9 @@ def _pixel_centres(arrays: Arrays) -> str | None:
     return stated
 
 
-def _map_cameras(
-    arrays: Arrays, shape: tuple[int, ...], shift: float
-) -> tuple[Cameras | None, tuple[str, ...]]:
+def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:
     if "intrinsics" not in arrays.names():
-        return None, ()
+        return None
     count, height, width = shape[:3]
     matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
     check_count(arrays, "intrinsics", len(matrices), count)
@@ -387,7 +370,8 @@ def _map_cameras(
         cameras = Cameras.from_matrices(matrices, width, height, names=names)
     except CameraError as error:
         raise camera_fault(arrays, "intrinsics", error) from error
-    return cameras, check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
+    check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
+    return cameras
 
 
 def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:

@@ -7,7 +7,8 @@ cloud that the photos saw: inside enough of them, and not hidden.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.clouds import (
     InMemoryCloud,
+    PieceCloud,
     VoxelGrid,
     concatenated,
     finite_pieces,
@@ -26,6 +28,9 @@ from airzoo_bench.reconstruction.clouds import (
     grid_origin,
 )
 from airzoo_bench.reconstruction.settings import Preparation
+
+Region = Callable[[Floats], Bools]
+"""Says which of finite points (N, 3) lie in a part of space."""
 
 _MOST_CELLS = 1 << 62
 _LEAST_VOXELS = 1 << 18
@@ -60,19 +65,16 @@ class Box:
 
 def box_of(source: CloudSource) -> Box:
     """Return the smallest box that holds the finite points of the true cloud."""
-    corners = [
-        corner
-        for piece in finite_pieces(source, _PIECE)
-        if len(piece)
-        for corner in (piece.min(axis=0), piece.max(axis=0))
-    ]
+    pieces = finite_pieces(source, _PIECE)
+    corners = [(piece.min(axis=0), piece.max(axis=0)) for piece in pieces if len(piece)]
     if not corners:
         raise BenchmarkError(
             "the true cloud holds no finite point",
             expected="at least one point",
             fix="check the benchmark's cloud",
         )
-    return Box(np.min(corners, axis=0), np.max(corners, axis=0))
+    low, high = zip(*corners, strict=True)
+    return Box(np.min(low, axis=0), np.max(high, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +100,14 @@ class CellSet:
 
     def keys_of(self, points: Floats) -> tuple[Bools, Ints]:
         """Say which of points (N, 3) lie in the part that is looked at, and in which cells."""
-        cells = np.floor(points / self.size) - self.low
-        inside = np.asarray(((cells >= 0) & (cells < self.shape)).all(axis=1))
-        x, y, z = np.where(inside[:, None], cells, 0.0).astype(np.int64).T
-        return inside, self.packed(x, y, z)
+        return self.keys_at(np.floor(points / self.size) - self.low)
 
-    def packed(self, x: Ints, y: Ints, z: Ints) -> Ints:
-        """Return the numbers of cells by their places along the axes, counted from the least."""
+    def keys_at(self, places: Floats) -> tuple[Bools, Ints]:
+        """Say which places (N, 3), counted from the least, are looked at, and their keys."""
+        inside = np.asarray(((places >= 0) & (places < self.shape)).all(axis=1))
+        x, y, z = np.where(inside[:, None], places, 0.0).astype(np.int64).T
         _, along_y, along_z = self.shape.astype(np.int64).tolist()
-        keys: Ints = (x * along_y + y) * along_z + z
-        return keys
+        return inside, (x * along_y + y) * along_z + z
 
     def places(self) -> Ints:
         """Return places (C, 3) of the set's cells along the axes, counted from the least."""
@@ -136,47 +136,38 @@ def occupied_cells(
     return replace(found, keys=keys)
 
 
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """Upright columns (cells of infinite height) between two heights, borders included."""
+def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: float) -> Region:
+    """Return the upright columns that hold one of some points, or come within a margin of one.
 
-    cells: CellSet
-    low: float
-    high: float
-
-    def holds(self, points: Floats) -> Bools:
-        """Say which of points (N, 3), finite, lie in a column."""
-        upright = (points[:, 2] >= self.low) & (points[:, 2] <= self.high)
-        return np.asarray(upright & self.cells.holds(points))
-
-
-def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: float) -> Columns:
-    """Return columns that hold one of some points, or come within a margin of one that does."""
+    They reach from the box's lowest to its highest point and, both ways, by the margin beyond.
+    """
     occupied = occupied_cells(pieces, (size, size, np.inf), box, margin + size)
-    keys, (x, y, z) = occupied.keys, occupied.places().T
+    keys, places = occupied.keys, occupied.places()
     reach = int(np.floor(margin / size)) + 1
-    for east in range(-reach, reach + 1):
-        for north in range(-reach, reach + 1):
-            # Between the nearest sides of two columns.
-            apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
-            if apart < margin:
-                column, row = x + east, y + north
-                inside = (column >= 0) & (row >= 0)
-                inside &= (column < occupied.shape[0]) & (row < occupied.shape[1])
-                grown = occupied.packed(column[inside], row[inside], z[inside])
-                keys = np.union1d(keys, grown)
+    for east, north in itertools.product(range(-reach, reach + 1), repeat=2):
+        # Between the nearest sides of two columns.
+        apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
+        if apart < margin:
+            inside, grown = occupied.keys_at(places + np.array((east, north, 0.0)))
+            keys = np.union1d(keys, grown[inside])
+    columns = replace(occupied, keys=keys)
     low, high = float(box.low[2] - margin), float(box.high[2] + margin)
-    return Columns(replace(occupied, keys=keys), low, high)
+
+    def holds(points: Floats) -> Bools:
+        upright = (points[:, 2] >= low) & (points[:, 2] <= high)
+        return np.asarray(upright & columns.holds(points))
+
+    return holds
 
 
 def cropped_region(
     truth: CloudSource, box: Box, settings: Preparation, block_points: int
-) -> Box | Columns | None:
+) -> Region | None:
     """Return what a protocol crops both clouds to, or None."""
     if settings.crop == "none":
         return None
     if settings.crop == "box":
-        return box.grown(settings.crop_margin_m)
+        return box.grown(settings.crop_margin_m).holds
     pieces = finite_pieces(truth, block_points)
     return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
 
@@ -188,10 +179,13 @@ def cropped_region(
 class PreparedCloud:
     """A cloud as it is compared, and how many points were left out of it, or merged by voxels.
 
+    `distrusted` are those of too little confidence.
+
     `sample` (S, 3) are finite points from all of the cloud, those outside the region among them.
     """
 
     source: CloudSource
+    distrusted: int
     not_finite: int
     outside: int
     thinned: int
@@ -211,51 +205,43 @@ class PreparedCloud:
 
 
 def prepared(
-    source: CloudSource, settings: Preparation, region: Box | Columns | None, block_points: int
+    source: CloudSource, settings: Preparation, region: Region | None, block_points: int
 ) -> PreparedCloud:
     """Prepare a cloud, cropped to a region where one is given."""
     size, grid = settings.voxel_m, None
     if not isinstance(size, str):
         grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
-    counts, seen = np.zeros(3, np.int64), 0
+    seen = not_finite = inside = 0
     # Every n-th point, the same for any pieces.
     sample, every = [np.zeros((0, 3))], max(1, source.count // _SAMPLE)
     for piece in source.pieces(block_points):
         finite, within = _masks(piece.points, region)
         sample.append(piece.points[-seen % every :: every].copy())
         seen += len(piece)
-        counts += [np.count_nonzero(which) for which in (~finite, finite & ~within, within)]
+        not_finite += int(np.count_nonzero(~finite))
+        inside += int(np.count_nonzero(within))
         if grid is not None:
             grid.add(piece.points[within])
     some = np.concatenate(sample)
-    some = some[finite_rows(some)]
-    not_finite, outside, inside = counts.tolist()
-    if grid is None:
-        return PreparedCloud(_Cropped(source, region, inside), not_finite, outside, 0, some)
-    thin = grid.points()
-    return PreparedCloud(InMemoryCloud(thin), not_finite, outside, inside - len(thin), some)
+    some, outside = some[finite_rows(some)], seen - not_finite - inside
+    left_out = source.count - seen, not_finite, outside
+    if grid is not None:
+        thin = grid.points()
+        return PreparedCloud(InMemoryCloud(thin), *left_out, inside - len(thin), some)
+
+    def read(points: int) -> Iterator[Cloud]:
+        for piece in source.pieces(points):
+            yield Cloud(piece.points[_masks(piece.points, region)[1]])
+
+    return PreparedCloud(PieceCloud(inside, read), *left_out, 0, some)
 
 
-@dataclass(frozen=True, eq=False)
-class _Cropped:
-    """The finite points of a cloud that lie in a region, as a `CloudSource`."""
-
-    source: CloudSource
-    region: Box | Columns | None
-    count: int
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        for piece in self.source.pieces(points):
-            yield Cloud(piece.points[_masks(piece.points, self.region)[1]])
-
-
-def _masks(points: Floats, region: Box | Columns | None) -> tuple[Bools, Bools]:
+def _masks(points: Floats, region: Region | None) -> tuple[Bools, Bools]:
     """Say which points are finite, and which lie in the region too."""
     finite = finite_rows(points)
-    if region is None:
-        return finite, finite
     within = finite.copy()
-    within[finite] = region.holds(points[finite])
+    if region is not None:
+        within[finite] = region(points[finite])
     return finite, within
 
 

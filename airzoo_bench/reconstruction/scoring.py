@@ -30,18 +30,19 @@ from airzoo_bench.reconstruction.alignment import (
     RansacSettings,
     align,
     alignment_values,
+    partners,
     with_residuals,
 )
 from airzoo_bench.reconstruction.cameras import match_cameras
 from airzoo_bench.reconstruction.checks import scene_notes
-from airzoo_bench.reconstruction.clouds import InMemoryCloud, TransformedCloud, finite_pieces
+from airzoo_bench.reconstruction.clouds import finite_pieces, transformed
 from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
 from airzoo_bench.reconstruction.fusion import (
-    DepthCloud,
     DepthMaps,
-    PointMapCloud,
     PointMaps,
+    depth_cloud,
     fuse,
+    point_map_cloud,
 )
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.predictions import ScenePrediction
@@ -75,15 +76,13 @@ RECORDED = frozenset(
 class Comparison:
     """A prediction compared with the truth of its scene, both clouds as they were compared.
 
-    `recalled` are the distances of the true points that recall is over, `distrusted` counts the
-    predicted points of too little confidence.
+    `recalled` are the distances of the true points that recall is over.
     """
 
     alignment: Alignment
     clouds: tuple[preparation.PreparedCloud, preparation.PreparedCloud]
     distances: CloudDistances
     recalled: Floats
-    distrusted: int
     curve: metrics.Curve
 
 
@@ -97,11 +96,10 @@ def score_scene(
     place, scores = f"{predictions.path}, scene {truth.scene}", protocol.scores
     with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, _sampling(protocol))
-        details = None
+        found = None
         try:
             cameras = match_cameras(prediction.images, truth, place)
-            geometry = prediction.posed_geometry
-            found = compare(geometry, cameras, truth, true_cloud, protocol, run)
+            found = compare(prediction.posed_geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
             scored = _score_failed(truth.scene, scores)
@@ -110,13 +108,12 @@ def score_scene(
             poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
             scored = score_comparison(truth.scene, found, poses, scores)
             notes = scene_notes(prediction, cameras, truth, found, protocol)
-            details = found
             if run.keep and (run.limits is not None or not predictions.path.is_dir()):
                 # Once the predictions are closed, their files are gone.
-                details = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
+                found = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
         named = tuple(f"scene {truth.scene}: {note}" for note in notes)
-        kept = details if run.keep else None
-        return replace(scored, kind=prediction.kind, notes=named, details=kept)
+        details = found if run.keep else None
+        return replace(scored, kind=prediction.kind, notes=named, details=details)
 
 
 @contextmanager
@@ -193,10 +190,9 @@ def compare(
         )
         rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
         recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
-    distrusted = _count_distrusted(geometry, alignment.transform, protocol.fusion, block)
     steps = metrics.even_thresholds(scores.curve_up_to_m, scores.curve_steps)
     found = metrics.curve(distances.to_truth, recalled, steps)
-    return Comparison(alignment, (predicted, true), distances, recalled, distrusted, found)
+    return Comparison(alignment, (predicted, true), distances, recalled, found)
 
 
 def _aligned(
@@ -219,35 +215,16 @@ def _aligned(
         # A cloud that is nowhere near the truth has failed; its file is not to blame.
         return cloud, replace(found, icp_failure=error.what)
     moved = replace(found, transform=step.after(found.transform), icp=report)
-    return TransformedCloud(cloud, step, None), with_residuals(moved, cameras, truth.posed)
+    return transformed(cloud, step), with_residuals(moved, cameras, truth.posed)
 
 
 def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> CloudSource:
     """Bring a cloud into the frame of the truth, or make one of maps there."""
-    least = fusion.least_confidence
     if isinstance(geometry, PointMaps):
-        return PointMapCloud(geometry, transform, least)
+        return point_map_cloud(geometry, transform, fusion)
     if not isinstance(geometry, DepthMaps):
-        return TransformedCloud(geometry, transform, least)
-    if fusion.method == "tsdf":
-        return InMemoryCloud(fuse(geometry, transform, fusion))
-    return DepthCloud(geometry, transform, fusion.max_depth_m, least)
-
-
-def _count_distrusted(
-    geometry: Geometry, transform: Similarity, fusion: Fusion, points: int
-) -> int:
-    """Count the points at or below the protocol's confidence."""
-    least = fusion.least_confidence
-    if least is None:
-        return 0
-    if not isinstance(geometry, DepthMaps | PointMaps):
-        trusted = TransformedCloud(geometry, Similarity.identity(), least).pieces(points)
-        return geometry.count - sum(len(piece) for piece in trusted)
-    points_only = fusion.model_copy(update={"method": "back-projection"})
-    every = points_only.model_copy(update={"confidence_above": "none"})
-    of_all, of_trusted = (_as_cloud(geometry, transform, one) for one in (every, points_only))
-    return of_all.count - of_trusted.count
+        return transformed(geometry, transform, fusion.least_confidence)
+    return (fuse if fusion.method == "tsdf" else depth_cloud)(geometry, transform, fusion)
 
 
 # --- records ---
@@ -262,41 +239,49 @@ def score_comparison(
         "points": len(distances.to_truth),
         "truth_points": len(distances.to_prediction),
         "truth_unseen": len(distances.to_prediction) - len(found.recalled),
-        "distrusted": found.distrusted,
+        "distrusted": predicted.distrusted,
         "not_finite": predicted.not_finite,
         "outside": predicted.outside,
         "thinned": predicted.thinned,
         "truth_outside": true.outside,
         "truth_thinned": true.thinned,
         "cameras": alignment.cameras,
-        "cameras_missing": alignment.missing,
+        "cameras_missing": alignment.cameras_missing,
         "inlier_cameras": alignment.inliers,
     }
-    columns = _alignment_columns(alignment) | _cloud_columns(
-        distances.to_truth, found.recalled, settings
-    )
-    record = {"scene": scene, "answered": True, **counts, **columns, **poses}
+    centres, turns = alignment.centres, alignment.rotations_deg
+    columns = {
+        "alignment": alignment.method,
+        "scale": alignment.transform.scale,
+        "centres_rms_m": np.nan if centres is None else centres.rms,
+        "centres_median_m": np.nan if centres is None else centres.median,
+        "rotations_median_deg": np.nan if turns is None else turns.median,
+    }
+    record = counts | columns | _cloud_columns(distances.to_truth, found.recalled, settings) | poses
     facts = {"alignment": alignment_values(alignment)}
-    return replace(_scored(record, {"queries": 1, "missing": 0, **counts}), facts=facts)
+    return replace(_scored(scene, record, counts), facts=facts)
 
 
 def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene that the prediction lacks: 0, and infinite distances."""
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
-    record = {"scene": scene, "answered": False, "points": 0, **worst}
-    return _scored(record, {"queries": 1, "missing": 1, "points": 0})
+    return _scored(scene, worst, {"missing": 1, "points": 0}, answered=False)
 
 
 def _score_failed(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene that cannot be aligned as a missing one with failed poses."""
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings) | worst_poses(settings)
-    record = {"scene": scene, "answered": True, "points": 0, **worst}
-    return _scored(record, {"queries": 1, "missing": 0, "failed": 1, "points": 0})
+    return _scored(scene, worst, {"failed": 1, "points": 0})
 
 
-def _scored(record: dict[str, Any], counts: dict[str, int]) -> Scored:
-    whole = dict.fromkeys(sorted({*counts} & {*record}), "Int64")
-    return Scored(pd.DataFrame([record]).astype(whole), counts)
+def _scored(
+    scene: str, values: dict[str, Any], counts: dict[str, int], answered: bool = True
+) -> Scored:
+    whole = {name: counts[name] for name in counts if name not in ("missing", "failed")}
+    record = {"scene": scene, "answered": answered, **whole, **values}
+    kinds = dict.fromkeys(sorted(whole), "Int64")
+    counted = {"queries": 1, "missing": 0, **counts}
+    return Scored(pd.DataFrame([record]).astype(kinds), counted)
 
 
 def _cloud_columns(
@@ -352,8 +337,8 @@ def pose_scores(
         return scores
     if settings.trajectory_alignment == "umeyama":
         # All predicted cameras are brought nearest to the true ones, as evo does.
-        centres = given.centres[placed], true.centres[placed]
-        ((transform,), _) = fit_many(centres[0][None], centres[1][None], with_scale=True)
+        centres = given.centres[placed][None], true.centres[placed][None]
+        ((transform,), _) = fit_many(*centres, with_scale=True)
     aligned = transform.apply_poses(given)
     translation, rotation_deg = metrics.step_errors(aligned, true)
     scores["ate_m"] = metrics.rms_of_placed(metrics.centre_errors(aligned, true))
@@ -380,13 +365,13 @@ def _pose_aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dic
 
 def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> Poses:
     """Put the predicted poses in the order of the true ones, NaN where there is none."""
-    rows = {name: row for row, name in enumerate(cameras.names)}
-    turned = np.full((len(truth.names), 3, 3), np.nan)
-    centres = np.full((len(truth.names), 3), np.nan)
-    for place, name in enumerate(truth.names):
-        if name in rows:
-            turned[place], centres[place] = rotation[rows[name]], cameras.centres[rows[name]]
-    return Poses(rotation=turned, centres=centres)
+    rows, true_rows = partners(cameras, truth)
+    poses = Poses(
+        rotation=np.full((len(truth.names), 3, 3), np.nan),
+        centres=np.full((len(truth.names), 3), np.nan),
+    )
+    poses.rotation[true_rows], poses.centres[true_rows] = rotation[rows], cameras.centres[rows]
+    return poses
 
 
 def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:

@@ -31,6 +31,7 @@ from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.clouds import PieceCloud
 
 _NOT_CHOSEN = "not among the photos of the reconstruction"
 
@@ -39,16 +40,9 @@ _NOT_CHOSEN = "not among the photos of the reconstruction"
 class ReconstructionTruth:
     """The truth of a scene: its photos, which a reconstruction is made from, and its cloud.
 
-    Attributes
-    ----------
-    photos : DataFrame
-        A row a photo that may be used, sorted by ``id``: camera and, unless sealed, true pose.
-    cloud : Path
-        The true cloud, a file or a folder of shards, in the scene's CRS; empty where it is sealed.
-    cloud_sha256 : str
-        Of its bytes, or of all its files; empty where they are sealed.
-    excluded : DataFrame
-        Photos of the scene that are not used, with the reason.
+    `photos` have a row each, sorted by ``id``, with camera and, unless sealed, true pose; those of
+    the scene that are not used are `excluded`, with the reason. The true cloud is a file or a
+    folder of shards in the scene's CRS; path and SHA-256 are empty where it is sealed.
     """
 
     scene: str
@@ -151,22 +145,15 @@ def open_true_cloud(path: Path, memory_bytes: int, sampling: MeshSampling) -> Cl
     """Open the true cloud, a file or a folder of shards that are read one after the other."""
     with _as_benchmark_error(path):
         if path.is_dir():
-            return _TrueCloud(path, open_shards(path, shards_in(path)))
-        return _TrueCloud(path, open_cloud(path, limit_bytes=memory_bytes, sampling=sampling))
+            source = open_shards(path, shards_in(path))
+        else:
+            source = open_cloud(path, limit_bytes=memory_bytes, sampling=sampling)
 
+    def read(points: int) -> Iterator[Cloud]:
+        with _as_benchmark_error(path):
+            yield from source.pieces(points)
 
-@dataclass(frozen=True, eq=False)
-class _TrueCloud:
-    path: Path
-    source: CloudSource
-
-    @property
-    def count(self) -> int:
-        return self.source.count
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        with _as_benchmark_error(self.path):
-            yield from self.source.pieces(points)
+    return PieceCloud(source.count, read)
 
 
 @contextmanager

@@ -40,7 +40,7 @@ def test_sim3_is_exact_and_ignores_outliers(seed: int) -> None:
     predicted = moved(seen_from(truth, made), [3, 11, 17, 20, 22], rng.uniform(2, 9, (5, 3)))
     found = sim3(predicted, truth, RANSAC)
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-7)
-    assert (found.cameras, found.inliers, found.missing) == (24, 19, 0)
+    assert (found.cameras, found.inliers, found.cameras_missing) == (24, 19, 0)
     assert found.robust
     assert not found.used_orientations
     assert found.inlier_centres is not None
@@ -70,7 +70,7 @@ def test_rule_for_the_limit() -> None:
     noisy = moved(seen_from(truth, made), list(range(24)), rng.normal(0, 0.01, (24, 3)))
     found = sim3(noisy, truth, replace(RANSAC, inlier_limit=None, sample_share=0.5, max_trials=50))
     # The median distance is near 0.01 * 25 * 1.54, that of a normal vector in space.
-    assert found.inlier_limit == pytest.approx(0.385, rel=0.4)
+    assert found.inlier_limit_m == pytest.approx(0.385, rel=0.4)
     assert 8 <= found.inliers <= 20
     assert_same(found.transform, made, made.inverse().apply(truth.centres), 0.5)
     exact = sim3(seen_from(truth, made), truth, replace(RANSAC, inlier_limit=None))
@@ -105,17 +105,6 @@ def test_a_strip_with_outliers() -> None:
     assert found.rotations_deg.largest == pytest.approx(90.0)
 
 
-def test_a_plane_that_is_a_strip_with_an_outlier() -> None:
-    rng = np.random.default_rng(3)
-    path = strip(rng)
-    truth, made = moved(path, [4], np.array((0.0, 60.0, 0.0))), made_by(rng)
-    predicted = moved(seen_from(truth, made), [4], 5.0)
-    found = sim3(predicted, truth, RANSAC)
-    assert found.used_orientations
-    assert found.inliers == 11
-    assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-6)
-
-
 @pytest.mark.parametrize("whose", ["truth", "prediction"])
 def test_a_strip_without_orientations_is_refused(whose: str) -> None:
     rng = np.random.default_rng(4)
@@ -136,15 +125,6 @@ def test_a_strip_whose_orientations_are_backwards() -> None:
         sim3(replace(truth, rotation=truth.rotation @ about), truth, RANSAC)
 
 
-@pytest.mark.parametrize("whose", ["true", "predicted"])
-def test_centres_at_a_point_are_refused(whose: str) -> None:
-    truth = grid(np.random.default_rng(7))
-    point = replace(truth, centres=np.tile(UTM / 3, (24, 1)))
-    pair = (truth, point) if whose == "true" else (point, truth)
-    with pytest.raises(AlignmentError, match=f"the {whose} camera centres all lie at one point"):
-        sim3(*pair, RANSAC)
-
-
 def test_fewer_than_three_cameras_are_refused() -> None:
     truth = grid(np.random.default_rng(8))
     placed = truth.centres.copy()
@@ -159,7 +139,7 @@ def test_cameras_are_partners_by_name() -> None:
     order = rng.permutation(24)[:20]
     found = sim3(seen_from(truth, made).take(order), truth, RANSAC)
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-7)
-    assert (found.cameras, found.missing) == (20, 4)
+    assert (found.cameras, found.cameras_missing) == (20, 4)
     rows, true_rows = partners(truth.take(order), truth)
     np.testing.assert_array_equal(order[rows], true_rows)
     np.testing.assert_array_equal(true_rows, np.sort(order))
@@ -218,16 +198,6 @@ def test_half_of_the_cameras_may_be_bad(count: int, width: float) -> None:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_half_of_the_cameras_may_be_bad_in_99_of_100_runs(count: int, width: float) -> None:
     assert survivals(count, width, 0.5, runs=100) >= 99
-
-
-def test_the_rule_of_depth_anything_3_breaks_where_minimal_samples_do_not() -> None:
-    rng = np.random.default_rng(0)
-    truth, made = flight(600, 300.0, rng), made_by(rng)
-    predicted = seen_from(half_bad(truth, 0.3, rng), made)
-    assert sim3(predicted, truth, SHIPPED).inliers >= 420
-    theirs = replace(SHIPPED, sample_share=0.5, min_trials=1000, max_trials=1000, confidence=1.0)
-    found = sim3(predicted, truth, theirs)
-    assert found.inliers < 50 or not found.robust
 
 
 def test_the_order_of_cameras_does_not_matter() -> None:

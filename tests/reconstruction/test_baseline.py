@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
@@ -150,9 +149,3 @@ def test_pairs_by_hand() -> None:
     assert photo_pairs(4, line, 1).tolist() == [[0, 1], [1, 2], [2, 3]]
     line[3] = np.nan
     assert photo_pairs(4, line, 1).tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [2, 3]]
-
-
-def test_two_photos_are_too_few(flight: Flight, tmp_path: Path) -> None:
-    photos, cameras, truth = flight
-    with pytest.raises(UsageError, match="needs 3 photos, not 2"):
-        run((photos[:2], cameras, truth), tmp_path)

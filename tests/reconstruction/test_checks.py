@@ -19,7 +19,6 @@ from airzoo_bench.reconstruction.checks import (
     check_bounds,
     check_datum,
     check_digits,
-    check_image_size,
     check_mirror,
     check_resolution,
     refuse_camera_to_world,
@@ -71,7 +70,6 @@ def test_heights_of_another_datum() -> None:
     assert "another datum" in str(check_datum(TRUTH - np.array((0, 0, 31.5)), TRUTH))
     for heights in (4.0, 150.0):
         assert check_datum(TRUTH + np.array((0, 0, heights)), TRUTH) is None
-    assert check_datum(np.full((2, 3), np.nan), TRUTH) is None
 
 
 SCENE = TRUTH[0] + np.random.default_rng(0).uniform(0, 90, (500, 3))
@@ -130,39 +128,19 @@ def test_a_cloud_that_is_mirrored_in_its_own_frame(axes: str) -> None:
     truth = OWN.apply(HILLS / 3)
     found = check_mirror(OWN.apply(HILLS / 3 * signs), truth, OWN, [2.0])
     assert found is not None
-    assert f"{axes} negated about the origin of its own frame" in found
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_cloud_that_is_mirrored_about_its_cameras(axis: int) -> None:
-    truth = HILLS + TRUTH[0]
-    plane = truth[:, axis].mean() + 60.0
-    mirrored = truth.copy()
-    mirrored[:, axis] = 2 * plane - truth[:, axis]
-    found = check_mirror(mirrored, truth, Similarity.identity(), [2.0])
-    assert found is not None
-    assert f"{'xyz'[axis]} negated about the middle between it and the truth" in found
-    # What is merely elsewhere is not mirrored, flat or not.
-    away = np.eye(3)[axis] * 60.0
-    for height in (1.0, 0.01, 0.0):
-        scene = HILLS * (1, 1, height) + TRUTH[0]
-        assert check_mirror(scene + away, scene, Similarity.identity(), [1.0, 2.0]) is None
-
-
-def test_a_cloud_that_fits_or_is_merely_wrong_is_not_mirrored() -> None:
-    truth = HILLS + TRUTH[0]
-    assert check_mirror(truth, truth, Similarity.identity(), [2.0]) is None
-    noise = np.random.default_rng(2).uniform(-300, 300, (4000, 3)) + TRUTH[0]
-    assert check_mirror(noise, truth, Similarity.identity(), [2.0]) is None
-    assert check_mirror(truth[:0], truth, Similarity.identity(), [2.0]) is None
+    words = ", ".join("+-"[axis in axes] + axis for axis in "xyz")
+    assert f"({words}) for (+x, +y, +z) in its own frame" in found
+    # What fits, and what is merely elsewhere, is not mirrored.
+    for points in (truth, truth + np.array((60.0, 0, 0))):
+        assert check_mirror(points, truth, OWN, [2.0]) is None
 
 
 @pytest.mark.parametrize(
     ("order", "signs", "words"),
     [
-        ((0, 2, 1), (1, 1, -1), "(x, -z, y) for (x, y, z)"),
-        ((1, 0, 2), (1, 1, 1), "(y, x, z) for (x, y, z)"),
-        ((0, 1, 2), (1, 1, -1), "z negated"),
+        ((0, 2, 1), (1, 1, -1), "(+x, -z, +y) for (+x, +y, +z)"),
+        ((1, 0, 2), (1, 1, 1), "(+y, +x, +z) for (+x, +y, +z)"),
+        ((0, 1, 2), (1, 1, -1), "(+x, +y, -z)"),
     ],
     ids=["y up", "x and y exchanged", "z negated"],
 )
@@ -187,17 +165,10 @@ def test_intrinsics_of_photos_that_are_little_larger_or_smaller(width: int, heig
     with refused("6[34][0-9] x 4[78][0-9]"):
         check_resolution(Cameras.from_matrices(K, width, height), None, "it")
     K[1, :2, 2] = width / 2, height / 2
-    assert check_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
+    check_resolution(Cameras.from_matrices(K, width, height), None, "it")
     near = np.array([width, height]) / 2 * 1.09
     K[:, :2, 2] = near
-    assert check_resolution(Cameras.from_matrices(K, width, height), None, "it") == ()
-
-
-def test_maps_of_another_shape_than_the_photos() -> None:
-    assert check_image_size((518, 291), 4000, 2250) is None
-    assert check_image_size((504, 280), 4000, 2250) is None
-    assert "turned by 90 degrees" in str(check_image_size((291, 518), 4000, 2250))
-    assert "cut, padded" in str(check_image_size((518, 518), 4000, 2250))
+    check_resolution(Cameras.from_matrices(K, width, height), None, "it")
 
 
 def inverted(given: Poses) -> Poses:
@@ -225,14 +196,6 @@ def test_camera_to_world_is_suspected(truth: Poses) -> None:
     assert said is not None
     assert "0.0 once inverted" in said
     assert said_of(truth, truth) is None
-
-
-@pytest.mark.parametrize("truth", [poses(12), poses(200, 3)], ids=["few", "many"])
-def test_camera_to_world_in_opengl_axes_is_suspected(truth: Poses) -> None:
-    flipped = Poses.from_centres(np.diag((1.0, -1.0, -1.0)) @ truth.rotation, truth.centres)
-    said = said_of(inverted(flipped), truth)
-    assert said is not None
-    assert "0.0 once inverted and in OpenCV's axes" in said
 
 
 def test_clearly_inverted_cameras_are_refused() -> None:
@@ -271,16 +234,6 @@ def test_names_one_off(seed: int) -> None:
         refuse_shifted_names(PosedCameras(names, shaken), true, "yard.npz")
 
 
-def test_neither_another_world_nor_bad_poses_are_suspected() -> None:
-    truth = poses(12)
-    turn = Rotation.random(rng=5).as_matrix()
-    moved = Poses.from_centres(truth.rotation @ turn.T, truth.centres @ turn.T * 0.3 + 1000)
-    assert said_of(moved, truth) is None
-    assert "world" in str(said_of(inverted(moved), truth))
-    assert said_of(poses(12, seed=9), truth) is None
-    assert said_of(inverted(poses(2)), poses(2)) is None
-
-
 def test_a_mirrored_cloud_is_named_by_eval_and_check(world: World, tmp_path: Path) -> None:
     points, cameras = true_points("yard"), world.cameras("yard")
     origin = points.mean(axis=0) - np.array((0.0, 0.0, 30.0))
@@ -290,7 +243,7 @@ def test_a_mirrored_cloud_is_named_by_eval_and_check(world: World, tmp_path: Pat
     path = predict_clouds(world, tmp_path / "p", {"yard": mirrored})
     save(path / "yard.cameras.npz", cameras | {"extrinsics": extrinsics})
     notes = notes_of(world, path)
-    assert any("mirrored or turned over" in note and "z negated" in note for note in notes)
+    assert any("mirrored or turned over" in note and "(+x, +y, -z)" in note for note in notes)
 
 
 @pytest.mark.parametrize("lost", ["float32", "6 digits", "nothing", "origin"])

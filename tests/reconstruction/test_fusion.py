@@ -10,16 +10,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction import fusion
+from airzoo_bench.reconstruction.clouds import PieceCloud
 from airzoo_bench.reconstruction.fusion import (
-    DepthCloud,
     DepthMaps,
-    PointMapCloud,
     PointMaps,
+    depth_cloud,
     fuse,
+    point_map_cloud,
 )
 from airzoo_bench.reconstruction.settings import Fusion
 from airzoo_bench.reconstruction.similarity import Similarity
@@ -43,18 +43,17 @@ TSDF = Fusion(
 
 
 def fused(maps: DepthMaps, **changes: Any) -> np.ndarray:
-    return fuse(maps, STILL, TSDF.model_copy(update=changes))
+    return joined(fuse(maps, STILL, TSDF.model_copy(update=changes)), 1 << 20)
 
 
-def joined(source: CloudSource, points: int = 1000) -> np.ndarray:
+def joined(source: PieceCloud, points: int = 1000) -> np.ndarray:
     parts = [piece.points for piece in source.pieces(points)]
     assert all(0 < len(part) <= points for part in parts)
     return np.concatenate(parts)
 
 
-def depth_cloud(maps: DepthMaps, **changes: Any) -> DepthCloud:
-    options = {"transform": STILL, "max_depth": 100.0, "confidence_above": None} | changes
-    return DepthCloud(maps, **options)
+def cloud_of(maps: DepthMaps, transform: Similarity = STILL, **changes: Any) -> PieceCloud:
+    return depth_cloud(maps, transform, TSDF.model_copy(update=changes))
 
 
 def one_view(depth: list[list[float]], **maps: Any) -> DepthMaps:
@@ -93,7 +92,7 @@ def assert_on_plane(points: np.ndarray) -> None:
 
 
 def test_pixels_by_hand() -> None:
-    found = joined(depth_cloud(one_view([[4, 8], [0, 2]])))
+    found = joined(cloud_of(one_view([[4, 8], [0, 2]])))
     # Through (0.5, 0.5), (1.5, 0.5) and (1.5, 1.5) of a camera with f = 2 and c = (1, 1).
     expected = UTM + np.array(((-1, -1, 4.0), (2, -2, 8), (0.5, 0.5, 2)))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
@@ -101,18 +100,18 @@ def test_pixels_by_hand() -> None:
 
 def test_what_is_no_surface() -> None:
     maps = one_view([[np.nan, np.inf, -1.0], [0.0, 101.0, 7.0]])
-    cloud = depth_cloud(maps)
+    cloud = cloud_of(maps)
     assert cloud.count == 1
     assert joined(cloud)[0, 2] == UTM[2] + 7.0
-    assert depth_cloud(maps, max_depth=101.0).count == 2
+    assert cloud_of(maps, max_depth_m=101.0).count == 2
 
 
 def test_pixels_must_exceed_the_confidence() -> None:
     confidence = np.array([[[0.5, 2.0], [np.nan, 3.0]]], np.float16)
     maps = one_view([[1, 2], [3, 4]], confidence=confidence)
-    found = joined(depth_cloud(maps, confidence_above=0.5))
+    found = joined(cloud_of(maps, confidence_above=0.5))
     assert (found[:, 2] - UTM[2]).tolist() == [2.0, 4.0]
-    assert depth_cloud(maps, confidence_above=None).count == 4
+    assert cloud_of(maps, confidence_above=0.5).count == 4
 
 
 def test_lens_distortion_is_undone() -> None:
@@ -121,7 +120,7 @@ def test_lens_distortion_is_undone() -> None:
     cameras = Cameras.from_matrices(K, 64, 48, [[-0.1, 0.03, 0.001, -0.002, 0.0]])
     pose = Poses(rotation=Rotation.random(1, random_state=rng).as_matrix(), centres=UTM[None])
     maps = DepthMaps(rng.uniform(5, 50, (1, 48, 64)), cameras, pose)
-    seen = world_to_camera(pose, joined(depth_cloud(maps))[None])
+    seen = world_to_camera(pose, joined(cloud_of(maps))[None])
     pixels = project(cameras, seen)[0]
     expected = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), -1).reshape(-1, 2)
     np.testing.assert_allclose(pixels, expected, atol=1e-6)
@@ -132,18 +131,18 @@ def test_the_plane_comes_back_in_another_frame() -> None:
     maps = slope_maps()
     made = Similarity(0.01, Rotation.random(random_state=1).as_matrix(), np.ones(3), UTM)
     there = replace(maps, depth=maps.depth * 0.01, poses=made.apply_poses(maps.poses))
-    found = joined(depth_cloud(there, transform=made.inverse()))
+    found = joined(cloud_of(there, made.inverse()))
     assert len(found) == maps.depth.size
     assert np.abs(off_plane(found)).max() < 1e-7
-    np.testing.assert_allclose(found, joined(depth_cloud(maps)), atol=1e-7)
+    np.testing.assert_allclose(found, joined(cloud_of(maps)), atol=1e-7)
 
 
 @pytest.mark.parametrize("points", [1, 7, 3072, 10**6])
 def test_pieces_do_not_change_a_bit(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = slope_maps(views=2, width=32, height=24)
-    whole = joined(depth_cloud(maps), 10**6)
+    whole = joined(cloud_of(maps), 10**6)
     monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
-    assert joined(depth_cloud(maps), points).tobytes() == whole.tobytes()
+    assert joined(cloud_of(maps), points).tobytes() == whole.tobytes()
 
 
 def test_point_maps() -> None:
@@ -154,9 +153,9 @@ def test_point_maps() -> None:
     confidence[1, 0, 0] = 1.0
     maps = PointMaps(points.astype(np.float32), confidence)
     doubled = Similarity(2.0, np.eye(3), UTM)
-    cloud = PointMapCloud(maps, doubled, confidence_above=1.0)
+    cloud = point_map_cloud(maps, doubled, TSDF.model_copy(update={"confidence_above": 1.0}))
     kept = [0, 2, 3, 5, 6]
-    assert cloud.count == 5
+    assert cloud.count == 6  # one of too little confidence
     found = joined(cloud, 2)
     np.testing.assert_array_equal(found, 2 * points.reshape(-1, 3)[kept] + UTM)
 
@@ -166,7 +165,7 @@ def test_tsdf_gives_the_plane_back() -> None:
     found = fused(maps)
     assert len(found) > 1000
     assert_on_plane(found)
-    seen = joined(depth_cloud(maps))
+    seen = joined(cloud_of(maps))
     # Half a pixel off would be 0.25 m at 30 m, seen by the border of the surface.
     lower, upper = seen.min(axis=0), seen.max(axis=0)
     assert (found > lower - TSDF.tsdf_truncation_m).all()

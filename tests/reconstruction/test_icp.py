@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.reconstruction.icp import IcpReport, draw_points, refine
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.similarity import Similarity
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.posed_cameras import UTM, assert_same
 from tests.reconstruction.world import protocol
@@ -73,28 +73,12 @@ def test_icp_without_scale_keeps_it() -> None:
     assert report.after.cost < report.before.cost
 
 
-def test_icp_leaves_what_it_cannot_fix() -> None:
-    cloud = terrain(np.random.default_rng(14), 2000)
-    found, report = icp(cloud, cloud)
-    np.testing.assert_array_equal(found.matrix, np.eye(4))
-    assert report.before == report.after
-    assert report.after.cost == 0.0
-
-
 def test_icp_figures_by_hand() -> None:
     truth = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0), (10, 10, 0)))
     predicted = truth + np.array(((0.0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 50)))
     _, report = icp(predicted, truth, icp_iterations=1)
     assert (report.before.fitness, report.before.rmse) == (0.75, 1.0)
     assert report.before.cost == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
-
-
-def test_icp_needs_clouds_that_meet() -> None:
-    cloud = terrain(np.random.default_rng(15), 100)
-    with pytest.raises(AlignmentError, match="0 of 100 predicted points within 2"):
-        icp(cloud + 500.0, cloud)
-    with pytest.raises(AlignmentError, match="needs points"):
-        icp(cloud[:0], cloud)
 
 
 def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

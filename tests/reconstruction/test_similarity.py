@@ -12,9 +12,7 @@ from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction.similarity import (
     AlignmentError,
     Similarity,
-    fit_many,
     fit_strips,
-    point_rank,
     umeyama,
 )
 from tests.geometry.support import quick, seeds
@@ -32,18 +30,6 @@ def test_a_quarter_turn_by_hand() -> None:
     transform = Similarity(2.0, quarter, np.array((10.0, 20.0, 30.0)), np.array((1.0, 1.0, 1.0)))
     # (3, 1, 0) is (2, 0, -1) from the origin, turned (0, 2, -1), doubled (0, 4, -2).
     np.testing.assert_array_equal(transform.apply(np.array((3.0, 1.0, 0.0))), (10.0, 24.0, 28.0))
-
-
-@quick
-@given(seeds)
-def test_inverse_composition_and_matrix(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    a, b = some(rng), some(rng, 0.3)
-    points = rng.normal(size=(20, 3))
-    np.testing.assert_allclose(a.inverse().apply(a.apply(points)), points, atol=1e-13)
-    np.testing.assert_allclose(b.after(a).apply(points), b.apply(a.apply(points)), atol=1e-13)
-    homogeneous = np.hstack((points, np.ones((20, 1)))) @ a.matrix.T
-    np.testing.assert_allclose(homogeneous[:, :3], a.apply(points), atol=1e-13)
 
 
 def test_poses_move_with_their_world() -> None:
@@ -112,26 +98,6 @@ def test_degenerate_points_are_refused(
     source, target = (np.asarray(a, np.float64) + far * UTM for a in (source, target))
     with pytest.raises(AlignmentError, match=said):
         umeyama(source, target, with_scale=True)
-
-
-@pytest.mark.parametrize(
-    ("extent", "rank"),
-    [((0, 0, 0), 0), ((1, 0, 0), 1), ((5, 0.04, 0), 1), ((5, 0.06, 0), 2), ((5, 4, 3), 3)],
-)
-def test_rank_by_share(extent: tuple[float, ...], rank: int) -> None:
-    corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
-    assert point_rank(corners * extent, 0.01) == rank
-    assert point_rank(corners * extent + UTM, 0.01) == rank
-
-
-def test_many_fits_are_the_single_ones() -> None:
-    rng = np.random.default_rng(6)
-    source, target = rng.normal(size=(2, 4, 5, 3))
-    fits, determined = fit_many(source, target, with_scale=True)
-    for fit, good, a, b in zip(fits, determined, source, target, strict=True):
-        alone = umeyama(a, b, with_scale=True)
-        assert good
-        np.testing.assert_array_equal(fit.matrix, alone.matrix)
 
 
 def test_the_orientations_of_a_strip_give_the_turn_about_it() -> None:

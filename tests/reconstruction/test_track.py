@@ -259,17 +259,6 @@ def test_scores_do_not_depend_on_the_frame_of_the_prediction(
             assert record[name] == pytest.approx(records[0][name], rel=1e-4, abs=1e-6), name
 
 
-@pytest.mark.parametrize("method", ["back-projection", "tsdf"])
-def test_fusion_gives_the_same_bytes_again(method: str, world: World, tmp_path: Path) -> None:
-    path = save(tmp_path / "p" / "yard.npz", world.views("yard")).parent
-    chosen = world.protocol(tmp_path / "c.toml", fusion={"method": method})
-    records = [
-        world.score(path, protocol=str(chosen), jobs=jobs, memory_bytes=memory).records
-        for jobs, memory in ((1, 1 << 30), (2, 1 << 30), (2, 2 << 20))
-    ]
-    assert records[0].to_csv() == records[1].to_csv() == records[2].to_csv()
-
-
 PNG = b"\x89PNG\r\n"
 
 
@@ -286,18 +275,6 @@ def test_the_files_of_a_run(world: World, tmp_path: Path) -> None:
     for picture in (out / "figures").iterdir():
         assert picture.read_bytes().startswith(PNG)
     read_result(out / "result.json")
-
-
-def test_the_same_files_again(world: World, tmp_path: Path) -> None:
-    path = both(world, tmp_path, 2.0)
-    options = ("--figures", "--clouds", "--method", "same")
-    for name, jobs in (("one", 1), ("two", 2)):
-        out = tmp_path / name
-        assert run_main("eval", "reconstruction", path, "--out", out, "-j", jobs, *options) == 0
-    for file in files_below(tmp_path / "one"):
-        if (tmp_path / "one" / file).is_file():
-            one, two = ((tmp_path / name / file).read_bytes() for name in ("one", "two"))
-            assert one == two, file
 
 
 def test_alignment_json_brings_a_cloud_to_its_place(world: World, tmp_path: Path) -> None:
@@ -327,16 +304,6 @@ def test_alignment_json_brings_a_cloud_to_its_place(world: World, tmp_path: Path
     np.testing.assert_allclose(np.array(found["matrix"])[:3, 3], centre, atol=1e-6)
 
 
-def test_cameras_may_be_required(
-    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = both(world, tmp_path)
-    required = world.protocol(tmp_path / "c.toml", alignment={"cameras": "required"})
-    assert run_main("eval", "reconstruction", path, "--protocol", required) == 2
-    assert "holds no cameras, and the protocol requires them" in capsys.readouterr().err
-    assert any("holds no cameras: taken as it stands" in note for note in notes_of(world, path))
-
-
 def records_of(world: World, path: Path, tmp_path: Path, *options: object) -> pd.DataFrame:
     assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out", *options) == 0
     return pd.read_csv(tmp_path / "out" / "records.csv").set_index("scene")
@@ -364,21 +331,6 @@ def test_records_and_counts(world: World, tmp_path: Path) -> None:
     assert records.loc["lot", "points"] == 0
     assert np.isnan(records.loc["lot", "truth_points"])
     assert counts["lot"] == {"queries": 1, "missing": 1, "points": 0}
-
-
-def test_views_without_names_follow_the_names_of_the_files(world: World) -> None:
-    """Names with their endings sort otherwise than the ids of photos, which have none."""
-    truth = read_truth(Benchmark.open(world.folder), "yard")
-    names = ["a.jpg", "a-1.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"]
-    truth = replace(truth, photos=truth.photos.assign(image=names))
-    order = np.array([1, 0, 2, 3, 4, 5])
-    numbered = np.array([f"view {n}" for n in range(6)])
-    images = ImagePoses(
-        numbered, np.ones(6, np.bool_), truth.poses.take(order), np.zeros(6), named=False
-    )
-    cameras = match_cameras(images, truth, "x")
-    assert cameras is not None
-    assert cameras.names == tuple(sorted(names)) == tuple(names[row] for row in order)
 
 
 @pytest.mark.parametrize(("named", "words"), [(True, "leaves out"), (False, "6 views for 4")])

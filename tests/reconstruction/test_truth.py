@@ -10,7 +10,6 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.rasters import RasterInfo
@@ -44,13 +43,6 @@ def test_the_fingerprint_covers_cloud_and_poses(world: World) -> None:
     assert read_truth(Benchmark.open(world.folder), "yard").fingerprint == one
 
 
-def test_photos_that_were_changed_by_hand(world: World) -> None:
-    listed = world.folder / "scenes" / "yard" / "reconstruction" / "photos.csv"
-    pd.read_csv(listed).iloc[1:].to_csv(listed, index=False)
-    with pytest.raises(BenchmarkError, match="was changed since it was prepared"):
-        read_truth(Benchmark.open(world.folder), "yard")
-
-
 def inputs(folder: Path) -> SceneInputs:
     images = tuple(f"q{n}.png" for n in range(5))
     photos = photo_table("hills", images, made_cameras(), made_poses(), None, 100.0)
@@ -68,8 +60,3 @@ def test_photos_that_are_not_chosen_and_those_without_a_pose_are_listed(tmp_path
         "q2.png": "not among the photos of the reconstruction",
         "z.png": "no pose",
     }
-
-
-def test_a_cloud_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no such cloud"):
-        build_truth(inputs(tmp_path), tmp_path / "c.ply")
