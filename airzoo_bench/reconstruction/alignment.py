@@ -105,13 +105,6 @@ class Residuals:
     largest: float
 
 
-def _summarise(values: Floats) -> Residuals | None:
-    if not len(values):
-        return None
-    rms = float(np.sqrt((values * values).mean()))
-    return Residuals(rms, float(np.median(values)), float(values.max()))
-
-
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """A transform into the frame of the truth, and how well it fits.
@@ -142,15 +135,7 @@ def alignment_values(found: Alignment) -> dict[str, Any]:
     values = asdict(found)
     del values["transform"]
     scale, matrix = found.transform.scale, found.transform.matrix.tolist()
-    return {"scale": scale, "matrix": matrix, **_finite(values)}
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """Write infinite numbers as text, as in results, at whatever depth."""
-    return {
-        key: _finite(one) if isinstance(one, dict) else "Infinity" if one == np.inf else one
-        for key, one in values.items()
-    }
+    return {"scale": scale, "matrix": matrix, **values}
 
 
 def align(
@@ -203,17 +188,24 @@ def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCamera
     """Return an alignment with the residuals between partners after its transform."""
     rows, true_rows = partners(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
+
+    def summarise(values: Floats) -> Residuals | None:
+        if not len(values):
+            return None
+        rms = float(np.sqrt((values * values).mean()))
+        return Residuals(rms, float(np.median(values)), float(values.max()))
+
     away = _apart(found.transform.apply(source.centres), target.centres)
     angles = None
     if source.rotation is not None and target.rotation is not None:
         aligned = source.rotation @ found.transform.rotation.T
-        angles = _summarise(rotation_angle_deg(aligned, target.rotation))
+        angles = summarise(rotation_angle_deg(aligned, target.rotation))
     return replace(
         found,
         cameras=len(rows),
         cameras_missing=len(truth.names) - len(rows),
-        centres=_summarise(away),
-        inlier_centres=_summarise(away[np.isin(target.names, found.inlier_names)]),
+        centres=summarise(away),
+        inlier_centres=summarise(away[np.isin(target.names, found.inlier_names)]),
         rotations_deg=angles,
     )
 
@@ -286,15 +278,11 @@ class _Consensus:
             for one in (source, target)
         )
         self.all = self.fits(np.arange(len(self.a))[None])
-        self.limit = settings.inlier_limit or self._nearest_camera_limit()
-
-    def _nearest_camera_limit(self) -> float:
-        least = _LEAST_LIMIT * float(_apart(self.b, self.b[:1]).max())
-        if not self.all:
-            return least
-        here = self.b[0]
-        away, _ = cKDTree(self.b - here).query(self.all[0].apply(self.a) - here)
-        return max(float(np.median(away)), least)
+        self.limit = settings.inlier_limit or _LEAST_LIMIT * float(_apart(self.b, self.b[:1]).max())
+        if settings.inlier_limit is None and self.all:
+            here = self.b[0]
+            away, _ = cKDTree(self.b - here).query(self.all[0].apply(self.a) - here)
+            self.limit = max(float(np.median(away)), self.limit)
 
     def fits(self, samples: Ints) -> list[Similarity]:
         """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
@@ -325,8 +313,14 @@ class _Consensus:
         inliers = np.isfinite(residuals)
         robust = int(inliers.sum()) >= LEAST_CAMERAS
         if not robust:
-            if self.strip and self.all:
-                _refuse_orientations(np.isfinite(self.near(self.all)[0]))
+            near = self.near(self.all)[0] if self.strip and self.all else np.full(1, np.inf)
+            if np.isfinite(near).sum() >= max(LEAST_CAMERAS, len(near) / 2):
+                # Most centres agree, and no three orientations.
+                raise PredictionError(
+                    "the cameras' orientations contradict their centres",
+                    expected="a path that runs as the true one does once the orientations agree",
+                    fix="check whether rotations are world-to-camera, x right, y down, z forward",
+                )
             inliers = np.ones(len(inliers), np.bool_)
         final = self.fits(np.flatnonzero(inliers)[None]) or self.all or fits
         return CameraFit(final[0], inliers, self.limit, self.strip, robust) if final else None
@@ -380,16 +374,6 @@ def _score(residuals: Floats) -> tuple[int, float]:
     inliers = np.isfinite(residuals)
     count = int(inliers.sum())
     return -count, float(residuals[inliers].mean()) if count else np.inf
-
-
-def _refuse_orientations(near: Bools) -> None:
-    """Refuse orientations where most centres, but no three of these, agree."""
-    if 2 * near.sum() >= len(near) and near.sum() >= LEAST_CAMERAS:
-        raise PredictionError(
-            "the cameras' orientations contradict their centres",
-            expected="a path that runs as the true one does once the orientations agree",
-            fix="check whether rotations are world-to-camera, with x right, y down, z forward",
-        )
 
 
 def _trials_needed(good: float, settings: RansacSettings) -> float:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -91,7 +90,12 @@ def predict(
         truth = read_truth(benchmark, scene.id)
         images = benchmark.resolve(benchmark.scene(scene.id).images)
         names = truth.photos["image"].to_numpy(str)
-        paths, positions = [images / name for name in names], _positions(truth.photos)
+        paths, positions = [images / name for name in names], None
+        if set(PRIOR_COLUMNS) <= set(truth.photos.columns):
+            # Where GPS has the photos, for finding neighbours; never the true positions.
+            known = truth.photos[list(PRIOR_COLUMNS)].notna().all(axis=1).to_numpy()
+            positions = np.full((len(names), 3), np.nan)
+            positions[known] = poses_of(truth.photos[known], PRIOR_COLUMNS).centres
         with temporary_folder(out.parent, out.name) as scratch:
             found = sparse_reconstruction(paths, truth.cameras, positions, settings, scratch, run)
         posed = f"{len(found.rows)} of {len(names)} photos"
@@ -104,16 +108,6 @@ def predict(
             write_npz(stream, cameras)
     with atomic_write(out / "protocol.txt", "w") as text:
         text.write(protocol.name + "\n")
-
-
-def _positions(photos: pd.DataFrame) -> Floats | None:
-    """Return where GPS has the photos (N, 3), for finding neighbours; never the true positions."""
-    if not set(PRIOR_COLUMNS) <= set(photos.columns):
-        return None
-    known = photos[list(PRIOR_COLUMNS)].notna().all(axis=1).to_numpy()
-    positions = np.full((len(photos), 3), np.nan)
-    positions[known] = poses_of(photos[known], PRIOR_COLUMNS).centres
-    return positions
 
 
 def sparse_reconstruction(

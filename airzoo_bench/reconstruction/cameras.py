@@ -25,9 +25,6 @@ from airzoo_bench.reconstruction.metrics import pair_errors
 from airzoo_bench.reconstruction.similarity import AlignmentError
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
-BYTES_A_CAMERA = 1200
-"""What a camera takes while poses are checked and compared: matrices, names, dictionaries."""
-
 CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
 _EXPECTED = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
 _ROW_TOLERANCE = 1e-6
@@ -69,31 +66,35 @@ def read_image_poses(path: Path, limit_bytes: int) -> ImagePoses:
 
 def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images."""
-    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
     named = "image_names" in arrays.names()
     names = np.array([f"view {row}" for row in range(count)])
+
+    def refuse(field: str, what: str, odd: list[str]) -> None:
+        if odd:
+            raise fault(arrays, f"{what}: {first_of(odd, count)}", _EXPECTED, field=field)
+
     if named:
         names = texts(arrays, "image_names", 1)
         check_count(arrays, "image_names", len(names), count)
         times = Counter(names.tolist())
         wrong = [repr(name) for name in sorted(times) if times[name] > 1 or not name]
-        _refuse(arrays, "image_names", "names that are empty or not unique", wrong, count)
+        refuse("image_names", "names that are empty or not unique", wrong)
     values = arrays.read("extrinsics")
     rows = 4 if values.ndim == 3 and values.shape[1] == 4 else 3
     matrices = numbers(arrays, "extrinsics", (None, rows, 4)).astype(np.float64)
     check_count(arrays, "extrinsics", len(matrices), count)
     found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     half = names[~found & ~np.isnan(matrices).all(axis=(1, 2))]
-    _refuse(arrays, "extrinsics", "poses that are NaN or infinite in part", half.tolist(), count)
+    refuse("extrinsics", "poses that are NaN or infinite in part", half.tolist())
     rotation = np.tile(np.eye(3), (count, 1, 1))
     try:
         rotation[found] = check_rotations(matrices[found, :3, :3], names[found].tolist())
     except CameraError as error:
-        raise camera_fault(arrays, "extrinsics", error) from error
+        what, expected, fix = error.what, error.expected, error.fix
+        raise fault(arrays, what, expected, field="extrinsics", fix=fix) from error
     last = np.abs(matrices[found, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
     odd = names[found][~last.all(axis=(1, 2))].tolist()
-    what = "a last row other than 0 0 0 1 (a transposed matrix has t there)"
-    _refuse(arrays, "extrinsics", what, odd, count)
+    refuse("extrinsics", "a last row other than 0 0 0 1 (transposed matrices have t there)", odd)
     found &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
     translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
     errors = np.zeros(count)
@@ -101,30 +102,24 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     return ImagePoses(names, found, Poses.from_translations(rotation, translation), errors, named)
 
 
-def _refuse(arrays: Arrays, field: str, what: str, names: list[str], count: int) -> None:
-    if names:
-        raise field_fault(arrays, f"{what}: {first_of(names, count)}", _EXPECTED, field)
-
-
 def check_count(arrays: Arrays, name: str, rows: int, count: int) -> None:
     """Refuse a field that does not have a row for each image."""
     if rows != count:
         what = f"field '{name}' has {rows:,} rows for {count:,} images"
-        raise field_fault(arrays, what, "a row an image")
+        raise fault(arrays, what, "a row an image")
 
 
-def camera_fault(arrays: Arrays, name: str, error: CameraError) -> PredictionError:
-    """Say in which field of a file a camera is wrong."""
-    where = f"{arrays.path}, field '{name}'"
-    return PredictionError(error.what, where=where, expected=error.expected, fix=error.fix)
-
-
-def field_fault(
-    arrays: Arrays, what: str, expected: str, name: str | None = None
+def fault(
+    arrays: Arrays,
+    what: str,
+    expected: str | None,
+    *,
+    field: str | None = None,
+    fix: str | None = None,
 ) -> PredictionError:
     """Make the error of a file, or of a field in it."""
-    where = arrays.path if name is None else f"{arrays.path}, field '{name}'"
-    return PredictionError(what, where=where, expected=expected)
+    where = arrays.path if field is None else f"{arrays.path}, field '{field}'"
+    return PredictionError(what, where=where, expected=expected, fix=fix)
 
 
 # --- photos ---

@@ -8,12 +8,13 @@ voxel and summed as integers, which no order changes.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.similarity import Similarity
@@ -92,6 +93,24 @@ def concatenated(pieces: Iterable[Floats]) -> Floats:
     return np.concatenate([np.zeros((0, 3)), *pieces])
 
 
+def mapped(pieces: Iterable[Floats]) -> Floats:
+    """Write pieces (N, 3) to a temporary file and map it; it goes with the last map of it."""
+    with tempfile.TemporaryFile() as stream:
+        try:
+            for piece in pieces:
+                stream.write(np.ascontiguousarray(piece).data)
+            stream.flush()
+        except OSError as error:
+            raise UserError(
+                f"clouds cannot be kept on disk: {error.strerror or error}",
+                where=tempfile.gettempdir(),
+                expected="48 bytes of room for each point of both clouds",
+                fix="make room, or set TMPDIR (TEMP on Windows) to another folder",
+            ) from error
+        shape = (stream.tell() // 24, 3)
+        return np.memmap(stream, np.float64, "r", shape=shape) if shape[0] else np.zeros(shape)
+
+
 def grid_origin(size: float) -> Floats:
     """Return a corner (3,) of the voxels of this side, the same for all clouds."""
     return np.full(3, size * _OFF_GRID)
@@ -124,36 +143,29 @@ class VoxelGrid:
             sums = np.ones((len(cells), 4), np.int64)
             sums[:, :3] = np.rint((position - cells) * _UNIT)
             self._parts.append(_merged(cells, sums))
-            # Like a binary counter: a part is merged about log2(pieces) times, not with each piece.
-            while len(self._parts) > 1 and 2 * len(self._parts[-1][0]) >= len(self._parts[-2][0]):
-                self._join_last_two()
-            self._require_room()
+            # Merged once as much again has come.
+            if sum(len(cells) for cells, _ in self._parts[1:]) > len(self._parts[0][0]):
+                self._merge()
 
     def points(self) -> Floats:
         """Return one point (V, 3) for each occupied voxel, by x, then y, then z of the voxels."""
-        while len(self._parts) > 1:
-            self._join_last_two()
         if not self._parts:
             return np.zeros((0, 3))
+        self._merge()
         ((cells, sums),) = self._parts
         mean = sums[:, :3] / sums[:, 3:] / _UNIT
         points: Floats = (cells + mean) * self._size + self._origin
         return points
 
-    def _require_room(self) -> None:
-        # Parts may share voxels: they are counted once all are merged.
-        while self._most is not None and sum(len(cells) for cells, _ in self._parts) > self._most:
-            if len(self._parts) == 1:
-                raise UsageError(
-                    f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, "
-                    "which is all that memory may hold",
-                    fix="raise --max-memory, or choose larger voxels in the protocol",
-                )
-            self._join_last_two()
-
-    def _join_last_two(self) -> None:
-        cells, sums = map(np.concatenate, zip(*self._parts[-2:], strict=True))
-        self._parts[-2:] = [_merged(cells, sums)]
+    def _merge(self) -> None:
+        cells, sums = map(np.concatenate, zip(*self._parts, strict=True))
+        self._parts = [_merged(cells, sums)]
+        if self._most is not None and len(self._parts[0][0]) > self._most:
+            raise UsageError(
+                f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, which is "
+                "all that memory may hold",
+                fix="raise --max-memory, or choose larger voxels in the protocol",
+            )
 
 
 def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:

@@ -2,22 +2,24 @@
 
 Open3D's ``registration_icp`` sums in the order in which its threads finish, so that the same clouds
 give other last bits on every run; the loop is therefore here, over pykdtree, whose neighbours do
-not depend on threads. The truth is searched in parts of a fixed size, whether or not they are kept
-in memory, so that memory changes no neighbour.
+not depend on threads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import finite_pieces, finite_rows
+from airzoo_bench.reconstruction.clouds import (
+    concatenated,
+    finite_pieces,
+    finite_rows,
+    mapped,
+)
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
 
@@ -66,11 +68,18 @@ def refine(
     if not len(points) or origin is None:
         raise AlignmentError("ICP needs points in the prediction and in the truth")
     # Near zero: the tree works on offsets from a point of the truth.
-    points = points - origin
-    kept = list(_trees(truth, origin)) if truth.count <= memory_points else None
+    points, near_zero = points - origin, (part - origin for part in finite_pieces(truth, _PART))
+    targets = (mapped if truth.count > memory_points else concatenated)(near_zero)
+    tree = KDTree(targets)
 
     def nearest(queries: Floats) -> tuple[Floats, Floats]:
-        return _nearest(queries, _trees(truth, origin) if kept is None else kept, limit)
+        _, index = tree.query(queries, distance_upper_bound=limit)
+        there = targets[np.minimum(index, len(targets) - 1)]
+        offset = queries - there
+        found = np.sqrt((offset * offset).sum(axis=1))
+        # The tree compares rounded squares: what it let through at the limit is cut here.
+        found[(index >= len(targets)) | (found > limit)] = np.inf
+        return found, there
 
     transform = Similarity.identity()
     distances, partners = nearest(points)
@@ -86,7 +95,10 @@ def refine(
     while rounds < settings.icp_iterations:
         rounds += 1
         near = np.isfinite(distances)
-        step = _step(points[near], partners[near], transform, settings.icp_with_scale)
+        # Without scale the clouds are fitted as they are now: the scale of before stays.
+        moved, with_scale = transform.apply(points[near]), settings.icp_with_scale
+        (step,), (determined,) = fit_many(moved[None], partners[near][None], with_scale=with_scale)
+        step = step.after(transform) if determined else transform
         distances, found = nearest(step.apply(points))
         new = CloudFit.summarise(distances, limit)
         if not new.cost < fit.cost:
@@ -113,35 +125,3 @@ def draw_points(source: CloudSource, count: int, seed: int) -> Floats:
             kept = np.sort(np.argpartition(keys, count)[:count])
             points, keys = points[kept], keys[kept]
     return points
-
-
-def _step(points: Floats, partners: Floats, transform: Similarity, with_scale: bool) -> Similarity:
-    # Without scale the clouds are fitted as they are now: the scale of before stays.
-    moved = transform.apply(points)
-    (step,), (determined,) = fit_many(moved[None], partners[None], with_scale=with_scale)
-    return step.after(transform) if determined else transform
-
-
-def _trees(truth: CloudSource, origin: Floats) -> Iterator[tuple[Floats, Any]]:
-    for part in finite_pieces(truth, _PART):
-        if len(part):
-            yield part - origin, KDTree(part - origin)
-
-
-def _nearest(queries: Floats, trees: Any, limit: float) -> tuple[Floats, Floats]:
-    """Find the nearest true points (N, 3) and their distances (N,), infinite beyond the limit."""
-    distances, partners = np.full(len(queries), np.inf), np.full_like(queries, np.nan)
-    for points, tree in trees:
-        low, high = points.min(axis=0) - limit, points.max(axis=0) + limit
-        rows = np.flatnonzero(((queries >= low) & (queries <= high)).all(axis=1))
-        if not len(rows):
-            continue
-        _, index = tree.query(queries[rows], distance_upper_bound=limit)
-        inside = index < len(points)
-        rows, there = rows[inside], points[index[inside]]
-        offset = queries[rows] - there
-        found = np.sqrt((offset * offset).sum(axis=1))
-        # The tree compares rounded squares: what it let through at the limit is cut here.
-        nearer = (found <= limit) & (found < distances[rows])
-        distances[rows[nearer]], partners[rows[nearer]] = found[nearer], there[nearer]
-    return distances, partners

@@ -29,7 +29,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
 _CHUNK = 1 << 18
-_BLOCK_PAIRS = 1 << 17
 # A predicted baseline below this share of the largest coordinate is rounding, and has no direction.
 _NO_BASELINE = 1e-12
 
@@ -93,7 +92,9 @@ def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
     """Return precision, recall and F1 at each threshold; 0 where nothing is predicted."""
     precision = counts_below(to_truth, thresholds) / max(len(to_truth), 1)
     recall = counts_below(to_prediction, thresholds) / len(to_prediction)
-    return Curve(thresholds, precision, recall, f1_score(precision, recall))
+    total = precision + recall
+    f1 = 2.0 * precision * recall / np.where(total > 0.0, total, 1.0)
+    return Curve(thresholds, precision, recall, f1)
 
 
 def counts_below(distances: Floats, thresholds: Floats) -> Ints:
@@ -110,13 +111,6 @@ def counts_below(distances: Floats, thresholds: Floats) -> Ints:
         histogram += np.bincount(behind, minlength=len(histogram))
     counts: Ints = np.cumsum(histogram[:-1])
     return counts
-
-
-def f1_score(precision: Floats, recall: Floats) -> Floats:
-    """Return the harmonic mean of precision and recall, ``2PR / (P + R)``; 0 where both are 0."""
-    total = precision + recall
-    score: Floats = 2.0 * precision * recall / np.where(total > 0.0, total, 1.0)
-    return score
 
 
 def even_thresholds(up_to: float, steps: int) -> Floats:
@@ -164,34 +158,19 @@ def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> Pai
     """
     count = len(truth)
     _check(predicted, truth)
-    pairs = count * (count - 1)
-    errors = PairErrors(np.empty(pairs), np.empty(pairs))
-    rows = max(1, _BLOCK_PAIRS // count)
-    for start in range(0, count, rows):
-        block = slice(start, min(start + rows, count))
-        rotation, direction = _pair_block(predicted, truth, block, least_baseline)
-        other = np.arange(count) != np.arange(block.start, block.stop)[:, None]
-        place = slice(block.start * (count - 1), block.stop * (count - 1))
-        errors.rotation_deg[place] = rotation[other]
-        errors.direction_deg[place] = direction[other]
-    return errors
-
-
-def _pair_block(
-    predicted: Poses, truth: Poses, block: slice, least_baseline: float
-) -> tuple[Floats, Floats]:
-    first, second = np.arange(len(truth))[block, None], np.arange(len(truth))[None]
-    turn, move = relative_poses(predicted, first, second)
-    true_turn, true_move = relative_poses(truth, first, second)
-    failed = _failed(predicted)
-    lost = failed[block, None] | failed[None, :]
-    length, true_length = _lengths(move), _lengths(true_move)
-    direction = angle_deg(move, true_move)
+    failed, cameras = _failed(predicted), np.arange(count)
     rounding = _NO_BASELINE * np.abs(predicted.centres[~failed]).max(initial=0.0)
-    direction = np.where(length <= rounding, np.inf, direction)
-    direction = np.where(true_length <= least_baseline, 0.0, direction)
-    rotation = rotation_angle_deg(turn, true_turn)
-    return np.where(lost, np.inf, rotation), np.where(lost, np.inf, direction)
+    rotation, direction = np.empty((2, count, count - 1))
+    for row in range(count):
+        pairs = np.array([row]), cameras[cameras != row]
+        turn, move = relative_poses(predicted, *pairs)
+        true_turn, true_move = relative_poses(truth, *pairs)
+        angles = np.where(_lengths(move) <= rounding, np.inf, angle_deg(move, true_move))
+        angles[_lengths(true_move) <= least_baseline] = 0.0
+        lost = failed[row] | failed[pairs[1]]
+        direction[row] = np.where(lost, np.inf, angles)
+        rotation[row] = np.where(lost, np.inf, rotation_angle_deg(turn, true_turn))
+    return PairErrors(rotation.ravel(), direction.ravel())
 
 
 def pose_auc(errors: PairErrors, limit_deg: float) -> float:

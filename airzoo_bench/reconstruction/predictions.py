@@ -35,12 +35,10 @@ from airzoo_bench.formats.clouds.shards import SHARD_SUFFIXES, open_shards
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.reconstruction.cameras import (
-    BYTES_A_CAMERA,
     CAMERA_FIELDS,
     ImagePoses,
-    camera_fault,
     check_count,
-    field_fault,
+    fault,
     image_poses,
     read_image_poses,
 )
@@ -148,7 +146,6 @@ class ListedFiles(ScenePredictions):
                 images = read_image_poses(
                     stack.enter_context(self._bundle.file(entry.cameras)), limit_bytes
                 )
-                limit_bytes -= len(images.names) * BYTES_A_CAMERA
             paths = [stack.enter_context(self._bundle.file(one)) for one in entry.geometry]
             if entry.is_sharded:
                 folder = self.path / PurePosixPath(entry.geometry[0].name).parent
@@ -194,12 +191,20 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     for scene in sorted({*by_kind["geometry"], *by_kind["shards"]}):
         geometry, cameras, shards = (of.get(scene, []) for of in by_kind.values())
         # A text may as well be a remark: beside another cloud of its scene it is not read.
-        clouds = [one for one in geometry if not _is_text(one.name)]
+        clouds = [one for one in geometry if not one.name.lower().endswith(TEXT_SUFFIXES)]
         if clouds or shards:
-            unknown_files += [one.name for one in geometry if _is_text(one.name)]
+            unknown_files += [
+                one.name for one in geometry if one.name.lower().endswith(TEXT_SUFFIXES)
+            ]
             geometry = clouds
-        for members in ([*geometry, *shards[:1]], cameras):
-            _refuse_two(path, scene, members)
+        for one, *others in filter(None, ([*geometry, *shards[:1]], cameras)):
+            if others:
+                raise PredictionError(
+                    f"scene {scene!r} has two entries: {one.name} and {others[0].name}",
+                    where=path,
+                    expected="one cloud, mesh or npz a scene, and perhaps its cameras.npz",
+                    fix="keep one of the two",
+                )
         entries[scene] = _Entry(tuple(shards or geometry), next(iter(cameras), None), bool(shards))
     lonely = [
         members[0].name for scene, members in by_kind["cameras"].items() if scene not in entries
@@ -210,16 +215,6 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
 
 
-def _refuse_two(path: Path, scene: str, members: list[Member]) -> None:
-    if len(members) > 1:
-        raise PredictionError(
-            f"scene {scene!r} has two entries: {members[0].name} and {members[1].name}",
-            where=path,
-            expected="one cloud, mesh or npz a scene (and, if you like, its cameras.npz)",
-            fix="keep one of the two",
-        )
-
-
 def _wrapper(members: tuple[Member, ...]) -> str:
     """Return the folder, with its slash, that holds everything and is no scene; or nothing."""
     tops = {member.name.partition("/")[0] for member in members}
@@ -228,14 +223,10 @@ def _wrapper(members: tuple[Member, ...]) -> str:
     prefix = f"{tops.pop()}/"
     rest = [member.name.removeprefix(prefix) for member in members]
     files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
-    files = [name for name in files if not _is_text(name)] or files
+    files = [name for name in files if not name.lower().endswith(TEXT_SUFFIXES)] or files
     is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
     is_sharded = any(_place_of(member.name)[1] == "shards" for member in members)
     return "" if is_scene or is_sharded else prefix
-
-
-def _is_text(name: str) -> bool:
-    return name.lower().endswith(TEXT_SUFFIXES)
 
 
 def _place_of(name: str) -> tuple[str | None, str]:
@@ -297,7 +288,7 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     kinds = [name for name in ("depth", *_POINTS) if name in names] or ["depth"]
     if len(kinds) > 1:
         what = f"holds {' and '.join(kinds)}, and they could disagree"
-        raise field_fault(arrays, what, "one of them")
+        raise fault(arrays, what, "one of them")
     kind = kinds[0]
     needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
     allowed = ("protocol", "pixel_centres", kind, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
@@ -308,7 +299,6 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     shift = _HALF_A_PIXEL[stated or ("half" if "image_names" in names else "integer")]
     pixels = height * width
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
-    arrays.budget.hold(arrays.path, f"the cameras of {count:,} views", count * BYTES_A_CAMERA)
     cameras = _map_cameras(arrays, maps.shape, shift)
     images = image_poses(arrays, count) if "extrinsics" in names else None
     confidence = _confidence(arrays, maps.shape[:3])
@@ -330,12 +320,8 @@ def _maps(arrays: Arrays, name: str) -> FloatMaps:
             fix += "; whole numbers are often millimetres, / 1000"
         if name == "depth" and values.ndim == 4 and values.shape[1] == 1:
             fix = "depth[:, 0] (depth.squeeze(1))"
-        raise PredictionError(
-            f"field '{name}' is {values.dtype} of shape {values.shape}",
-            where=arrays.path,
-            expected=f"floating point of shape ({', '.join(('N', 'H', 'W', *map(str, last)))})",
-            fix=fix,
-        )
+        what, shape = f"is {values.dtype} of shape {values.shape}", ("N", "H", "W", *map(str, last))
+        raise fault(arrays, what, f"floating point ({', '.join(shape)})", field=name, fix=fix)
     return values
 
 
@@ -344,16 +330,15 @@ def _pixel_centres(arrays: Arrays) -> str | None:
         return None
     value = arrays.read("pixel_centres")
     stated = str(value.reshape(())) if value.dtype.kind == "U" and value.size == 1 else ""
-    if stated not in _HALF_A_PIXEL:
-        raise PredictionError(
-            f"says {stated[:20]!r}" if stated else "is not one text",
-            where=f"{arrays.path}, field 'pixel_centres'",
-            expected="'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' "
-            "(it is (0, 0))",
-            fix="np.savez(..., pixel_centres='integer') for Depth Anything 3, VGGT, CUT3R, "
-            "MapAnything, DUSt3R",
-        )
-    return stated
+    if stated in _HALF_A_PIXEL:
+        return stated
+    raise fault(
+        arrays,
+        f"says {stated[:20]!r}" if stated else "is not one text",
+        "'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' (it is (0, 0))",
+        field="pixel_centres",
+        fix="'integer' for Depth Anything 3, VGGT, CUT3R, MapAnything, DUSt3R",
+    )
 
 
 def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:
@@ -369,7 +354,9 @@ def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Camera
     try:
         cameras = Cameras.from_matrices(matrices, width, height, names=names)
     except CameraError as error:
-        raise camera_fault(arrays, "intrinsics", error) from error
+        raise fault(
+            arrays, error.what, error.expected, field="intrinsics", fix=error.fix
+        ) from error
     check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
     return cameras
 
@@ -379,9 +366,9 @@ def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:
     if not given:
         return None
     if len(given) > 1:
-        raise field_fault(arrays, f"holds {' and '.join(given)}", "one of them")
+        raise fault(arrays, f"holds {' and '.join(given)}", "one of them")
     values = arrays.map(given[0])
     if values.shape != shape or values.dtype.kind not in "biuf" or values.dtype.itemsize > 8:
         what = f"is {values.dtype} of shape {values.shape}"
-        raise field_fault(arrays, what, f"numbers of shape {shape}, that of the maps", given[0])
+        raise fault(arrays, what, f"numbers of shape {shape}, that of the maps", field=given[0])
     return values

@@ -19,7 +19,6 @@ from airzoo_bench.core.files import PART
 from airzoo_bench.core.progress import Headed, shown
 from airzoo_bench.evaluation.track import Run, ScenePredictions, Scored
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
-from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction import metrics, preparation
@@ -47,7 +46,6 @@ from airzoo_bench.reconstruction.fusion import (
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.predictions import ScenePrediction
 from airzoo_bench.reconstruction.settings import (
-    Fusion,
     ReconstructionProtocol,
     ReconstructionScores,
 )
@@ -95,14 +93,15 @@ def score_scene(
     """Read a scene's prediction and score it; an error names the scene."""
     place, scores = f"{predictions.path}, scene {truth.scene}", protocol.scores
     with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
-        true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, _sampling(protocol))
+        true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, protocol.meshes.sampling)
         found = None
         try:
             cameras = match_cameras(prediction.images, truth, place)
             found = compare(prediction.posed_geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
-            scored = _score_failed(truth.scene, scores)
+            worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), scores) | _worst_poses(scores)
+            scored = _scored(truth.scene, worst, {"failed": 1, "points": 0})
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         else:
             poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
@@ -121,7 +120,7 @@ def open_scene(
     predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
 ) -> Iterator[ScenePrediction]:
     """Open a scene's entry; whatever is raised meanwhile says where it is."""
-    place, sampling = f"{predictions.path}, scene {scene}", _sampling(protocol)
+    place, sampling = f"{predictions.path}, scene {scene}", protocol.meshes.sampling
     try:
         with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
             yield found
@@ -135,13 +134,6 @@ def open_scene(
         raise PredictionError(
             error.what, where=f"{place}, {unpacked}", expected=error.expected, fix=error.fix
         ) from error
-
-
-def _sampling(protocol: ReconstructionProtocol) -> MeshSampling:
-    points = protocol.meshes.points
-    return MeshSampling(
-        seed=protocol.meshes.seed, count=points, per_square_unit=None, max_points=points
-    )
 
 
 def read_through(
@@ -206,7 +198,15 @@ def _aligned(
     """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
     stated = protocol.alignment
     found = align(stated.method, cameras, truth.posed, RansacSettings.from_protocol(stated))
-    cloud = _as_cloud(geometry, found.transform, protocol.fusion)
+    transform, fusion = found.transform, protocol.fusion
+    cloud: CloudSource
+    if isinstance(geometry, PointMaps):
+        cloud = point_map_cloud(geometry, transform, fusion)
+    elif isinstance(geometry, DepthMaps):
+        make = fuse if fusion.method == "tsdf" else depth_cloud
+        cloud = make(geometry, transform, fusion)
+    else:
+        cloud = transformed(geometry, transform, fusion.least_confidence)
     if found.method != "sim3+icp" or cameras is None:
         return cloud, found
     try:
@@ -216,15 +216,6 @@ def _aligned(
         return cloud, replace(found, icp_failure=error.what)
     moved = replace(found, transform=step.after(found.transform), icp=report)
     return transformed(cloud, step), with_residuals(moved, cameras, truth.posed)
-
-
-def _as_cloud(geometry: Geometry, transform: Similarity, fusion: Fusion) -> CloudSource:
-    """Bring a cloud into the frame of the truth, or make one of maps there."""
-    if isinstance(geometry, PointMaps):
-        return point_map_cloud(geometry, transform, fusion)
-    if not isinstance(geometry, DepthMaps):
-        return transformed(geometry, transform, fusion.least_confidence)
-    return (fuse if fusion.method == "tsdf" else depth_cloud)(geometry, transform, fusion)
 
 
 # --- records ---
@@ -266,12 +257,6 @@ def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene that the prediction lacks: 0, and infinite distances."""
     worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
     return _scored(scene, worst, {"missing": 1, "points": 0}, answered=False)
-
-
-def _score_failed(scene: str, settings: ReconstructionScores) -> Scored:
-    """Score a scene that cannot be aligned as a missing one with failed poses."""
-    worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings) | worst_poses(settings)
-    return _scored(scene, worst, {"failed": 1, "points": 0})
 
 
 def _scored(
@@ -324,13 +309,22 @@ def pose_scores(
     """Score predicted camera poses against all true cameras."""
     if predicted is None or predicted.rotation is None or truth.rotation is None:
         return {}
-    scores = worst_poses(settings)
+    scores = _worst_poses(settings)
     if len(truth.names) < 2:
         return scores
     true = Poses(rotation=truth.rotation, centres=truth.centres)
-    given = _by_truth(predicted, predicted.rotation, truth)
+    rows, true_rows = partners(predicted, truth)
+    given = Poses(rotation=np.full_like(true.rotation, np.nan), centres=true.centres * np.nan)
+    given.rotation[true_rows] = predicted.rotation[rows]
+    given.centres[true_rows] = predicted.centres[rows]
     placed = np.isfinite(given.centres).all(axis=1)
-    scores |= _pose_aucs(given, true, settings)
+    limits = settings.pose_auc_below_deg
+    if settings.pose_auc_rule == "depth-anything-3":
+        aucs = metrics.auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
+    else:
+        errors = metrics.pair_errors(given, true, least_baseline=settings.least_baseline_m)
+        aucs = [metrics.pose_auc(errors, limit) for limit in limits]
+    scores |= {f"pose_auc_{limit:g}deg": auc for limit, auc in zip(limits, aucs, strict=True)}
     scores["cameras_placed"] = float(placed.mean())
     if placed.sum() < LEAST_CAMERAS:
         # A similarity brings two cameras to any other two.
@@ -347,31 +341,10 @@ def pose_scores(
     return scores
 
 
-def worst_poses(settings: ReconstructionScores) -> dict[str, float]:
+def _worst_poses(settings: ReconstructionScores) -> dict[str, float]:
     """Return the scores of poses that have all failed."""
     aucs = {f"pose_auc_{limit:g}deg": 0.0 for limit in settings.pose_auc_below_deg}
     return {**aucs, "cameras_placed": 0.0, "ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
-
-
-def _pose_aucs(given: Poses, true: Poses, settings: ReconstructionScores) -> dict[str, float]:
-    limits = settings.pose_auc_below_deg
-    if settings.pose_auc_rule == "depth-anything-3":
-        values = metrics.auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
-    else:
-        errors = metrics.pair_errors(given, true, least_baseline=settings.least_baseline_m)
-        values = [metrics.pose_auc(errors, limit) for limit in limits]
-    return {f"pose_auc_{limit:g}deg": value for limit, value in zip(limits, values, strict=True)}
-
-
-def _by_truth(cameras: PosedCameras, rotation: Floats, truth: PosedCameras) -> Poses:
-    """Put the predicted poses in the order of the true ones, NaN where there is none."""
-    rows, true_rows = partners(cameras, truth)
-    poses = Poses(
-        rotation=np.full((len(truth.names), 3, 3), np.nan),
-        centres=np.full((len(truth.names), 3), np.nan),
-    )
-    poses.rotation[true_rows], poses.centres[true_rows] = rotation[rows], cameras.centres[rows]
-    return poses
 
 
 def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
+from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.protocol.model import Protocol
 
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -72,6 +73,11 @@ class Meshes(Strict):
 
     points: Annotated[int, Field(ge=1, le=100_000_000)]
     seed: Seed
+
+    @property
+    def sampling(self) -> MeshSampling:
+        """The settings, as meshes are opened with them."""
+        return MeshSampling(self.seed, self.points, per_square_unit=None, max_points=self.points)
 
 
 class Preparation(Strict):

@@ -126,12 +126,6 @@ def test_jobs_and_runs_change_no_byte(
     assert as_bytes(run(flight, tmp_path, jobs=2)) == as_bytes(made[0])
 
 
-def test_positions_change_which_photos_are_matched_only(
-    flight: Flight, made: tuple[Model, Path], tmp_path: Path
-) -> None:
-    assert as_bytes(run(flight, tmp_path, positions=None)) == as_bytes(made[0])
-
-
 def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     photos = [tmp_path / f"{row}.png" for row in range(3)]

@@ -14,7 +14,6 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import distances as neighbours
 from airzoo_bench.reconstruction.distances import (
     NeighbourSearch,
-    bound_squared,
     cloud_distances,
     mutual_distances,
 )
@@ -22,8 +21,8 @@ from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import Pieces, all_pairs, clouds, surface
 
 
-def assert_exact(first: Floats, second: Floats, block_points: int | None = None) -> None:
-    found = mutual_distances(first, second, jobs=2, block_points=block_points)
+def assert_exact(first: Floats, second: Floats, *, on_disk: bool = False) -> None:
+    found = mutual_distances(first, second, jobs=2, on_disk=on_disk)
     with np.errstate(over="ignore", under="ignore"):
         assert np.array_equal(found[0], all_pairs(first, second))
         assert np.array_equal(found[1], all_pairs(second, first))
@@ -37,10 +36,10 @@ def test_by_hand() -> None:
     assert back.tolist() == [0.0, np.sqrt(4 + 4 + 100)]
 
 
-@given(clouds(), clouds(), st.none() | st.integers(1, 60))
+@given(clouds(), clouds(), st.booleans())
 @settings(max_examples=200, deadline=None, derandomize=True)
-def test_same_bits_as_all_pairs(points: Floats, others: Floats, block_points: int | None) -> None:
-    assert_exact(points, others, block_points)
+def test_same_bits_as_all_pairs(points: Floats, others: Floats, on_disk: bool) -> None:
+    assert_exact(points, others, on_disk=on_disk)
 
 
 @given(clouds(), clouds(), st.integers(0, 2**32 - 1))
@@ -53,16 +52,15 @@ def test_no_bit_depends_on_order_or_threads(points: Floats, others: Floats, seed
     assert np.array_equal(again, found[order])
 
 
-@given(seeds, st.sampled_from((37, 150, 400, 5000)))
+@given(seeds)
 @quick
-def test_surfaces_with_far_points_in_slabs(seed: int, block_points: int) -> None:
-    assert_exact(surface(900, seed, far=0.05), surface(700, seed + 1), block_points)
+def test_surfaces_with_far_points(seed: int) -> None:
+    assert_exact(surface(900, seed, far=0.05), surface(700, seed + 1))
 
 
 @pytest.mark.parametrize("shift", [(0, 0, 30), (500, 0, 0), (1e7, 1e7, 0), (0.01, 0, 0)])
 def test_clouds_that_lie_apart(shift: tuple[float, float, float]) -> None:
-    # Here a halo of any fixed width is too small, and most points reach into many slabs.
-    assert_exact(surface(3000, 0) + np.array(shift), surface(3000, 1), 200)
+    assert_exact(surface(3000, 0) + np.array(shift), surface(3000, 1))
 
 
 @pytest.mark.parametrize("scale", [1e-160, 1e3, 1e9, 1e14, 1e30, 1e140])
@@ -123,8 +121,9 @@ def test_a_neighbour_missed_by_the_tree_is_found_again(
     if step == "a ball":
         monkeypatch.setattr(neighbours.KDTree, "query_ball_point", lambda *_: [0])
     else:
-        without = lambda self, points: self._ask(points, 2)[0]  # noqa: E731
-        monkeypatch.setattr(NeighbourSearch, "_resolve_ties", without)
+        monkeypatch.setattr(
+            NeighbourSearch, "_resolve_ties", lambda self, points: self._ask(points, 2)[0]
+        )
     assert not np.array_equal(mutual_distances(points, others, jobs=2)[0], expected)
 
 
@@ -144,29 +143,6 @@ def test_what_is_not_finite_is_refused(bad: float) -> None:
             mutual_distances(*pair, jobs=1)
     with pytest.raises(ValueError, match=r"\(N, 3\)"):
         mutual_distances(np.zeros((5, 2)), points, jobs=1)
-
-
-@given(clouds(), clouds())
-@quick
-def test_bounds_of_boxes_hold_to_the_last_bit(points: Floats, others: Floats) -> None:
-    bounds = bound_squared(points, others.min(axis=0), others.max(axis=0))
-    assert (np.sqrt(bounds) <= all_pairs(points, others)).all()
-
-
-def test_far_points_reach_few_slabs(monkeypatch: pytest.MonkeyPatch) -> None:
-    searched: list[int] = []
-    ask = NeighbourSearch.squared
-
-    def counted(self: NeighbourSearch, points: Floats, *, jobs: int) -> Floats:
-        searched.append(len(points))
-        return ask(self, points, jobs=jobs)
-
-    monkeypatch.setattr(NeighbourSearch, "squared", counted)
-    monkeypatch.setattr(neighbours, "_SAMPLE", 1000)
-    points, others = surface(20_000, 0, far=0.05), surface(20_000, 1, far=0.05)
-    mutual_distances(points, others, jobs=1, block_points=2000)
-    # Once each in the sample and in its own slab, and again in each that those near borders reach.
-    assert sum(searched) < 5 * 20_000 * 2
 
 
 @pytest.mark.parametrize("block_points", [100, 2000])

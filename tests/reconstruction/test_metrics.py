@@ -18,7 +18,6 @@ from airzoo_bench.reconstruction.metrics import (
     curve,
     even_thresholds,
     exact_mean,
-    f1_score,
     score_distances,
 )
 from tests.geometry.support import quick
@@ -140,10 +139,6 @@ def test_curve_by_hand() -> None:
     assert curves.f1.tolist() == pytest.approx([0.0, 0.4, 2 / 3, 6 / 7])
     nothing = curve(np.zeros(0), np.array([INF]), even_thresholds(1.0, 2))
     assert nothing.f1.tolist() == nothing.precision.tolist() == [0.0, 0.0]
-
-
-def test_f1_of_nothing_is_0() -> None:
-    assert f1_score(np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 1.0])).tolist() == [0, 1, 0]
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -14,7 +14,7 @@ import pytest
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import open_arrays
 from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
+from airzoo_bench.reconstruction.fusion import DepthMaps
 from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
 from tests.reconstruction.cloud_support import surface
@@ -176,20 +176,6 @@ def test_pixel_centres_that_are_integers_are_shifted(tmp_path: Path) -> None:
     assert read_maps(written(tmp_path)).pixel_centres is None
 
 
-@pytest.mark.parametrize("name", ["points", "world_points"])
-def test_point_maps_with_cameras_or_without(name: str, tmp_path: Path) -> None:
-    points = np.random.default_rng(2).random((N, H, W, 3))
-    path = written(tmp_path, depth=None, **{name: points})
-    views = read_maps(path)
-    assert isinstance(views.geometry, PointMaps)
-    np.testing.assert_array_equal(views.geometry.points, points)
-    assert views.images is not None
-    bare = {"extrinsics": None, "intrinsics": None, "image_names": None, "depth": None}
-    views = read_maps(written(tmp_path, **bare, **{name: points}))
-    assert views.images is None
-    assert views.kind == "points"
-
-
 def changed(index: Any, value: Any) -> np.ndarray:
     extrinsics = matrices(poses())
     extrinsics[index] = value
@@ -203,9 +189,9 @@ def changed(index: Any, value: Any) -> np.ndarray:
         ({"depth": None}, "lacks the field depth"),
         ({"depths": np.zeros(3)}, "'depths'"),
         ({"points": np.zeros((N, H, W, 3))}, "depth and points"),
-        ({"depth": np.zeros((N, H, W), int)}, "'depth' is int64"),
-        ({"depth": np.zeros((N, H * W))}, "'depth' is float64 of shape"),
-        ({"depth": np.zeros((N, 0, W)), "conf": None}, "'depth' is float64 of shape"),
+        ({"depth": np.zeros((N, H, W), int)}, "'depth': is int64"),
+        ({"depth": np.zeros((N, H * W))}, "'depth': is float64 of shape"),
+        ({"depth": np.zeros((N, 0, W)), "conf": None}, "'depth': is float64 of shape"),
         ({"conf": np.zeros((N, W, H), "f4")}, "that of the maps"),
         ({"intrinsics": made_views()["intrinsics"][:2]}, "2 rows for 4 images"),
         ({"extrinsics": matrices(poses())[:2]}, "2 rows for 4 images"),

@@ -86,8 +86,9 @@ def test_voxels_beyond_the_limit_are_refused() -> None:
     for start in range(0, 5000, 300):
         grid.add(points[start : start + 300])
     assert len(grid.points()) == occupied
-    with pytest.raises(UsageError, match=f"more than {occupied:,} voxels of 1 m"):
+    with pytest.raises(UsageError, match=f"more than {occupied:,} voxels of 1 m"):  # noqa: PT012
         grid.add(np.full((1, 3), 50.0))
+        grid.points()
 
 
 BOX = Box(np.zeros(3), np.ones(3))

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.reconstruction.similarity import (
     AlignmentError,
     Similarity,
@@ -30,17 +29,6 @@ def test_a_quarter_turn_by_hand() -> None:
     transform = Similarity(2.0, quarter, np.array((10.0, 20.0, 30.0)), np.array((1.0, 1.0, 1.0)))
     # (3, 1, 0) is (2, 0, -1) from the origin, turned (0, 2, -1), doubled (0, 4, -2).
     np.testing.assert_array_equal(transform.apply(np.array((3.0, 1.0, 0.0))), (10.0, 24.0, 28.0))
-
-
-def test_poses_move_with_their_world() -> None:
-    rng = np.random.default_rng(1)
-    transform, points = some(rng), rng.normal(size=(1, 9, 3))
-    poses = Poses(
-        rotation=Rotation.random(1, random_state=rng).as_matrix(), centres=rng.normal(size=(1, 3))
-    )
-    moved = world_to_camera(transform.apply_poses(poses), transform.apply(points))
-    # What a camera sees is the same, at another scale.
-    np.testing.assert_allclose(moved, transform.scale * world_to_camera(poses, points), atol=1e-13)
 
 
 @quick

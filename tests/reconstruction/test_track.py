@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.reconstruction.cameras import ImagePoses, match_cameras
 from airzoo_bench.reconstruction.truth import read_truth
 from airzoo_bench.results.result import read_result
-from tests.reconstruction.both_scenes import both, notes_of
+from tests.reconstruction.both_scenes import both
 from tests.reconstruction.world import (
     ORIGIN,
     PROTOCOL,
@@ -66,17 +63,6 @@ def test_half_of_a_plane(world: World, tmp_path: Path) -> None:
     assert record["chamfer_m"] == pytest.approx(away.sum() / columns / 2, rel=1e-12)
 
 
-def test_thinning_both_clouds_by_voxels(world: World, tmp_path: Path) -> None:
-    # Four points of half a metre are one voxel of a metre; the prediction lies a metre above.
-    points = true_points("lot") + np.array((0, 0, 1.0))
-    record = lot(
-        world, tmp_path, points, preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
-    )
-    # Voxels begin at 0.38 m: at the borders they hold fewer.
-    assert (record["points"], record["truth_points"]) == (61**2, 61**2)
-    assert record["chamfer_m"] == pytest.approx(1.0, abs=1e-8)
-
-
 def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -> None:
     path = predict_clouds(world, tmp_path / "p", {"lot": np.zeros((0, 3))})
     evaluation = world.score(path)
@@ -88,63 +74,6 @@ def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -
     assert evaluation.result.counts["yard"] == {"queries": 1, "missing": 1, "points": 0}
     assert evaluation.result.counts["lot"]["points"] == 0
     assert evaluation.result.counts["lot"]["truth_points"] == 14_400
-
-
-@pytest.mark.parametrize("fault", ["2 cameras", "no camera", "one point", "no names", "NaN"])
-def test_a_failed_scene_scores_its_worst_and_is_named(
-    fault: str, world: World, tmp_path: Path
-) -> None:
-    path = predict_clouds(world, tmp_path / "p", {s: true_points(s) for s in ("yard", "lot")})
-    lot = world.score(path).result.scenes["lot"]
-    fields = world.views("yard") if fault == "no names" else world.cameras("yard")
-    poses = fields["extrinsics"].copy()
-    if fault == "NaN":
-        write_ply(path / "yard.ply", Cloud(np.full((9, 3), np.nan)))
-    elif fault == "one point":
-        poses[..., 3] = 0.0
-    else:
-        poses[2 if fault == "2 cameras" else 0 :] = np.nan
-    if fault == "no names":
-        (path / "yard.ply").unlink()
-        (path / "yard.cameras.npz").unlink()
-        del fields["image_names"]
-    name = "yard.npz" if fault == "no names" else "yard.cameras.npz"
-    save(path / name, fields | {"extrinsics": poses})
-    result = world.score(path).result
-    assert result.scenes["lot"] == lot
-    failed = result.scenes["yard"]
-    assert [failed[f"{what}_10m"] for what in ("precision", "recall", "f1")] == [0.0, 0.0, 0.0]
-    assert np.isinf([failed["chamfer_m"], failed["accuracy_m"], failed["completeness_m"]]).all()
-    assert failed["cameras_placed"] == (fault == "NaN")
-    assert result.counts["yard"].get("failed", 0) == (fault != "NaN")
-    assert any(note.startswith("scene yard: ") for note in result.notes)
-    assert notes_of(world, path) == list(result.notes)
-
-
-def test_a_mesh_is_sampled(world: World, tmp_path: Path) -> None:
-    corners = np.array([[0, 0], [SIDE, 0], [SIDE, SIDE], [0, SIDE]])
-    lines = [f"v {x + ORIGIN[0]} {y + ORIGIN[1]} {ORIGIN[2]}" for x, y in corners]
-    (tmp_path / "p").mkdir()
-    (tmp_path / "p" / "lot.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4\n"]))
-    chosen = world.protocol(tmp_path / "c.toml", meshes={"points": 20_000})
-    evaluation = world.score(tmp_path / "p", protocol=str(chosen))
-    record = evaluation.scored["lot"].records.iloc[0].to_dict()
-    assert evaluation.result.predictions.kind == "mesh"
-    assert record["points"] == 20_000
-    assert record["f1_1m"] > 0.999
-    assert any("20,000 points sampled" in note for note in evaluation.result.notes)
-
-
-def test_the_command_scores_in_blocks_as_in_memory(world: World, tmp_path: Path) -> None:
-    random = np.random.default_rng(0)
-    points = random.uniform(0, SIDE, (120_000, 3)) * (1, 1, 0.05) + ORIGIN
-    path = predict_clouds(world, tmp_path / "p", {"yard": points})
-    fields = world.views("lot")
-    save(path / "lot.npz", fields)
-    whole = world.score(path, jobs=1)
-    blocks = world.score(path, jobs=2, memory_bytes=4 << 20)
-    assert whole.records.to_csv() == blocks.records.to_csv()
-    assert whole.result == blocks.result
 
 
 def moved(points: Array, scale: float, seed: int = 5) -> tuple[Array, Array, Array]:
@@ -219,22 +148,6 @@ def test_pixels_and_points_must_exceed_the_confidence(
     assert any("left out: 3,456 points of too little" in n for n in evaluation.result.notes)
 
 
-def test_icp_mends_poor_cameras(world: World, tmp_path: Path) -> None:
-    cameras = world.cameras("yard")
-    poses = camera_poses("yard")
-    centres = poses.centres - np.array((0.0, 0.0, 0.7))
-    cameras["extrinsics"][..., 3] = -(poses.rotation @ centres[..., None])[..., 0]
-    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
-    save(path / "yard.cameras.npz", cameras)
-    rough = world.record("yard", path)
-    icp = {"method": "sim3+icp", "icp_with_scale": False, "icp_points": 4000, "icp_tolerance": 1e-9}
-    chosen = world.protocol(tmp_path / "c.toml", alignment=icp)
-    scored = world.score(path, protocol=str(chosen)).scored["yard"]
-    assert rough["chamfer_m"] > 0.1
-    assert scored.records.iloc[0]["chamfer_m"] < 0.1 * rough["chamfer_m"]
-    assert scored.facts["alignment"]["icp"] is not None
-
-
 @pytest.mark.parametrize("method", ["sim3", "sim3+icp"])
 @pytest.mark.parametrize("fusion", ["back-projection", "tsdf"])
 def test_scores_do_not_depend_on_the_frame_of_the_prediction(
@@ -302,35 +215,6 @@ def test_alignment_json_brings_a_cloud_to_its_place(world: World, tmp_path: Path
         assert set(found[residuals]) == {"rms", "median", "largest"}
         assert found[residuals]["largest"] < 1e-6
     np.testing.assert_allclose(np.array(found["matrix"])[:3, 3], centre, atol=1e-6)
-
-
-def records_of(world: World, path: Path, tmp_path: Path, *options: object) -> pd.DataFrame:
-    assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out", *options) == 0
-    return pd.read_csv(tmp_path / "out" / "records.csv").set_index("scene")
-
-
-def test_records_and_counts(world: World, tmp_path: Path) -> None:
-    clouds = {"yard": np.concatenate([true_points("yard"), [[np.nan, 0, 0]]])}
-    path = predict_clouds(world, tmp_path / "p", clouds)
-    chosen = world.protocol(
-        tmp_path / "c.toml", preparation={"voxel_m": 1.0}, scores={"f1_below_m": (2.0,)}
-    )
-    records = records_of(world, path, tmp_path, "--protocol", chosen)
-    text = (tmp_path / "out" / "records.csv").read_text()
-    assert records["answered"].tolist() == [True, False]
-    counts = json.loads((tmp_path / "out" / "result.json").read_text())["counts"]
-    yard = counts["yard"]
-    assert yard["points"] + yard["thinned"] == 15_264
-    assert yard["truth_points"] + yard["truth_thinned"] == 15_264
-    assert (yard["queries"], yard["missing"], yard["not_finite"]) == (1, 0, 1)
-    assert (yard["cameras"], yard["cameras_missing"], yard["inlier_cameras"]) == (6, 0, 6)
-    for name in set(yard) - {"queries", "missing"}:
-        assert records.loc["yard", name] == yard[name]
-    # Counts are whole numbers, and a missing scene has none but its points.
-    assert f",{yard['points']}," in text
-    assert records.loc["lot", "points"] == 0
-    assert np.isnan(records.loc["lot", "truth_points"])
-    assert counts["lot"] == {"queries": 1, "missing": 1, "points": 0}
 
 
 @pytest.mark.parametrize(("named", "words"), [(True, "leaves out"), (False, "6 views for 4")])
