@@ -26,7 +26,6 @@ from scipy.spatial import cKDTree
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.reconstruction.icp import IcpReport
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.similarity import (
     RANK_TOLERANCE,
@@ -96,13 +95,8 @@ class RansacSettings:
         )
 
 
-@dataclass(frozen=True)
-class Residuals:
-    """Residuals between partners: root mean square, median and largest."""
-
-    rms: float
-    median: float
-    largest: float
+Residuals = dict[str, float]
+"""Residuals between partners: root mean square (rms), median and largest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +119,7 @@ class Alignment:
     centres: Residuals | None = None
     inlier_centres: Residuals | None = None
     rotations_deg: Residuals | None = None
-    icp: IcpReport | None = None
+    icp: dict[str, Any] | None = None
     icp_failure: str | None = None
     inlier_names: tuple[str, ...] = ()
 
@@ -193,7 +187,7 @@ def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCamera
         if not len(values):
             return None
         rms = float(np.sqrt((values * values).mean()))
-        return Residuals(rms, float(np.median(values)), float(values.max()))
+        return {"rms": rms, "median": float(np.median(values)), "largest": float(values.max())}
 
     away = _apart(found.transform.apply(source.centres), target.centres)
     angles = None

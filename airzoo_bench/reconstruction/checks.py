@@ -82,22 +82,24 @@ class Inversion:
         if len(given) < 3:
             return None
         rows = np.unique(np.linspace(0, len(given) - 1, _MOST_CAMERAS).astype(int))
-        chosen, true = given.take(rows), truth.take(rows)
+        chosen, pairs = given.take(rows), np.triu_indices(len(rows), 1)
+        true_turn, true_sight = relative_poses(truth.take(rows), *pairs)
+
+        def misfit(poses: Poses) -> float:
+            turn, sight = relative_poses(poses, *pairs)
+            apart = rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight)
+            return float(np.median(np.maximum(*apart)))
+
         inverse = Poses.from_centres(np.swapaxes(chosen.rotation, 1, 2), chosen.translation)
         opengl = Poses.from_centres(_OPENGL @ inverse.rotation, inverse.centres)
         readings = ((inverse, ""), (opengl, " and in OpenCV's axes, not OpenGL's"))
-        inverted, axes = min((_median_angle(one, true), axes) for one, axes in readings)
-        return cls(_median_angle(chosen, true), inverted, axes)
+        inverted, axes = min((misfit(one), axes) for one, axes in readings)
+        return cls(misfit(chosen), inverted, axes)
 
     @property
     def is_likely(self) -> bool:
         """Whether poses look camera-to-world, read as world-to-camera, or the reverse."""
         return self.as_given > 5.0 and self.inverted < 0.5 * self.as_given
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether they can hardly be anything else."""
-        return self.as_given > 20.0 and self.inverted < min(20.0, self.as_given / 3)
 
     def __str__(self) -> str:
         return (
@@ -107,23 +109,17 @@ class Inversion:
         )
 
 
-def _median_angle(poses: Poses, truth: Poses) -> float:
-    pairs = np.triu_indices(len(poses), 1)
-    (turn, sight), (true_turn, true_sight) = (relative_poses(one, *pairs) for one in (poses, truth))
-    worse = np.maximum(rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight))
-    return float(np.median(worse))
-
-
 def refuse_camera_to_world(given: Poses, truth: Poses, where: str) -> None:
     """Refuse poses that fit the truth only once they are inverted, if they are off one line.
 
     Along a line, names in reverse order look the same.
     """
     found = Inversion.between(given, truth)
-    if found is None or len(given) < _LEAST_CAMERAS or not found.is_sure:
+    if found is None or len(given) < _LEAST_CAMERAS:
         return
+    is_sure = found.as_given > 20.0 and found.inverted < min(20.0, found.as_given / 3)
     spread = np.linalg.svd(truth.centres - truth.centres.mean(axis=0), compute_uv=False)
-    if spread[1] > _LINE_SHARE * spread[0]:
+    if is_sure and spread[1] > _LINE_SHARE * spread[0]:
         raise PredictionError(
             str(found),
             where=where,
@@ -184,11 +180,11 @@ def _check_alignment(alignment: Alignment) -> Iterator[str]:
     turns, agree = alignment.rotations_deg, 2 * alignment.inliers >= alignment.cameras
     if alignment.used_orientations:
         yield "camera centres lie on a line: aligned by the cameras' orientations too"
-    if turns is not None and alignment.centres is not None and agree and turns.median > 150.0:
+    if turns is not None and agree and turns["median"] > 150.0:
         yield (
-            f"cameras are turned by {turns.median:.0f} degrees (median), though their centres fit: "
-            "are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a "
-            "straight strip, the image names in reverse order?"
+            f"cameras are turned by {turns['median']:.0f} degrees (median), though their centres "
+            "fit: are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along "
+            "a straight strip, the image names in reverse order?"
         )
     if not alignment.robust:
         yield "fewer than 3 cameras agree: aligned to all of them"

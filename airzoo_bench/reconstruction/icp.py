@@ -7,7 +7,7 @@ not depend on threads.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pykdtree.kdtree import KDTree
@@ -26,42 +26,15 @@ from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, f
 _PART = 1 << 18
 
 
-@dataclass(frozen=True)
-class CloudFit:
-    """How near one cloud is to another.
-
-    The share of points with the other cloud within the limit, the root mean square distance of
-    those, and that of all, each at most the limit: one figure for both.
-    """
-
-    fitness: float
-    rmse: float
-    cost: float
-
-    @classmethod
-    def summarise(cls, distances: Floats, limit: float) -> CloudFit:
-        """Summarise distances (N,), infinite beyond the limit."""
-        near = distances[np.isfinite(distances)]
-        squared = float((near * near).sum())
-        capped = squared + limit * limit * (len(distances) - len(near))
-        rmse = float(np.sqrt(squared / len(near))) if len(near) else np.inf
-        return cls(len(near) / len(distances), rmse, float(np.sqrt(capped / len(distances))))
-
-
-@dataclass(frozen=True)
-class IcpReport:
-    """How near the clouds were before and after ICP, its rounds, and the points that it used."""
-
-    before: CloudFit
-    after: CloudFit
-    iterations: int
-    points: int
-
-
 def refine(
     predicted: CloudSource, truth: CloudSource, settings: AlignmentSettings, *, memory_points: int
-) -> tuple[Similarity, IcpReport]:
-    """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP."""
+) -> tuple[Similarity, dict[str, Any]]:
+    """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP.
+
+    The report has the rounds, the points used, and how near the clouds were before and after: the
+    share of points with the other cloud within the limit (fitness), the root mean square distance
+    of those (rmse), and that of all, each at most the limit (cost).
+    """
     limit = settings.icp_below_m
     points = draw_points(predicted, settings.icp_points, settings.seed)
     origin = next((part[0] for part in finite_pieces(truth, _PART) if len(part)), None)
@@ -83,7 +56,7 @@ def refine(
 
     transform = Similarity.identity()
     distances, partners = nearest(points)
-    before = fit = CloudFit.summarise(distances, limit)
+    before = fit = _fit_of(distances, limit)
     if np.isfinite(distances).sum() < 3:
         raise AlignmentError(
             f"ICP has {np.isfinite(distances).sum()} of {len(distances)} predicted points within "
@@ -100,13 +73,13 @@ def refine(
         (step,), (determined,) = fit_many(moved[None], partners[near][None], with_scale=with_scale)
         step = step.after(transform) if determined else transform
         distances, found = nearest(step.apply(points))
-        new = CloudFit.summarise(distances, limit)
-        if not new.cost < fit.cost:
+        new = _fit_of(distances, limit)
+        if not new["cost"] < fit["cost"]:
             break
-        gain, transform, fit, partners = fit.cost - new.cost, step, new, found
-        if gain < settings.icp_tolerance * fit.cost:
+        gain, transform, fit, partners = fit["cost"] - new["cost"], step, new, found
+        if gain < settings.icp_tolerance * fit["cost"]:
             break
-    report = IcpReport(before, fit, rounds, len(points))
+    report = {"before": before, "after": fit, "iterations": rounds, "points": len(points)}
     if fit == before:
         return Similarity.identity(), report
     back, start = transform.translation + origin, transform.origin + origin
@@ -125,3 +98,12 @@ def draw_points(source: CloudSource, count: int, seed: int) -> Floats:
             kept = np.sort(np.argpartition(keys, count)[:count])
             points, keys = points[kept], keys[kept]
     return points
+
+
+def _fit_of(distances: Floats, limit: float) -> dict[str, float]:
+    near = distances[np.isfinite(distances)]
+    squared = float((near * near).sum())
+    capped = squared + limit * limit * (len(distances) - len(near))
+    rmse = float(np.sqrt(squared / len(near))) if len(near) else np.inf
+    cost = float(np.sqrt(capped / len(distances)))
+    return {"fitness": len(near) / len(distances), "rmse": rmse, "cost": cost}

@@ -240,13 +240,13 @@ def score_comparison(
         "cameras_missing": alignment.cameras_missing,
         "inlier_cameras": alignment.inliers,
     }
-    centres, turns = alignment.centres, alignment.rotations_deg
+    centres, turns = alignment.centres or {}, alignment.rotations_deg or {}
     columns = {
         "alignment": alignment.method,
         "scale": alignment.transform.scale,
-        "centres_rms_m": np.nan if centres is None else centres.rms,
-        "centres_median_m": np.nan if centres is None else centres.median,
-        "rotations_median_deg": np.nan if turns is None else turns.median,
+        "centres_rms_m": centres.get("rms", np.nan),
+        "centres_median_m": centres.get("median", np.nan),
+        "rotations_median_deg": turns.get("median", np.nan),
     }
     record = counts | columns | _cloud_columns(distances.to_truth, found.recalled, settings) | poses
     facts = {"alignment": alignment_values(alignment)}
@@ -287,17 +287,6 @@ def _cloud_columns(
         for share in ("precision", "recall", "f1"):
             columns[f"{share}_{limit:g}m"] = float(getattr(found.curve, share)[row])
     return columns
-
-
-def _alignment_columns(alignment: Alignment) -> dict[str, Any]:
-    centres, turns = alignment.centres, alignment.rotations_deg
-    return {
-        "alignment": alignment.method,
-        "scale": alignment.transform.scale,
-        "centres_rms_m": np.nan if centres is None else centres.rms,
-        "centres_median_m": np.nan if centres is None else centres.median,
-        "rotations_median_deg": np.nan if turns is None else turns.median,
-    }
 
 
 def pose_scores(

@@ -195,8 +195,8 @@ def test_icp_of_open3d(with_scale: bool) -> None:
     found, report = refine(Pieces(source), Pieces(truth), settings, memory_points=10**6)
     moved = source @ theirs.transformation[:3, :3].T + theirs.transformation[:3, 3]
     np.testing.assert_allclose(found.apply(source), moved, atol=1e-6)
-    assert report.after.fitness == pytest.approx(theirs.fitness)
-    assert report.after.rmse == pytest.approx(theirs.inlier_rmse, rel=1e-6)
+    assert report["after"]["fitness"] == pytest.approx(theirs.fitness)
+    assert report["after"]["rmse"] == pytest.approx(theirs.inlier_rmse, rel=1e-6)
     # Far from the origin it is the same, shifted.
     there, _ = refine(Pieces(source + UTM), Pieces(truth + UTM), settings, memory_points=10**6)
     np.testing.assert_allclose(there.apply(source + UTM) - UTM, found.apply(source), atol=1e-6)

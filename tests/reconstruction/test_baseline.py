@@ -105,9 +105,9 @@ def test_poses_and_points_are_right(flight: Flight, made: tuple[Model, Path]) ->
     # A hundredth of 300 px at 30 m is 0.1 pixel.
     found = aligned(result, truth)
     assert found.centres is not None
-    assert found.centres.largest < 0.1
+    assert found.centres["largest"] < 0.1
     assert found.rotations_deg is not None
-    assert found.rotations_deg.largest < 0.2
+    assert found.rotations_deg["largest"] < 0.2
     points = found.transform.apply(result.points) - UTM
     assert len(points) > 200
     on_roof = (np.abs(points[:, :2] - 30) < 9).all(axis=1)
