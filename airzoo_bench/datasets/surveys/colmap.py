@@ -193,13 +193,13 @@ def _fitted(
         )
     notes = [
         f"a similarity of scale {found.transform.scale:.6g} places the model by {found.inliers} "
-        f"of {counted(found.cameras, 'position')}: {left.rms:.3f} m remain (root mean square), "
-        f"{left.largest:.3f} m at most; no truth is better than these positions"
+        f"of {counted(found.cameras, 'position')}: {left['rms']:.3f} m remain (root mean square), "
+        f"{left['largest']:.3f} m at most; no truth is better than these positions"
     ]
     out = [name for name in places if name not in found.inlier_names]
     if out:
         notes.append(f"positions that do not fit: {first_of(out, len(places))}")
-    return found.transform, tuple(notes), round(left.rms, 4) or None
+    return found.transform, tuple(notes), round(left["rms"], 4) or None
 
 
 COLMAP = ColmapModels()
