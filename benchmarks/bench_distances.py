@@ -41,7 +41,7 @@ from airzoo_bench.reconstruction.distances import (
     cloud_distances,
     morton_order,
     mutual_distances,
-    sorted_points,
+    sort_points,
 )
 
 Floats = NDArray[np.float64]
@@ -153,7 +153,7 @@ def profile(points: int) -> None:
     orders = step("Morton order of both", lambda: (morton_order(first), morton_order(second)))
     ours, others = step(
         "points moved into it, without copies",
-        lambda: (sorted_points(first, orders[0]), sorted_points(second, orders[1])),
+        lambda: (sort_points(first, orders[0]), sort_points(second, orders[1])),
     )
     search = step("tree built", lambda: NeighbourSearch(others))
     step("asked for two, ties decided", lambda: search.squared(ours, jobs=1))

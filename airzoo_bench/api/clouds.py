@@ -17,7 +17,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import InMemoryCloud, finite_rows
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.preparation import box_of, cropped_region, prepared
+from airzoo_bench.reconstruction.preparation import box_of, cropped_region, prepare_cloud
 from airzoo_bench.reconstruction.settings import Preparation
 
 __all__ = ["CloudComparison", "cloud_scores"]
@@ -163,7 +163,7 @@ def cloud_scores(
     block = max(given.count, truth.count, 1)
     with refused("true"):
         region = cropped_region(truth, box_of(truth), settings, block)
-        kept, known = (prepared(cloud, settings, region, block) for cloud in (given, truth))
+        kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in (given, truth))
         distances = cloud_distances(
             kept.source,
             known.source,

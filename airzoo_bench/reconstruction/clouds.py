@@ -58,7 +58,7 @@ class PieceCloud:
         return self.read(points)
 
 
-def transformed(
+def transform_cloud(
     source: CloudSource, transform: Similarity, confidence_above: float | None = None
 ) -> PieceCloud:
     """Bring a cloud into another frame, without points of too little confidence."""
@@ -88,12 +88,12 @@ def finite_pieces(source: CloudSource, points: int) -> Iterator[Floats]:
         yield piece.points if finite.all() else piece.points[finite]
 
 
-def concatenated(pieces: Iterable[Floats]) -> Floats:
+def concatenate_pieces(pieces: Iterable[Floats]) -> Floats:
     """Concatenate any number of pieces (N, 3)."""
     return np.concatenate([np.zeros((0, 3)), *pieces])
 
 
-def mapped(pieces: Iterable[Floats]) -> Floats:
+def map_points(pieces: Iterable[Floats]) -> Floats:
     """Write pieces (N, 3) to a temporary file and map it; it goes with the last map of it."""
     with tempfile.TemporaryFile() as stream:
         try:

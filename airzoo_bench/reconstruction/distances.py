@@ -32,7 +32,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, shown, silent
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.clouds import concatenated, finite_pieces, mapped
+from airzoo_bench.reconstruction.clouds import concatenate_pieces, finite_pieces, map_points
 
 _LEAF = 16
 _CHUNK, _SORTING_CHUNK, _PIECE = 1 << 17, 1 << 15, 1 << 18
@@ -77,7 +77,7 @@ def cloud_distances(
     clouds = []
     for cloud in (prediction, truth):
         pieces = finite_pieces(cloud, min(block_points, _PIECE))
-        clouds.append(mapped(pieces) if on_disk else concatenated(pieces))
+        clouds.append(map_points(pieces) if on_disk else concatenate_pieces(pieces))
     if not len(clouds[1]):
         raise BenchmarkError(
             "the true cloud holds no finite point",
@@ -103,13 +103,13 @@ def mutual_distances(
         return found
     orders = morton_order(first), morton_order(second)
     for here, there in ((0, 1), (1, 0)):
-        search = NeighbourSearch(sorted_points(clouds[there], orders[there], on_disk=on_disk))
+        search = NeighbourSearch(sort_points(clouds[there], orders[there], on_disk=on_disk))
         for rows in _chunks(orders[here]):
             found[here][rows] = np.sqrt(search.squared(clouds[here][rows], jobs=jobs))
     return found
 
 
-def sorted_points(points: Floats, order: Ints, *, on_disk: bool = False) -> Floats:
+def sort_points(points: Floats, order: Ints, *, on_disk: bool = False) -> Floats:
     """Return points in an order, in memory or mapped, each without copies right behind it.
 
     Along the curve nearly all copies are, and no tree can part many copies of one point.
@@ -124,7 +124,7 @@ def sorted_points(points: Floats, order: Ints, *, on_disk: bool = False) -> Floa
             yield part[is_new]
 
     if on_disk:
-        return mapped(pieces())
+        return map_points(pieces())
     found, count = np.empty((len(order), 3)), 0
     for piece in pieces():
         found[count : count + len(piece)] = piece

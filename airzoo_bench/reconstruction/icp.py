@@ -15,10 +15,10 @@ from pykdtree.kdtree import KDTree
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import (
-    concatenated,
+    concatenate_pieces,
     finite_pieces,
     finite_rows,
-    mapped,
+    map_points,
 )
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
@@ -42,7 +42,7 @@ def refine(
         raise AlignmentError("ICP needs points in the prediction and in the truth")
     # Near zero: the tree works on offsets from a point of the truth.
     points, near_zero = points - origin, (part - origin for part in finite_pieces(truth, _PART))
-    targets = (mapped if truth.count > memory_points else concatenated)(near_zero)
+    targets = (map_points if truth.count > memory_points else concatenate_pieces)(near_zero)
     tree = KDTree(targets)
 
     def nearest(queries: Floats) -> tuple[Floats, Floats]:

@@ -22,7 +22,7 @@ from airzoo_bench.reconstruction.clouds import (
     InMemoryCloud,
     PieceCloud,
     VoxelGrid,
-    concatenated,
+    concatenate_pieces,
     finite_pieces,
     finite_rows,
     grid_origin,
@@ -200,11 +200,11 @@ class PreparedCloud:
 
     def in_memory(self) -> PreparedCloud:
         """Return the cloud with all its points read."""
-        points = concatenated(piece.points for piece in self.source.pieces(_PIECE))
+        points = concatenate_pieces(piece.points for piece in self.source.pieces(_PIECE))
         return replace(self, source=InMemoryCloud(points))
 
 
-def prepared(
+def prepare_cloud(
     source: CloudSource, settings: Preparation, region: Region | None, block_points: int
 ) -> PreparedCloud:
     """Prepare a cloud, cropped to a region where one is given."""

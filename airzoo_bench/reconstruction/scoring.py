@@ -34,7 +34,7 @@ from airzoo_bench.reconstruction.alignment import (
 )
 from airzoo_bench.reconstruction.cameras import match_cameras
 from airzoo_bench.reconstruction.checks import scene_notes
-from airzoo_bench.reconstruction.clouds import finite_pieces, transformed
+from airzoo_bench.reconstruction.clouds import finite_pieces, transform_cloud
 from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
 from airzoo_bench.reconstruction.fusion import (
     DepthMaps,
@@ -169,7 +169,9 @@ def compare(
     box = preparation.box_of(true_cloud)
     cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
     region = preparation.cropped_region(true_cloud, box, settings, block)
-    prepare = partial(preparation.prepared, settings=settings, region=region, block_points=block)
+    prepare = partial(
+        preparation.prepare_cloud, settings=settings, region=region, block_points=block
+    )
     predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
     true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
     distances = cloud_distances(
@@ -206,7 +208,7 @@ def _aligned(
         make = fuse if fusion.method == "tsdf" else depth_cloud
         cloud = make(geometry, transform, fusion)
     else:
-        cloud = transformed(geometry, transform, fusion.least_confidence)
+        cloud = transform_cloud(geometry, transform, fusion.least_confidence)
     if found.method != "sim3+icp" or cameras is None:
         return cloud, found
     try:
@@ -215,7 +217,7 @@ def _aligned(
         # A cloud that is nowhere near the truth has failed; its file is not to blame.
         return cloud, replace(found, icp_failure=error.what)
     moved = replace(found, transform=step.after(found.transform), icp=report)
-    return transformed(cloud, step), with_residuals(moved, cameras, truth.posed)
+    return transform_cloud(cloud, step), with_residuals(moved, cameras, truth.posed)
 
 
 # --- records ---

@@ -18,7 +18,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.clouds import (
     InMemoryCloud,
     VoxelGrid,
-    transformed,
+    transform_cloud,
 )
 from airzoo_bench.reconstruction.preparation import (
     Box,
@@ -28,7 +28,7 @@ from airzoo_bench.reconstruction.preparation import (
     cropped_region,
     observed_cells,
     occupied_cells,
-    prepared,
+    prepare_cloud,
     seen_by,
 )
 from airzoo_bench.reconstruction.settings import Preparation
@@ -97,7 +97,7 @@ BOX = Box(np.zeros(3), np.ones(3))
 def prepare(source: CloudSource, used: Preparation, block: int) -> PreparedCloud:
     """Prepare a cloud whose truth is the unit cube's corners."""
     truth = Pieces(np.stack((BOX.low, BOX.high)))
-    return prepared(source, used, cropped_region(truth, BOX, used, block), block)
+    return prepare_cloud(source, used, cropped_region(truth, BOX, used, block), block)
 
 
 def points_of(cloud: PreparedCloud, points: int = 3) -> np.ndarray[Any, Any]:
@@ -149,14 +149,14 @@ class Confident(Pieces):
 def test_moving_keeps_the_more_confident_points() -> None:
     points = np.array([[1.0, 0, 0], [0, 1, 0], [np.inf, 0, 0]])
     transform = Similarity(2.0, np.eye(3), np.array((10.0, 0, 0)))
-    everything = next(transformed(Confident(points), transform).pieces(10))
+    everything = next(transform_cloud(Confident(points), transform).pieces(10))
     np.testing.assert_array_equal(everything.points[:2], [[12, 0, 0], [10, 2, 0]])
     assert not np.isfinite(everything.points[2]).all()
-    kept = next(transformed(Confident(points), transform, 0.2).pieces(10))
+    kept = next(transform_cloud(Confident(points), transform, 0.2).pieces(10))
     np.testing.assert_array_equal(kept.points[0], [10, 2, 0])
     assert len(kept) == 2
     # Without confidences nothing is asked of them.
-    assert len(next(transformed(InMemoryCloud(points), transform, 0.9).pieces(10))) == 3
+    assert len(next(transform_cloud(InMemoryCloud(points), transform, 0.9).pieces(10))) == 3
 
 
 UTM = np.array((500_000.0, 5_200_000.0, 100.0))
