@@ -154,13 +154,12 @@ def anchor_pixels(cameras: Cameras, inset: float = 1 / 16) -> Floats:
 
 def distort(xy: Floats, distortion: Floats) -> Floats:
     """Distort points (N, M, 2) by the polynomial of (N, 5) coefficients, also outside its range."""
-    return np.stack(_model(xy[..., 0], xy[..., 1], _columns(distortion)), axis=-1)
+    return _distorted(xy, distortion[:, None])
 
 
 def in_range(xy: Floats, distortion: Floats) -> Bools:
     """Tell which undistorted points (N, M) lie where the model is one to one."""
-    limit = _range_limit(distortion)[:, None]
-    return _in_range(xy[..., 0], xy[..., 1], _columns(distortion), limit)
+    return _is_in_range(xy, distortion[:, None], _range_limit(distortion)[:, None])
 
 
 def undistort(xy: Floats, distortion: Floats) -> Floats:
@@ -201,10 +200,10 @@ def _newton(target: Floats, coefficients: Floats, limit: Floats) -> Floats:
         todo, xy, residual, damping = todo[open_], xy[open_], residual[open_], damping[open_]
         if not todo.size:
             break
-        k = coefficients[todo].T
+        k = coefficients[todo]
         trial = xy + damping[:, None] * _newton_step(xy, residual, k)
-        new = target[todo] - np.stack(_model(trial[:, 0], trial[:, 1], k), axis=-1)
-        better = _in_range(trial[:, 0], trial[:, 1], k, limit[todo])
+        new = target[todo] - _distorted(trial, k)
+        better = _is_in_range(trial, k, limit[todo])
         better &= np.hypot(*new.T) < np.hypot(*residual.T)
         xy = np.where(better[:, None], trial, xy)
         residual = np.where(better[:, None], new, residual)
@@ -212,26 +211,26 @@ def _newton(target: Floats, coefficients: Floats, limit: Floats) -> Floats:
     return solved
 
 
-def _newton_step(xy: Floats, residual: Floats, k: Sequence[Floats] | Floats) -> Floats:
-    xx, xy_, yy = _jacobian(xy[:, 0], xy[:, 1], k)
+def _newton_step(xy: Floats, residual: Floats, k: Floats) -> Floats:
+    (xx, xy_, yy), (x, y) = _jacobian(xy, k), residual.T
     determinant = xx * yy - xy_ * xy_
-    step_x = (yy * residual[:, 0] - xy_ * residual[:, 1]) / determinant
-    step_y = (xx * residual[:, 1] - xy_ * residual[:, 0]) / determinant
-    return np.stack((step_x, step_y), axis=-1)
+    steps = ((yy * x - xy_ * y) / determinant, (xx * y - xy_ * x) / determinant)
+    return np.stack(steps, axis=-1)
 
 
-def _model(x: Floats, y: Floats, k: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
-    k1, k2, p1, p2, k3 = k
+def _distorted(xy: Floats, k: Floats) -> Floats:
+    """Distort points (..., 2) by coefficients (..., 5)."""
+    (x, y), (k1, k2, p1, p2, k3) = np.moveaxis(xy, -1, 0), np.moveaxis(k, -1, 0)
     s = x * x + y * y
     radial = 1.0 + s * (k1 + s * (k2 + s * k3))
     x_d = x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x)
     y_d = y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y
-    return x_d, y_d
+    return np.stack((x_d, y_d), axis=-1)
 
 
-def _jacobian(x: Floats, y: Floats, k: Sequence[Floats] | Floats) -> tuple[Floats, Floats, Floats]:
+def _jacobian(xy: Floats, k: Floats) -> tuple[Floats, Floats, Floats]:
     """Return d x_d/dx, d x_d/dy (= d y_d/dx) and d y_d/dy."""
-    k1, k2, p1, p2, k3 = k
+    (x, y), (k1, k2, p1, p2, k3) = np.moveaxis(xy, -1, 0), np.moveaxis(k, -1, 0)
     s = x * x + y * y
     radial = 1.0 + s * (k1 + s * (k2 + s * k3))
     slope = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
@@ -240,9 +239,9 @@ def _jacobian(x: Floats, y: Floats, k: Sequence[Floats] | Floats) -> tuple[Float
     return xx, x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y, yy
 
 
-def _in_range(x: Floats, y: Floats, k: Sequence[Floats] | Floats, limit: Floats) -> Bools:
-    xx, xy, yy = _jacobian(x, y, k)
-    inside: Bools = (x * x + y * y < limit) & (xx + yy > 0.0) & (xx * yy > xy * xy)
+def _is_in_range(xy: Floats, k: Floats, limit: Floats) -> Bools:
+    (xx, xy_, yy), (x, y) = _jacobian(xy, k), np.moveaxis(xy, -1, 0)
+    inside: Bools = (x * x + y * y < limit) & (xx + yy > 0.0) & (xx * yy > xy_ * xy_)
     return inside
 
 
@@ -258,10 +257,6 @@ def _range_limit(distortion: Floats) -> Floats:
     inverse = np.where(real & (roots.real > 0.0), roots.real, 0.0).max(axis=-1, initial=0.0)
     with np.errstate(divide="ignore"):
         return 1.0 / np.asarray(inverse, dtype=np.float64)
-
-
-def _columns(distortion: Floats) -> list[Floats]:
-    return [distortion[:, None, index] for index in range(5)]
 
 
 def _check_matrices(matrices: Floats, names: Sequence[object] | None) -> None:

@@ -7,6 +7,7 @@ From the outermost pixel centres to the raster's border it is level.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -50,7 +51,7 @@ _SIDE = 256
 _BLOCKS = 1024
 _SCAN_PIXELS = 1 << 20
 _CACHE_BYTES = 64 << 20
-_DIGIT_BITS = 16
+_BINS = 1 << 16  # of which the median is in one or two
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,57 +318,40 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
 def median_height(path: str | Path) -> float:
     """Return the exact median of all valid heights of a raster, in metres and bounded memory.
 
-    The two middle heights are found digit by digit, 16 bits a pass over the file.
+    One pass finds the range, one counts heights in bins of it, and one counts the different heights
+    of the bins in the middle, which are few.
     """
-    with opened(path) as dataset:
-        dtype = np.dtype(height_type(dataset.dtypes[0]))
-        bits = dtype.itemsize * 8
-        prefixes, ranks = [0, 0], [0, 0]
-        for shift in range(bits - _DIGIT_BITS, -1, -_DIGIT_BITS):
-            counts = _digit_counts(dataset, dtype, shift, prefixes)
-            if shift == bits - _DIGIT_BITS:
-                total = int(counts[0].sum())
-                if not total:
-                    raise RasterError("no valid height", where=path, fix="check its nodata value")
-                ranks = [(total - 1) // 2, total // 2]
-            for which, prefix in enumerate(prefixes):
-                below = np.cumsum(counts[prefix])
-                digit = int(np.searchsorted(below, ranks[which], side="right"))
-                ranks[which] -= int(below[digit] - counts[prefix][digit])
-                prefixes[which] = (prefix << _DIGIT_BITS) | digit
+    with small_cache(), opened(path) as dataset:
+        low, high, total = np.inf, -np.inf, 0
+        for heights in _valid_heights(dataset):
+            low, high = min(low, heights.min()), max(high, heights.max())
+            total += heights.size
+        if not total:
+            raise RasterError("no valid height", where=path, fix="check its nodata value")
+        edges, ranks = np.linspace(low, high, _BINS + 1), ((total - 1) // 2, total // 2)
+        counts = sum(np.histogram(heights, edges)[0] for heights in _valid_heights(dataset))
+        first, last = np.searchsorted(np.cumsum(counts), ranks, side="right")
+        middle: Counter[float] = Counter()
+        for heights in _valid_heights(dataset):
+            below = heights <= high if last == _BINS - 1 else heights < edges[last + 1]
+            values, times = np.unique(
+                heights[below & (heights >= edges[first])], return_counts=True
+            )
+            middle.update(dict(zip(values.tolist(), times.tolist(), strict=True)))
+        values = np.array(sorted(middle))
+        ends = np.sum(counts[:first]) + np.cumsum([middle[value] for value in values.tolist()])
+        lower, upper = values[np.searchsorted(ends, ranks, side="right")].tolist()
         scale, offset = metres_of(dataset)
-        lower, upper = (_height_of_key(prefix, dtype) for prefix in prefixes)
-        return (lower + upper) / 2.0 * scale + offset
+        return float((lower + upper) / 2.0 * scale + offset)
 
 
-def _digit_counts(
-    dataset: Any, dtype: np.dtype[Any], shift: int, prefixes: list[int]
-) -> dict[int, Ints]:
-    """Count, for each prefix, the 16 bits at `shift` of the keys that begin with it."""
-    counts = {prefix: np.zeros(1 << _DIGIT_BITS, dtype=np.int64) for prefix in prefixes}
+def _valid_heights(dataset: Any) -> Iterator[Floats]:
+    """Yield the heights as stored of windows that have some."""
     for window in _windows(dataset):
-        heights = read_heights(dataset, window, dtype)
-        keys = _sorting_keys(heights[~np.isnan(heights)]) >> np.uint64(shift)
-        for prefix, count in counts.items():
-            digits = keys[keys >> np.uint64(_DIGIT_BITS) == np.uint64(prefix)]
-            digits &= np.uint64((1 << _DIGIT_BITS) - 1)
-            count += np.bincount(digits.astype(np.int64), minlength=len(count))
-    return counts
-
-
-def _sorting_keys(heights: Heights) -> NDArray[np.uint64]:
-    """Return unsigned integers in the heights' order: the sign bit flipped, or all of negatives."""
-    bits = heights.dtype.itemsize * 8
-    raw = heights.view(f"u{heights.dtype.itemsize}").astype(np.uint64)
-    sign = np.uint64(1 << (bits - 1))
-    return np.where(raw & sign, np.uint64((1 << bits) - 1) ^ raw, raw | sign)
-
-
-def _height_of_key(key: int, dtype: np.dtype[Any]) -> float:
-    bits = dtype.itemsize * 8
-    sign = 1 << (bits - 1)
-    raw = key ^ sign if key & sign else key ^ ((1 << bits) - 1)
-    return float(np.array(raw, dtype=f"u{dtype.itemsize}").view(dtype))
+        heights = read_heights(dataset, window, height_type(dataset.dtypes[0]))
+        there = heights[~np.isnan(heights)].astype(np.float64)
+        if there.size:
+            yield there
 
 
 @contextmanager

@@ -38,20 +38,6 @@ def test_projection_agrees_with_colmap() -> None:
         np.testing.assert_allclose(ours, colmap.img_from_cam(points), rtol=0, atol=1e-9)
 
 
-def test_the_optical_axis_meets_the_principal_point_in_corner_convention() -> None:
-    # A camera of 4 x 2 px whose axis goes through the image's centre, the corner of four pixels.
-    camera = Cameras.from_matrices([[[10, 0, 2], [0, 10, 1], [0, 0, 1]]], 4, 2)
-    assert project(camera, np.array([[[0.0, 0.0, 5.0]]])).tolist() == [[[2.0, 1.0]]]
-    # The centre of the first pixel: ((0.5 - 2) / 10, (0.5 - 1) / 10, 1) = (-0.15, -0.05, 1).
-    ray = back_project(camera, np.array([[[0.5, 0.5]]]))[0, 0]
-    np.testing.assert_allclose(ray / ray[2], (-0.15, -0.05, 1.0), atol=1e-15)
-    # Half the size, half of everything: the corner stays the corner.
-    half = camera.scaled(2, 1)
-    assert half.principal_point.tolist() == [[1.0, 0.5]]
-    assert half.focal.tolist() == [[5.0, 5.0]]
-    assert (half.width.tolist(), half.height.tolist()) == ([2], [1])
-
-
 def test_distortion_worked_by_hand() -> None:
     # x = 0.5, y = 0, s = 0.25: radial = 1 + 0.1/4 + 0.2/16 + 0.4/64 = 1.04375;
     # x_d = 0.5 * 1.04375 + 0.02 * 3 * 0.25 = 0.536875; y_d = 0.01 * 0.25 = 0.0025.
@@ -131,15 +117,6 @@ def test_other_faults_of_cameras() -> None:
     for bent, message in ((np.zeros((2, 3)), "shape"), (np.full((2, 4), np.nan), "NaN")):
         with pytest.raises(CameraError, match=f"distortion has {message}"):
             Cameras.from_matrices(pair, 10, 10, bent)
-
-
-def test_cameras_are_taken_by_index_mask_and_slice() -> None:
-    cameras = Cameras.from_matrices(np.tile(K, (4, 1, 1)), np.arange(1, 5), 7, np.ones((4, 4)))
-    assert np.array_equal(cameras.matrices[3], K)
-    assert cameras.distortion[0].tolist() == [1, 1, 1, 1, 0]
-    for index in (slice(1, 3), np.array([1, 2]), np.array([False, True, True, False])):
-        assert cameras.take(index).width.tolist() == [2, 3]
-    assert len(cameras.take(3)) == 1
 
 
 def test_beyond_a_first_fold_nothing_is_in_range() -> None:

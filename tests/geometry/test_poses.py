@@ -135,15 +135,6 @@ def test_other_faults_of_poses() -> None:
         Poses(eye, np.zeros((1, 3)))  # type: ignore[misc]
 
 
-def test_poses_are_taken_by_mask_and_slice() -> None:
-    poses = Poses.from_centres(rotations(3, 4), np.arange(12.0).reshape(4, 3))
-    assert len(poses) == 4
-    for index in (slice(1, 3), [1, 2], np.array([False, True, True, False])):
-        assert poses.take(index).centres.tolist() == [[3, 4, 5], [6, 7, 8]]
-        assert np.array_equal(poses.take(index).rotation, poses.rotation[1:3])
-    assert len(poses.take(-1)) == 1
-
-
 # Where the image's right, its down, and the line of sight point: east, north, up.
 BY_HAND = {
     "nadir, north up": ((0, -90, 0), ((1, 0, 0), (0, -1, 0), (0, 0, -1))),

@@ -13,7 +13,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.datasets.folder import copy_map
-from airzoo_bench.geometry.raster_files import raster_files, raster_sha256
+from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import opened
 from airzoo_bench.matching.truth import checked_dsm
 from tests.support import write_raster
@@ -56,18 +56,6 @@ def test_statistics_and_overviews_beside_it_change_nothing(surface: Path) -> Non
         dataset.build_overviews([2, 4])
     assert Path(f"{surface}.ovr").is_file()
     assert raster_sha256(surface) == plain
-
-
-def test_a_mask_beside_it_is_part_of_it(surface: Path) -> None:
-    plain, found = raster_sha256(surface), []
-    for rows in (3, 4):
-        mask = np.ones((40, 50), np.bool_)
-        mask[:rows] = False
-        with rasterio.Env(GDAL_TIFF_INTERNAL_MASK="NO"), rasterio.open(surface, "r+") as dataset:
-            dataset.write_mask(mask)
-        found.append(raster_sha256(surface))
-    assert Path(f"{surface}.msk").is_file()
-    assert len({plain, *found}) == 3
 
 
 def test_a_world_file_where_the_file_has_no_grid(tmp_path: Path) -> None:
@@ -126,19 +114,6 @@ def test_the_checksum_of_a_virtual_raster_is_the_same_wherever_it_stands(
     assert raster_sha256(tmp_path / "data" / "dsm.vrt") == one
     (halves / "b.tif").write_bytes((halves / "a.tif").read_bytes())
     assert raster_sha256(halves / "one.vrt") != one
-
-
-@pytest.mark.parametrize("outer", ["n.tif", "n.vrt"])
-@pytest.mark.parametrize("inner", ["in.tif", "in.vrt", "in"])
-def test_virtual_rasters_are_known_by_their_content(halves: Path, outer: str, inner: str) -> None:
-    virtual(halves / inner, ("a.tif", 0))
-    path = virtual(halves / outer, (inner, 0))
-    before = raster_sha256(path)
-    assert {one.name for one in raster_files(path)} == {outer, inner, "a.tif"}
-    copy_map(path, halves / "data" / outer)
-    assert raster_sha256(halves / "data" / outer) == before
-    (halves / "a.tif").write_bytes((halves / "b.tif").read_bytes())
-    assert raster_sha256(path) != before
 
 
 def test_a_file_whose_folder_depends_on_where_a_run_is_started(

@@ -10,7 +10,6 @@ from rasterio import Affine
 from rasterio.enums import ColorInterp
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     gsd_m,
@@ -18,23 +17,11 @@ from airzoo_bench.geometry.rasters import (
     pixel_to_world,
     read_rgb,
     to_map_pixels,
-    world_to_pixel,
-    world_to_pixel_steps,
 )
 
 from .support import write_tif
 
 GREY = np.arange(12, dtype=np.uint8).reshape(3, 4)
-
-
-def test_grid_worked_by_hand() -> None:
-    # 0.5 m pixels, upper left corner (1000, 2000): the first centre is (1000.25, 1999.75).
-    transform = Affine(0.5, 0, 1000, 0, -0.5, 2000)
-    assert pixel_to_world(transform, (0.5, 0.5)).tolist() == [1000.25, 1999.75]
-    assert pixel_to_world(transform, (2, 4)).tolist() == [1001, 1998]
-    assert world_to_pixel(transform, (1001, 1998)).tolist() == [2, 4]
-    assert world_to_pixel((0.5, 0, 1000, 0, -0.5, 2000), (1000, 2000)).tolist() == [0, 0]
-    assert world_to_pixel_steps(transform, np.array((1.0, 1.0))).tolist() == [2, -2]
 
 
 def test_grid_agrees_with_rasterio(tmp_path: Path) -> None:
@@ -96,42 +83,6 @@ def test_gsd_is_true_ground(tmp_path: Path) -> None:
     path = write_tif(tmp_path / "m.tif", GREY, crs="EPSG:3857", transform=corner)
     expected = (0.5 / root, 0.5 * (1 - 0.00669437999014) / root**3)
     np.testing.assert_allclose(gsd_m(open_info(path)), expected, rtol=1e-6)
-
-
-def test_gsd_of_oblong_and_rotated_pixels(tmp_path: Path) -> None:
-    turned = Affine(0.3, 0.4, 500000, 0.4, -0.3, 5188000)
-    path = write_tif(tmp_path / "r.tif", GREY, transform=turned)
-    np.testing.assert_allclose(gsd_m(open_info(path)), (0.5 / 0.9996,) * 2, rtol=1e-6)
-    oblong = Affine(0.3, 0, 500000, 0, -0.6, 5188000)
-    path = write_tif(tmp_path / "o.tif", GREY, transform=oblong)
-    np.testing.assert_allclose(gsd_m(open_info(path)), (0.3 / 0.9996, 0.6 / 0.9996), rtol=1e-6)
-
-
-def test_same_crs_in_other_words() -> None:
-    utm = CRS.from_epsg(32615)
-    esri = utm.to_wkt("WKT1_ESRI")
-    for other in (32615, esri, utm.to_wkt(), "+proj=utm +zone=15 +datum=WGS84", "EPSG:32615+5773"):
-        check_same_crs(utm, other, "DOM and DSM")
-    # Without a datum's name only the code is left to go by.
-    check_same_crs(25832, "+proj=utm +zone=32 +ellps=GRS80 +units=m +type=crs", "DOM and DSM")
-    changsha = CRS.from_epsg(4547)
-    for version in ("WKT1_GDAL", "WKT1_ESRI", "WKT2_2019"):
-        check_same_crs(changsha, changsha.to_wkt(version), "DOM and DSM")
-    with pytest.raises(RasterError, match=r"DOM and DSM differ in CRS: EPSG:32615.*EPSG:32616"):
-        check_same_crs(utm, 32616, "DOM and DSM")
-    # Neighbouring zones, other datum, other unit, other false easting; metres and degrees.
-    proj = "+proj=tmerc +lon_0=114 +x_0={} +ellps=GRS80 +units={}"
-    for a, b in (
-        (4547, 4548),
-        (4547, 4526),
-        (4326, 4490),
-        (32649, 4547),
-        (proj.format(500000, "m"), proj.format(500000, "us-ft")),
-        (proj.format(500000, "m"), proj.format(500001, "m")),
-        (32615, 4326),
-    ):
-        with pytest.raises(RasterError, match="tiles and poses differ"):
-            check_same_crs(a, b, "tiles and poses")
 
 
 def test_rgb_of_grey_alpha_and_named_bands(tmp_path: Path) -> None:

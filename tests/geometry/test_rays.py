@@ -8,7 +8,7 @@ from hypothesis import given
 from rasterio import Affine
 
 from airzoo_bench.core.errors import RasterError
-from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import pixel_to_world
@@ -49,17 +49,6 @@ def test_tilted_camera_worked_by_hand() -> None:
     assert names(status)[:3] == ["HIT"] * 3
     assert names(status)[3] in ("NOT_DOWNWARD", "BEYOND_RANGE")
     assert np.isnan(points[0, 3]).all()
-
-
-def test_anchors_fail_without_the_half_pixel() -> None:
-    # Nadir over the origin, 10 m up, f = 10 px: a pixel is a metre. 16 px wide, axis in the
-    # middle (8, 8), the corner of four pixels: anchors at 1 and 15 lie 7 m to each side.
-    camera = Cameras.from_matrices([[[10, 0, 8], [0, 10, 8], [0, 0, 1]]], 16, 16)
-    pose = Poses.from_centres(looking_down(0.0), [[0, 0, 10]])
-    directions = rays_to_world(pose, back_project(camera, anchor_pixels(camera)))
-    points = intersect_plane(pose.centres, directions, 0.0, 1e4).points
-    expected = [(-7, 7, 0), (7, 7, 0), (7, -7, 0), (-7, -7, 0)]
-    np.testing.assert_allclose(points[0], expected, rtol=0, atol=1e-13)
 
 
 def test_reasons_on_the_plane() -> None:
@@ -263,8 +252,3 @@ def test_the_nearest_height_by_brute_force(most_px: int, tmp_path: Path) -> None
         for one in (field, lazy):
             np.testing.assert_array_equal(nearest_heights(one, most_px)(xy), wanted)
     assert np.isnan(nearest_heights(field, most_px)(np.array([[NAN, 0.0]]))).all()
-
-
-def test_the_nearest_height_of_places_far_beyond_the_raster() -> None:
-    far = np.array([[1e12, 3e11], [-7e15, 2.0]])
-    assert nearest_heights(field_of([[5.0, NAN]]), 100)(far).tolist() == [5.0, 5.0]

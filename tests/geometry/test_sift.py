@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pycolmap
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.distance import cdist
 
@@ -27,18 +26,6 @@ def test_mutual_nearest_against_all_distances() -> None:
     assert len(loose) > len(rows_a)
 
 
-def test_mutual_nearest_of_equals_and_of_none() -> None:
-    one = np.full((1, 128), 3, np.float32)
-    # Two equals are as near as each other, so neither is clearly nearest.
-    assert mutual_nearest(one, np.vstack((one, one)), 0.8)[0].tolist() == []
-    assert [rows.tolist() for rows in mutual_nearest(np.vstack((one, one)), one, 0.8)] == [[0], [0]]
-    # The first of equals, however many rows lie between them.
-    many = np.vstack((one, np.full((3000, 128), 90, np.float32), one))
-    assert [rows.tolist() for rows in mutual_nearest(many, one, 0.8)] == [[0], [0]]
-    assert len(mutual_nearest(one[:0], one, 0.8)[0]) == 0
-    assert len(mutual_nearest(one, one[:0], 0.8)[0]) == 0
-
-
 def test_features_sit_where_the_blobs_are() -> None:
     # A blob is a feature at its centre; COLMAP's corner is (0, 0), so pixel 40 has its centre at
     # 40.5.
@@ -53,17 +40,3 @@ def test_features_sit_where_the_blobs_are() -> None:
     assert descriptors.shape == (len(places), 128)
     assert np.array_equal(descriptors, np.round(descriptors))
     np.testing.assert_allclose(np.linalg.norm(descriptors, axis=1), 512, rtol=0.02)
-
-
-def test_features_at_the_border_are_left_out() -> None:
-    random = np.random.default_rng(0)
-    image = gaussian_filter(random.normal(128, 900, (160, 200)), 1.5).clip(1, 255).astype(np.uint8)
-    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
-    found, _ = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu).extract(
-        pycolmap.Bitmap.from_array(image)
-    )
-    every = np.array([(k.x, k.y, 200 - k.x, 160 - k.y, k.compute_scale()) for k in found])
-    inside = every[:, :4].min(axis=1) > every[:, 4] + 1
-    assert not inside.all()
-    places, _ = extract(image, 8192, options.sift.peak_threshold, doubled=True)
-    assert np.array_equal(places, every[inside, :2])

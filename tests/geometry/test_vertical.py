@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from pyproj import CRS
 
 from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.heightfield import (
@@ -19,7 +18,7 @@ from airzoo_bench.geometry.heightfield import (
     survey_heights,
 )
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.vertical import changed_heights, vertical_m
+from airzoo_bench.geometry.vertical import changed_heights
 from airzoo_bench.matching.lifting import lift
 from tests.geoids import EGM96, EGM2008, proj_with, undulation_m, write_geoid
 from tests.geometry.support import write_tif
@@ -77,13 +76,6 @@ def test_units_that_contradict_are_refused(crs: str, unit: str, said: str, tmp_p
             read(path)
 
 
-def test_depths_are_no_heights() -> None:
-    assert vertical_m(CRS("EPSG:32615")) is None
-    assert vertical_m(CRS("EPSG:4979")) == 1.0
-    with pytest.raises(RasterError, match="counts depths"):
-        vertical_m(CRS("EPSG:32615+5715"))
-
-
 PLACES = np.array([[15.03, 46.95], [15.3, 47.21], [14.77, 46.6]])
 HEIGHTS = np.array([200.0, -3.5, 8000.0])
 
@@ -121,11 +113,6 @@ def test_heights_change_by_the_undulation(
         )
     np.testing.assert_allclose(heights, [*(HEIGHTS + added), np.nan], atol=1e-4)
     assert operation
-
-
-def test_units_of_one_datum_need_no_grid_and_heights_stay_metres(grids: Path) -> None:
-    heights, _ = changed_heights(HEIGHTS, PLACES - (115, 0), "EPSG:6360", "EPSG:5703")
-    np.testing.assert_allclose(heights, HEIGHTS, atol=1e-6)
 
 
 @pytest.mark.parametrize(
