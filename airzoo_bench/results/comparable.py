@@ -85,16 +85,27 @@ def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) ->
 
 def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
     """Refuse results of different protocols, truths or meanings of a score."""
-    for what in ("protocol", "truth"):
+    for what, explain in (("protocol", _explain_protocols), ("truth", _explain_truths)):
         prints = [getattr(result, what).fingerprint for result in results]
         others = [place for place, found in enumerate(prints) if found != prints[0]]
         if others:
-            raise _unlike(names, results, what, others)
+            first, second = results[0], results[others[0]]
+            why, expected, fix = explain(first, second)
+            if len(others) > 1:
+                many = first_names([names[place] for place in others])
+                why += f"; {len(others)} of {len(results)} results differ from the first: {many}"
+            raise ResultError(
+                f"{names[0]} and {names[others[0]]} were "
+                f"{'made with' if what == 'protocol' else 'compared with'} different {what}s "
+                f"({prints[0][:12]} and {prints[others[0]][:12]}): {why}",
+                expected=expected,
+                fix=fix,
+            )
     known: dict[str, tuple[str, ScoreColumn]] = {}
     for name, result in zip(names, results, strict=True):
         for column in result.columns:
-            whose, first = known.setdefault(column.key, (name, column))
-            if column.model_copy(update={"headline": first.headline}) != first:
+            whose, first_column = known.setdefault(column.key, (name, column))
+            if column.model_copy(update={"headline": first_column.headline}) != first_column:
                 raise ResultError(
                     f"{whose} and {name} mean different things by the score {column.key}",
                     expected="the same title, unit, direction and average, as one protocol gives",
@@ -102,60 +113,35 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
                 )
 
 
-def _unlike(
-    names: Sequence[str], results: Sequence[Result], what: str, others: Sequence[int]
-) -> ResultError:
-    """Name two results of different protocols or truths, with the difference and the remedy."""
-    first, second = results[0], results[others[0]]
-    if what == "protocol":
-        made, why = "made with different protocols", _explain_protocols(first, second)
-        expected = "one protocol: a difference would be its doing as well as the methods'"
-        fix = "name results of one protocol only"
-        # Of other names, they ask different things: one is no slip for the other.
-        if first.protocol.name == second.protocol.name:
-            fix = f"score all predictions again with the same --protocol, or {fix}"
-        else:
-            fix += "; `airzoo-bench table` takes several"
-    else:
-        made, why = "compared with different truths", _explain_truths(first, second)
-        expected = "one truth: the same queries with the same answers"
-        fix = "score all predictions again with the same benchmark folder"
-    if len(others) > 1:
-        many = first_names([names[place] for place in others])
-        why += f"; {len(others)} of {len(results)} results differ from the first: {many}"
-    one, two = (getattr(result, what).fingerprint[:12] for result in (first, second))
-    return ResultError(
-        f"{names[0]} and {names[others[0]]} were {made} ({one} and {two}): {why}",
-        expected=expected,
-        fix=fix,
-    )
-
-
-def _explain_protocols(first: Result, other: Result) -> str:
+def _explain_protocols(first: Result, other: Result) -> tuple[str, str, str]:
+    """Say how two protocols differ, what was expected, and the remedy."""
     one, two = first.protocol, other.protocol
+    expected = "one protocol: a difference would be its doing as well as the methods'"
+    fix = "name results of one protocol only"
     names = f"{one.name} v{one.version} against {two.name} v{two.version}"
-    if one.name != two.name:
-        return names
-    found = list(_compare_settings(one.settings, two.settings))
-    return _first_settings([names, *found] if one.version != two.version else found)
+    if one.name != two.name:  # they ask different things: one is no slip for the other
+        return names, expected, f"{fix}; `airzoo-bench table` takes several"
+    said = [names] if one.version != two.version else []
+    why = other_settings(one.settings, two.settings, *said)
+    fix = f"score all predictions again with the same --protocol, or {fix}"
+    return why, expected, fix
 
 
-def _explain_truths(first: Result, other: Result) -> str:
+def _explain_truths(first: Result, other: Result) -> tuple[str, str, str]:
     one, two = (f"{r.truth.benchmark} v{r.truth.version}" for r in (first, other))
     why = f"benchmark {one}" + (f" against {two}" if one != two else ", prepared anew")
     for scene in first.truth.scene_titles:
         counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
         if len(set(counts)) > 1:
-            return f"{why}; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
-    return why
+            why += f"; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
+            break
+    fix = "score all predictions again with the same benchmark folder"
+    return why, "one truth: the same queries with the same answers", fix
 
 
-def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
-    """List the settings in which two protocols differ."""
-    return _first_settings(list(_compare_settings(one, two)))
-
-
-def _first_settings(found: Sequence[str]) -> str:
+def other_settings(one: Mapping[str, Any], two: Mapping[str, Any], *said: str) -> str:
+    """List the first settings in which two protocols differ, after what is said of them."""
+    found = [*said, *_compare_settings(one, two)]
     more = len(found) - _SHOWN
     rest = f"; and {counted(more, 'more setting')}" if more > 0 else ""
     return "; ".join(found[:_SHOWN]) + rest
@@ -163,7 +149,7 @@ def _first_settings(found: Sequence[str]) -> str:
 
 def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
     """Yield the settings that differ, with both values."""
-    if isinstance(one, dict) and isinstance(two, dict):
+    if isinstance(one, Mapping) and isinstance(two, Mapping):
         for name in dict.fromkeys([*one, *two]):
             inner = f"{key}.{name}" if key else str(name)
             yield from _compare_settings(one.get(name), two.get(name), inner)

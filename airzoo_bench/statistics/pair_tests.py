@@ -13,7 +13,7 @@ median, where no resample lies beyond 0, is the normal tail with the resamples' 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,7 @@ from airzoo_bench.statistics.samples import (
     resampled_averages,
     without_infinite,
 )
-from airzoo_bench.statistics.shares import (
-    combined_limits,
-    difference_limits,
-    reaches_of_hits,
-    squared_reaches,
-)
+from airzoo_bench.statistics.shares import difference_limits
 from airzoo_bench.statistics.significance import (
     LEVEL,
     exact_p_values,
@@ -235,28 +230,11 @@ def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
             ranked = np.sort(paired_difference(draws[one], draws[others]), axis=1)
             levels = np.broadcast_to(resampling.tails, (len(ranked), 2))
             limits[:, one, others] = quantiles(ranked, levels).T
-    elif all(((part == 0) | (part == 1)).all() for part in sample.values):
-        hits = [part.sum(axis=1) for part in sample.values]
-        for one, others in rows_of(wanted):
-            limits[:, one, others] = _limits_of_hits(sample, hits, confidence, one, others).T
     else:
         for one, others in rows_of(wanted, sum(part.shape[1] for part in sample.values)):
             gaps_of_scenes = sample.differences(one, others)
             limits[:, one, others] = difference_limits(gaps_of_scenes, confidence).T
     return limits
-
-
-def _limits_of_hits(
-    sample: Sample, hits: Sequence[Floats], confidence: float, one: int, others: Places
-) -> Floats:
-    """Take `difference_limits` from the hits that each wins of another, counted by products."""
-    squares, sizes = np.zeros((2, len(others))), [part.shape[1] for part in sample.values]
-    for part, counts, queries in zip(sample.values, hits, sizes, strict=True):
-        both, reaches = part[others] @ part[one], reaches_of_hits(queries, confidence)
-        won, lost = (reaches.at((counts[side] - both).astype(np.intp)) for side in (one, others))
-        squares += squared_reaches(won, lost, queries)
-    means = np.mean([counts / queries for counts, queries in zip(hits, sizes, strict=True)], axis=0)
-    return combined_limits(means[one] - means[others], squares, len(sizes))
 
 
 def correct_pairs(p_values: Floats) -> Floats:

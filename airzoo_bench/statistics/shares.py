@@ -10,11 +10,9 @@ sizes are those of Franco, Little, Louis and Slud (2019). docs/statistics.md has
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv, ndtri, stdtrit
 
 from airzoo_bench.geometry.arrays import Floats
@@ -34,16 +32,15 @@ class Rates(NamedTuple):
 
 
 def effective_rates(values: Floats) -> Rates:
-    """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits."""
+    """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits.
+
+    Sizes come from the sums of squares of hits and of values, with the prior's queries added.
+    """
     count, means = values.shape[1], values.mean(axis=1)
     squares = ((values - means[:, None]) ** 2).sum(axis=1)
-    return _steadied(count, means, count * means * (1 - means), squares)
-
-
-def _steadied(count: int, means: Floats, most: Floats, squares: Floats) -> Rates:
-    """Take sizes from the sums of squares of hits and of values, with the prior's queries added."""
     ends = _PRIOR * (means**2 + (1 - means) ** 2)
-    return Rates(means, np.maximum(most * (count + 2 * _PRIOR) / (squares + ends), count))
+    sizes = count * means * (1 - means) * (count + 2 * _PRIOR) / (squares + ends)
+    return Rates(means, np.maximum(sizes, count))
 
 
 class Reaches(NamedTuple):
@@ -54,24 +51,12 @@ class Reaches(NamedTuple):
     down: Floats
     up: Floats
 
-    def at(self, places: NDArray[np.intp]) -> Reaches:
-        """Choose some rates."""
-        return Reaches(*(part[places] for part in self))
-
 
 def reaches_of(rates: Rates, confidence: float) -> Reaches:
     """Take Jeffreys' limits of rates."""
     means, sizes = rates
     low, high = jeffreys_limits(rates, confidence).T
     return Reaches(means, np.sqrt(means * (1 - means) / sizes), means - low, high - means)
-
-
-@lru_cache(maxsize=64)  # scenes are often of one size, and have the same for every score
-def reaches_of_hits(count: int, confidence: float) -> Reaches:
-    """Take Jeffreys' limits of 0, 1, ..., `count` hits of `count` queries."""
-    means = np.arange(count + 1) / count
-    squares = count * means * (1 - means)
-    return reaches_of(_steadied(count, means, squares, squares), confidence)
 
 
 def wilson_limits(rates: Rates, confidence: float) -> Floats:
@@ -134,12 +119,13 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
                 reaches_of(effective_rates(np.maximum(side, 0.0)), confidence)
                 for side in (values[as_hits], -values[as_hits])
             )
-            of_scene[:, as_hits] = squared_reaches(won, lost, count)
+            of_scene[:, as_hits] = _squared_reaches(won, lost, count)
         squares += of_scene
-    return combined_limits(means, squares, len(scenes))
+    down, up = np.sqrt(np.maximum(squares, 0.0)) / len(scenes)
+    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
 
 
-def squared_reaches(won: Reaches, lost: Reaches, count: int) -> Floats:
+def _squared_reaches(won: Reaches, lost: Reaches, count: int) -> Floats:
     """Return the squared reaches, down and up (2, R), of a scene's share won minus share lost."""
     spread = won.spread * lost.spread * count
     nothing = np.zeros(len(won.means))
@@ -147,9 +133,3 @@ def squared_reaches(won: Reaches, lost: Reaches, count: int) -> Floats:
     correlation = np.maximum(correlation, -1.0)
     pairs = ((won.down, lost.up), (won.up, lost.down))
     return np.stack([one**2 + other**2 - 2 * correlation * one * other for one, other in pairs])
-
-
-def combined_limits(means: Floats, squares: Floats, count: int) -> Floats:
-    """Put squared reaches (2, R), summed over `count` scenes, around mean differences, (R, 2)."""
-    down, up = np.sqrt(np.maximum(squares, 0.0)) / count
-    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
