@@ -106,19 +106,6 @@ def test_matrices_that_are_none(entry: tuple[int, int], value: float, message: s
     assert "4 of 6 (first 3: b, c, d)" in str(caught.value)
 
 
-def test_other_faults_of_cameras() -> None:
-    pair = np.tile(K, (2, 1, 1))
-    for matrices in (K, np.zeros((2, 3, 4)), 1.0):
-        with pytest.raises(CameraError, match="K has shape"):
-            Cameras.from_matrices(matrices, 10, 10)
-    for width in (0, 10.5, np.nan):
-        with pytest.raises(CameraError, match=r"width is not a size in 1 of 2 \(camera 1\)"):
-            Cameras.from_matrices(pair, [10, width], 10)
-    for bent, message in ((np.zeros((2, 3)), "shape"), (np.full((2, 4), np.nan), "NaN")):
-        with pytest.raises(CameraError, match=f"distortion has {message}"):
-            Cameras.from_matrices(pair, 10, 10, bent)
-
-
 def test_beyond_a_first_fold_nothing_is_in_range() -> None:
     # r (1 - 0.3 s + 0.02 s^2), s = r^2: its slope 1 - 0.9 s + 0.1 s^2 is 0 at s = 1.298 and 7.702.
     # At s = 16 it rises again (12.2) and radial is positive (1.32), but that is past two folds.

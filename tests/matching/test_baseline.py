@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +9,9 @@ import pytest
 from PIL import Image
 from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.metadata import priors_to_poses, read_prior
-from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses, angles_to_rotations, world_to_camera
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
+from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.baseline import Task, _match_task, lie_on_map, match, resample
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
@@ -137,15 +132,6 @@ def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
         assert np.abs(np.median(off[far], axis=0)).max() < 0.4
 
 
-def test_photos_that_cannot_be_used(made: list[Task], tmp_path: Path) -> None:
-    other = replace(made[0], camera=camera(800, 650))
-    with pytest.raises(BenchmarkError, match=r"803 x 651 px(.|\n)*800 x 650 px") as caught:
-        _match_task(SETTINGS, other)
-    assert caught.value.where == str(made[0].photo)
-    with pytest.raises(BenchmarkError, match="not a readable photo"):
-        _match_task(SETTINGS, replace(made[0], photo=tmp_path / "c.jpg"))
-
-
 @pytest.mark.parametrize(
     ("yaw", "pitch", "height", "turn", "ratio"),
     [
@@ -169,38 +155,6 @@ def test_plans_worked_by_hand(
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("DJI_0018.JPG", marks=pytest.mark.slow), "DJI_0026.JPG"]
-)
-def test_the_real_scene_with_yaw_right_and_wrong(brighton: Path, name: str) -> None:
-    scene = json.loads((brighton / "poses.json").read_text())
-    truth = scene["images"][name]
-    one = Cameras.from_matrices([scene["K"]], 4000, 2250, [scene["dist_k1k2p1p2"]])
-    pose = Poses.from_centres([truth["R_w2c"]], [truth["center_utm"]])
-    dom = open_info(brighton / "dom_10cm.tif")
-    dsm = HeightField.read(brighton / "dsm_10cm.tif")
-    photo = brighton / "images" / name
-    prior = priors_to_poses({name: read_prior(photo)}, scene["crs"])
-    column, row = world_to_pixel(dom.transform, prior.centres[0, :2])
-    low = np.maximum(np.array((column, row), int) - 450, 0)
-    high = np.minimum(low + 900, (dom.width, dom.height))
-    window = (*low.tolist(), *(high - low).tolist())
-    ground = float(np.nanmedian(dsm.heights))
-    lie = lie_on_map(one, prior, scene["crs"], dom, ground)
-    task = Task(photo, one, dom.path, window, *lie)
-    # The photo's right is 45 degrees from east, or (0026) the metadata have it the other way.
-    assert task.turn_deg == pytest.approx(-133 if name == "DJI_0026.JPG" else 44, abs=2)
-    other = replace(task, turn_deg=task.turn_deg + 180)
-    for query_xy, map_xy in (_match_task(SETTINGS, each) for each in (task, other)):
-        ground_xy = pixel_to_world(dom.transform, map_xy)
-        points = np.column_stack((ground_xy, dsm.sample(ground_xy)))
-        seen = project(one, world_to_camera(pose, points[None]))[0]
-        # Half a metre, to which the poses are good, is some 30 pixels.
-        right = np.linalg.norm(seen - query_xy, axis=1) < 40
-        assert right.sum() > (350 if name == "DJI_0026.JPG" else 40)
-        assert right.mean() > 0.5
-
-
 @pytest.mark.parametrize("turn_deg", [0.0, 89.0, 180.0, -91.0, 270.0, 725.0])
 @pytest.mark.parametrize("scale", [1.0, 0.5, 0.37])
 def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float) -> None:
@@ -212,11 +166,3 @@ def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float)
     assert set(small.shape) == sides
     at = np.array(center_of_mass(small.astype(float))[::-1]) + 0.5
     np.testing.assert_allclose(back[:, :2] @ at + back[:, 2], (30.5, 70.5), rtol=0, atol=0.05)
-
-
-def test_the_turn_brings_its_direction_to_the_right() -> None:
-    grey = np.array(((1, 2, 3), (4, 5, 6)), np.uint8)
-    # Clockwise a quarter from the right is down; 1 over 4 becomes 1 left of 4.
-    assert resample(grey, 1.0, 90.0)[0].tolist() == [[3, 6], [2, 5], [1, 4]]
-    assert resample(grey, 1.0, -90.0)[0].tolist() == [[4, 1], [5, 2], [6, 3]]
-    assert resample(grey, 1.0, 44.0)[0].tolist() == grey.tolist()

@@ -74,16 +74,7 @@ def exchanged(world: World, field: str) -> dict[str, Any]:
 
 
 WRONG_MATCHES: dict[str, tuple[Callable[[World], dict[str, Any]], list[str]]] = {
-    "other size": (lambda w: with_size(w, 320, 240), ["'image_size'", "640x480", "320x240"]),
-    "sides": (lambda w: with_size(w, 480, 640), ["'image_size'", "width before height"]),
     "outside": (one_outside, ["'query_xy'", "hills/q2", "(641.5, 3.0)", "640x480"]),
-    "photo x y": (lambda w: exchanged(w, "query_xy"), ["'query_xy'", "x, the column, before y"]),
-    "map x y": (lambda w: exchanged(w, "map_xy"), ["'map_xy'", "x, the column, before y"]),
-    "map as crop": (
-        lambda w: w.matches(map_frame=np.array("crop")),
-        ["'map_xy'", "hills/q", "map_frame='map'"],
-    ),
-    "crop as map": (in_crops_as_map, ["'map_xy'", "map_frame='crop'"]),
     "x y in crops": (exchanged_in_crops, ["'map_xy'", "x and y exchanged"]),
     "feet": (lambda w: points(w, lambda p: p / (1.0, 1.0, 0.3048)), ["'points3d'", "feet"]),
     "degrees": (lambda w: points(w, lambda p: p / (1e4, 1e6, 1.0)), ["'points3d'", "degrees"]),

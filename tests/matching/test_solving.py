@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,6 @@ from tests.matching.pose_support import (
     joined,
     make_scene,
 )
-from tests.matching.world import World, noisy
-from tests.support import run_main
 
 SOLVERS = ("colmap", "colmap+refine", "poselib")
 Solve = Callable[..., PoseEstimate]
@@ -178,12 +175,3 @@ def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> 
     run = Run(jobs=jobs, engine=Scattered(size))
     found = solve_queries(joined(problems), SOLVER, run)
     assert [fingerprint(estimate) for estimate in found] == alone
-
-
-def test_workers_of_dask_give_the_same_files(world: World, tmp_path: Path) -> None:
-    path = world.write(tmp_path / "m.npz", noisy(world, [*range(5)]))
-    command = ("eval", "matching", path, "--data", world.root, "--format", "json")
-    for name, options in (("a", ()), ("b", ("--engine", "dask", "--jobs", 2))):
-        assert run_main(*command, "--out", tmp_path / name, "--method", "m", *options) == 0
-    for file in ("records.csv", "result.json"):
-        assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes()

@@ -6,16 +6,15 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from rasterio import Affine
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS
+from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.matching.truth import read_truth
-from tests.matching.world import SCENE, World, made_matching_protocol, make_world
+from tests.matching.world import SCENE, World
 
 
 @pytest.fixture
@@ -62,23 +61,6 @@ def test_fingerprint_sees_crops_map_and_surface(world: World) -> None:
     assert len(prints) == 5
 
 
-def test_another_surface_model_is_refused(copied: Path) -> None:
-    benchmark = Benchmark.open(copied)
-    assert len(read_truth(benchmark, SCENE).queries) == 5
-    dsm = copied / "dsm.tif"
-    content = bytearray(dsm.read_bytes())
-    content[-1] ^= 1
-    dsm.write_bytes(content)
-    with pytest.raises(BenchmarkError, match="not the one that the benchmark was") as changed:
-        read_truth(benchmark, SCENE)
-    dsm.unlink()
-    with pytest.raises(BenchmarkError, match="the surface model is not there") as lost:
-        read_truth(benchmark, SCENE)
-    for caught in (changed, lost):
-        assert caught.value.where == str(dsm)
-        assert caught.value.fix
-
-
 def test_crops_of_other_queries_are_refused(copied: Path) -> None:
     benchmark = Benchmark.open(copied)  # checksums hold here
     crops = copied / "scenes" / SCENE / "matching" / "crops.csv"
@@ -88,13 +70,6 @@ def test_crops_of_other_queries_are_refused(copied: Path) -> None:
         read_truth(benchmark, SCENE)
     with pytest.raises(BenchmarkError, match="changed since it was prepared"):
         Benchmark.open(copied)
-
-
-def test_truth_as_prior_is_read_so(tmp_path: Path) -> None:
-    named = make_world(tmp_path, made_matching_protocol(prior={"source": "truth"}))
-    for truth in (named.truth, named.read()):
-        given = truth.queries[list(PRIOR_COLUMNS)].to_numpy()
-        np.testing.assert_array_equal(given, truth.queries[list(POSE_COLUMNS)].to_numpy())
 
 
 def rewritten(folder: Path, name: str, old: str, new: str) -> Benchmark:

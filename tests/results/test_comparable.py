@@ -10,7 +10,6 @@ from airzoo_bench.results.comparable import (
     check_same_queries,
     choose_scores,
     find_scene,
-    version_notes,
 )
 from airzoo_bench.results.result import Result
 from tests.statistics.support import HIT, SOFT, made_method, random_methods
@@ -44,19 +43,6 @@ def test_truth() -> None:
         "m0 and m2 were compared with different truths (tttttttttttt and uuuuuuuuuuuu): "
         "benchmark made v1, prepared anew; scene s: 1 against 2 queries"
     )
-
-
-def test_versions_that_differ_are_named_once() -> None:
-    made = result()
-    older = made.model_copy(update={"versions": made.versions | {"airzoo-bench": "0.0.9"}})
-    assert version_notes(["a", "b"], [made, made]) == []
-    current = made.versions["airzoo-bench"]
-    assert version_notes(["a", "b", "c"], [made, older, made]) == [
-        f"made with different versions of airzoo-bench: {current} (a, c), 0.0.9 (b)"
-    ]
-    lacking = made.model_copy(update={"versions": {"airzoo-bench": "0.0.9", "numpy": "1"}})
-    [note] = version_notes(["a", "b"], [older, lacking])
-    assert note == "made with different versions of numpy: unknown (a), 1 (b)"
 
 
 def test_scenes_by_id_and_title() -> None:

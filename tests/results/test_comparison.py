@@ -7,11 +7,11 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.comparable import choose_scores
-from airzoo_bench.results.comparison import compare, make_sample, score_intervals
+from airzoo_bench.results.comparison import compare
 from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison import comparison_table
 from tests.results.compared import EAST, FAST, WEST, against, hits
-from tests.statistics.support import CHAMFER, ERROR, HIT, made_method, random_methods
+from tests.statistics.support import ERROR, HIT, made_method, random_methods
 
 
 def test_by_hand():
@@ -91,25 +91,3 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     assert table.texts()[0][5].startswith("0.00")
     said = "b and a cannot be told apart on R@1: both have the same value (95 % interval"
     assert table.notes[0].startswith(said)
-
-
-def test_scenes_are_resampled_where_they_have_one_record_each():
-    names = [f"s{number}" for number in range(6)]
-    methods = [
-        made_method(
-            {s: {"chamfer_m": [base + number]} for number, s in enumerate(names)}, (CHAMFER,), m
-        )
-        for base, m in ((1.0, "a"), (2.0, "b"))
-    ]
-    sample = make_sample(methods, [CHAMFER])
-    assert (sample.unit, [part.shape for part in sample.values]) == ("scene", [(2, 6)])
-    found = score_intervals(methods[0], [CHAMFER], FAST)
-    assert found.groups == {}
-    assert found.overall[0].low is not None
-    comparison = against(*methods)
-    # Every scene is worse by the same: no resample can tell how sure that is; 2 of 64 patterns.
-    assert "all scenes are alike" in comparison.pairs[0].interval.reason
-    assert comparison.pairs[0].test.p_value == 2 / 64
-    table = comparison_table(comparison)
-    assert table.title == "Against a, 6 scenes"
-    assert table.notes[-1].startswith("p: paired permutation, two-sided, all patterns;")

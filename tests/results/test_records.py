@@ -68,23 +68,17 @@ def test_edited_records_are_refused(path):
     ("change", "message"),
     [
         (lambda r: r.drop(columns="error_m"), "lacks the column error_m"),
-        (lambda r: r.drop(columns="scene"), "lacks the column scene"),
         (lambda r: r.assign(error_m=[1.0, np.nan, 2.0, 3.0]), "error_m: a score is not a number"),
-        (lambda r: r.assign(error_m=list("abcd")), "error_m: a score is not a number"),
         (lambda r: r.assign(scene="east"), "its scenes are not those"),
         (lambda r: r.assign(query="same"), "a query stands twice"),
         (lambda r: r.assign(error_m=[1.0, -3.0, 2.0, 3.0]), r"score is -3\n.*expected: 0 or more"),
         (lambda r: r.assign(**{"recall@1": [1, 0, 5.0, 0]}), r"score is 5\n.*expected: 0 to 1"),
-        (lambda r: r.assign(**{"recall@1": [1, 0, np.inf, 0]}), "recall@1: a score is inf"),
         (lambda r: r.assign(**{"recall@1": [1, 0, 1.0001, 0]}), "recall@1: a score is 1.0001"),
         (lambda r: r[1:], "scene east has 2 queries\n.*expected: 3, as the result has it"),
-        (lambda r: r.assign(scene=["east", "west", *r.scene[2:]]), "east has 2 queries"),
         (
             lambda r: r.assign(scene=["west", *r.scene[1:3], "east"]),
             "recall@1 in scene west is 1.0",
         ),
-        (lambda r: r.assign(**{"recall@1": 0.0}), "recall@1 in scene east is 0.0\n.*: 0.666"),
-        (lambda r: r.assign(error_m=[0.3, 1, 1 / 3, 1e-299]), "error_m in scene west is 1e-299"),
         (lambda r: r.assign(error_m=[np.inf, np.inf, 0, 1e-300]), "error_m in scene east is inf"),
     ],
 )
