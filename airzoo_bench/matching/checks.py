@@ -110,15 +110,18 @@ def _check_poses(
 
 
 def _check_offsets(content: Correspondences, query_ids: NDArray[np.str_]) -> None:
-    offsets, rows = content.offsets, len(content.query_xy)
+    offsets, rows, count = content.offsets, len(content.query_xy), len(query_ids)
     # Compared, not subtracted: the difference of two large integers may wrap around.
     falling = np.flatnonzero(offsets[1:] < offsets[:-1])
-    if falling.size or offsets[0] != 0 or offsets[-1] != rows:
-        first = f", falling first at query {query_ids[falling[0]]}" if falling.size else ""
+    if len(offsets) != count + 1 or falling.size or offsets[0] != 0 or offsets[-1] != rows:
+        said = f"they are {len(offsets):,} for {counted(count, 'query')}"
+        if len(offsets) == count + 1:
+            said = f"from {offsets[0]} to {offsets[-1]}"
+            said += f", falling first at query {query_ids[falling[0]]}" if falling.size else ""
         raise PredictionError(
-            f"the offsets do not add up: from {offsets[0]} to {offsets[-1]}{first}",
+            f"the offsets do not add up: {said}",
             where="field 'offsets'",
-            expected=f"rising from 0 to {rows}, the number of rows of query_xy",
+            expected=f"{count + 1:,} numbers that rise from 0 to {rows}, the rows of query_xy",
             fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
         )
 

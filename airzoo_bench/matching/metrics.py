@@ -1,4 +1,4 @@
-"""Errors of estimated poses, what each query is worth, and the columns that hold it.
+"""Errors of estimated poses, the scores of each query, and the columns of both.
 
 Errors are (Q,) float64, a value a query, and a failure is an infinite error: it stays in every
 denominator and in the median.

@@ -116,14 +116,6 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
 
 def _read_correspondences(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences:
     offsets = _integers(arrays, "offsets", 1)
-    if len(offsets) != len(query_ids) + 1:
-        raise PredictionError(
-            f"field 'offsets' has {counted(len(offsets), 'entry')} "
-            f"for {counted(len(query_ids), 'query')}",
-            where=arrays.path,
-            expected=f"{len(query_ids) + 1:,}, one more than there are queries",
-            fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
-        )
     query_xy, map_xy, points, size = _pixels(arrays, "query_xy"), None, None, None
     if "map_xy" in arrays.names():
         name, other = "map_xy", (map_xy := _pixels(arrays, "map_xy"))

@@ -114,7 +114,7 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
 
 
 def _explain_protocols(first: Result, other: Result) -> tuple[str, str, str]:
-    """Say how two protocols differ, what was expected, and the remedy."""
+    """Return how two protocols differ, the expectation, and the remedy."""
     one, two = first.protocol, other.protocol
     expected = "one protocol: a difference would be its doing as well as the methods'"
     fix = "name results of one protocol only"

@@ -87,7 +87,7 @@ def sample_intervals(
         [nothing] * rows,
         [None] * len(pairs),
     )
-    for some, take in ((~shares, bootstrap), (shares, _of_shares)):
+    for some, take in ((~shares, bootstrap), (shares, _share_intervals)):
         if not some.any():
             continue
         places = np.flatnonzero(np.concatenate([some, some[pairs[:, 0]]])).tolist()
@@ -116,13 +116,13 @@ def _few_units(units: int, group: str, unit: str) -> Interval | None:
     return Interval.lacking(f"only {counted(units, unit)}{where}: an interval needs {FEWEST}")
 
 
-def _of_shares(
+def _share_intervals(
     sample: Sample, resampling: ResamplingConfig, differences: Pairs, *, groups: bool
 ) -> SampleIntervals:
     pairs, found = _as_array(differences), {}
     for group, values in zip(sample.groups, sample.values, strict=True) if groups else ():
         alone = replace(sample, groups=(group,), values=(values,))
-        found[group] = _of_shares(alone, resampling, pairs, groups=False).overall
+        found[group] = _share_intervals(alone, resampling, pairs, groups=False).overall
     without: list[float | None] = [None] * len(pairs)
     few = _few_units(*sample.fewest, sample.unit)
     if few is not None:
@@ -344,7 +344,7 @@ def _over_scenes(
         found[group] = [
             *(_mean_of_scenes(*row, resampling) for row in zip(values, shares, strict=True)),
             *(
-                _of_scenes(row, two, "student", "the differences of all scenes are")
+                _scene_interval(row, two, "student", "the differences of all scenes are")
                 for row, two in zip(gaps, limits, strict=True)
             ),
         ]
@@ -376,13 +376,13 @@ def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, F
 def _mean_of_scenes(values: Floats, share: bool, resampling: ResamplingConfig) -> Interval:
     if share or not np.isfinite(values).all():
         [limits], _ = student(values[None], np.array([True]), resampling.confidence)
-        return _of_scenes(values, np.maximum(limits, 0.0), "student", "all scenes are")
+        return _scene_interval(values, np.maximum(limits, 0.0), "student", "all scenes are")
     if values.min() <= 0:
         return Interval.lacking("a distance of 0 has no logarithm")
-    return _of_scenes(values, _lognormal(values, resampling), "lognormal", "all scenes are")
+    return _scene_interval(values, _lognormal(values, resampling), "lognormal", "all scenes are")
 
 
-def _of_scenes(values: Floats, limits: Floats, method: str, which: str) -> Interval:
+def _scene_interval(values: Floats, limits: Floats, method: str, which: str) -> Interval:
     if not np.isfinite(values).all():
         return Interval.lacking("a scene failed")
     if np.isnan(limits).any():

@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 from rasterio import Affine
 from scipy.spatial.transform import Rotation
 
-BRIGHTON = Path(__file__).resolve().parents[2] / ".." / "shared" / "real" / "brighton"
-
 # The coefficients of real lenses: a drone's, a strong barrel, a strong pincushion, a wide angle.
 LENSES = (
     (0.0091, 0.0136, -0.00153, 0.00226, 0.0),
