@@ -316,11 +316,7 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
 
 
 def median_height(path: str | Path) -> float:
-    """Return the exact median of all valid heights of a raster, in metres and bounded memory.
-
-    One pass finds the range, one counts heights in bins of it, and one counts the different heights
-    of the bins in the middle, which are few.
-    """
+    """Return the exact median of all valid heights of a raster, in metres and bounded memory."""
     with small_cache(), opened(path) as dataset:
         low, high, total = np.inf, -np.inf, 0
         for heights in _valid_heights(dataset):
@@ -329,17 +325,18 @@ def median_height(path: str | Path) -> float:
         if not total:
             raise RasterError("no valid height", where=path, fix="check its nodata value")
         edges, ranks = np.linspace(low, high, _BINS + 1), ((total - 1) // 2, total // 2)
-        counts = sum(np.histogram(heights, edges)[0] for heights in _valid_heights(dataset))
-        first, last = np.searchsorted(np.cumsum(counts), ranks, side="right")
-        middle: Counter[float] = Counter()
+        counts = np.zeros(_BINS, np.int64)
         for heights in _valid_heights(dataset):
-            below = heights <= high if last == _BINS - 1 else heights < edges[last + 1]
-            values, times = np.unique(
-                heights[below & (heights >= edges[first])], return_counts=True
-            )
+            counts += np.histogram(heights, edges)[0]
+        first, last = np.searchsorted(np.cumsum(counts), ranks, side="right").tolist()
+        beyond = np.inf if last == _BINS - 1 else edges[last + 1]
+        middle: Counter[float] = Counter()  # of the different heights in these bins, which are few
+        for heights in _valid_heights(dataset):
+            inside = heights[(heights >= edges[first]) & (heights < beyond)]
+            values, times = np.unique(inside, return_counts=True)
             middle.update(dict(zip(values.tolist(), times.tolist(), strict=True)))
         values = np.array(sorted(middle))
-        ends = np.sum(counts[:first]) + np.cumsum([middle[value] for value in values.tolist()])
+        ends = counts[:first].sum() + np.cumsum([middle[value] for value in values.tolist()])
         lower, upper = values[np.searchsorted(ends, ranks, side="right")].tolist()
         scale, offset = metres_of(dataset)
         return float((lower + upper) / 2.0 * scale + offset)
