@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import angles_to_rotations
 
-__all__ = ["Convention", "attitudes_to_rotations"]
+__all__ = ["Convention", "attitudes_to_rotations", "grid_to_true_north"]
 
 Convention = Literal["gimbal", "airframe", "omega-phi-kappa"]
 
@@ -37,7 +37,7 @@ def attitudes_to_rotations(
     """Turn angles (..., 3) into world-to-camera rotations (..., 3, 3)."""
     first, second, third = np.moveaxis(np.asarray(angles_deg, dtype=np.float64), -1, 0)
     if convention == "omega-phi-kappa":
-        return _photogrammetric(first, second, third) @ _to_true_north(convergence_deg)
+        return _photogrammetric(first, second, third) @ grid_to_true_north(convergence_deg)
     ahead = angles_to_rotations(first, second, third, convergence_deg=convergence_deg)
     return ahead if convention == "gimbal" else _BELOW @ ahead
 
@@ -52,7 +52,7 @@ def _photogrammetric(omega_deg: Floats, phi_deg: Floats, kappa_deg: Floats) -> F
     return np.moveaxis(np.array((right, down, forward)), (0, 1), (-2, -1))
 
 
-def _to_true_north(convergence_deg: ArrayLike) -> Floats:
+def grid_to_true_north(convergence_deg: ArrayLike) -> Floats:
     """Return the turn from the grid's axes to true east and north, (..., 3, 3)."""
     turn = np.radians(np.asarray(convergence_deg, dtype=np.float64))
     sine, cosine, zero = np.sin(turn), np.cos(turn), np.zeros_like(turn)

@@ -15,7 +15,7 @@ from pyproj.exceptions import CRSError
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of
-from airzoo_bench.core.errors import BenchmarkError, UsageError, counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
@@ -25,7 +25,7 @@ from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
 from airzoo_bench.geometry.heightfield import blocked_heights
 from airzoo_bench.geometry.poses import world_to_camera
 from airzoo_bench.geometry.vertical import vertical_m
-from airzoo_bench.reconstruction.preparation import Box, box_of
+from airzoo_bench.reconstruction.preparation import box_of
 
 __all__ = ["check_cloud"]
 
@@ -40,8 +40,6 @@ _PHOTOS, _LEAST_LOOKING = 100, 2
 def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     """Read a true cloud completely, and compare its place with that of cameras and surface model.
 
-    A damaged cloud, or one of another frame or unit, is then found now and not when scoring.
-
     Return the median height of the cloud above the surface model, in metres; NaN where they do not
     meet, or there is no surface model.
     """
@@ -53,13 +51,26 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
         if cloud.is_dir()
         else open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None)
     )
+    crs = needed(inputs.crs, "CRS", inputs.scene)
     for path in paths:
         if path.suffix.lower() in (".las", ".laz"):
-            _check_stated_crs(path, needed(inputs.crs, "CRS", inputs.scene))
-    _check_place(cloud, box_of(watched), inputs)
+            _check_stated_crs(path, crs)
+    box, centres = box_of(watched), inputs.photos[["x", "y"]].to_numpy(np.float64)
     points = np.concatenate(watched.kept)
+    reach = _REACH_M + np.ptp(centres, axis=0)
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    beside = bool((box.high[:2] < low).any() or (box.low[:2] > high).any())
+    if beside or (inputs.dsm is None and not _is_seen(points, inputs)):
+        x, y = centres.mean(axis=0)
+        raise BenchmarkError(
+            f"lies about ({box.low[0]:.0f}, {box.low[1]:.0f}), the photos about ({x:.0f}, {y:.0f})"
+            + (" do not look at it" if not beside else ""),
+            where=cloud,
+            expected=f"a cloud of what the photos show, in the frame of the poses, {crs}",
+            fix="transform the cloud, or add the offset that it was reduced by; look whether it is "
+            "that of this scene",
+        )
     if inputs.dsm is None:
-        _check_seen(cloud, points, inputs)
         return math.nan
     with blocked_heights(inputs.dsm) as surface:
         above = points[:, 2] - surface.sample(points[:, :2])
@@ -92,40 +103,18 @@ def _check_stated_crs(cloud: Path, crs: str) -> None:
         )
 
 
-def _check_place(cloud: Path, box: Box, inputs: SceneInputs) -> None:
-    centres = inputs.photos[["x", "y"]].to_numpy(np.float64)
-    reach = _REACH_M + np.ptp(centres, axis=0)
-    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
-    if (box.high[:2] < low).any() or (box.low[:2] > high).any():
-        raise BenchmarkError(
-            f"lies about ({box.low[0]:.0f}, {box.low[1]:.0f}), the photos about "
-            f"({centres[:, 0].mean():.0f}, {centres[:, 1].mean():.0f})",
-            where=cloud,
-            expected=f"a cloud in the CRS of the poses, {inputs.crs}",
-            fix="transform the cloud, or add the offset that it was reduced by",
-        )
-
-
-def _check_seen(cloud: Path, points: Floats, inputs: SceneInputs) -> None:
-    """Refuse a cloud that hardly any photo looks at: all frames of their own lie about zero."""
+def _is_seen(points: Floats, inputs: SceneInputs) -> bool:
+    """Tell whether photos look at a cloud: all frames of their own lie about zero."""
     rows = np.linspace(0, len(inputs.photos) - 1, min(len(inputs.photos), _PHOTOS)).astype(int)
     photos = inputs.photos.iloc[np.unique(rows)]
     cameras, poses = cameras_of(photos), poses_of(photos)
-    finite = points[np.isfinite(points).all(axis=1)]
-    looking = 0
+    finite, looking = points[np.isfinite(points).all(axis=1)], 0
     for row in range(len(photos)):
         camera, local = cameras.take(row), world_to_camera(poses.take(row), finite[None])[0]
         pixels = project(camera, local[None, local[:, 2] > 0.0])[0]
         inside = (pixels >= 0.0) & (pixels <= (camera.width[0], camera.height[0]))
         looking += bool(inside.all(axis=1).any())
-    if looking < min(len(photos), _LEAST_LOOKING):
-        raise BenchmarkError(
-            f"{looking} of {counted(len(photos), 'photo')} looked at it",
-            where=cloud,
-            expected="a cloud of what the photos show, in the frame of the poses",
-            fix="look whether it is the cloud of this scene, and whether poses or cloud must be "
-            "transformed",
-        )
+    return looking >= min(len(photos), _LEAST_LOOKING)
 
 
 @dataclass(frozen=True, eq=False)

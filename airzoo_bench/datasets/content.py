@@ -28,7 +28,6 @@ from airzoo_bench.datasets.clouds import check_cloud
 from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, often_lowest, scene_facts
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import (
     LOCAL_CRS,
     check_true_metres,
@@ -37,8 +36,8 @@ from airzoo_bench.geometry.crs import (
     same_plane,
     to_lonlat,
 )
-from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, metres_of, survey_heights
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened, to_map_pixels
+from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, survey_heights
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.prepare import grouped_reasons
 from airzoo_bench.retrieval.settings import Gallery, StatedTruth
@@ -178,8 +177,7 @@ def _check_photos(native: NativeScene) -> None:
     missing = [name for name in native.names if not (native.images / name).is_file()]
     if missing:
         raise BenchmarkError(
-            f"photos of scene {native.scene} are missing: "
-            f"{first_of(map(repr, missing), len(native.names))}",
+            f"photos are missing: {first_of(map(repr, missing), len(native.names))}",
             where=native.images,
             expected="every photo that has a pose",
             fix="download them again, or look whether names differ in upper and lower case",
@@ -216,46 +214,28 @@ def _checked_crs(native: NativeScene) -> str:
     if native.crs == LOCAL_CRS:
         return LOCAL_CRS
     where = native.crs_from or f"{native.pose_source}, scene {native.scene}"
-    crs, xy, dsm = metric_crs(native.crs, where), native.poses.centres[:, :2], native.dsm
+    crs, path = metric_crs(native.crs, where), native.dsm
     try:
-        check_true_metres(crs, to_lonlat(crs, xy), where)
+        check_true_metres(crs, to_lonlat(crs, native.poses.centres[:, :2]), where)
     except CameraError as error:
-        if dsm is None or not _lie_on(xy[:, ::-1], crs, dsm):
-            raise
-        error.fix = "swap x and y of the camera centres: these then lie on the surface model"
         raise error.inside(native.pose_source) from error
-    if dsm is not None:
-        _check_dsm(crs, dsm, native.pose_source)
-    return crs.to_string()
-
-
-def _lie_on(xy: Floats, crs: CRS, dsm: Path) -> bool:
-    """Whether most places lie within the rectangle of the surface model."""
-    info = open_info(dsm)
-    pixels = to_map_pixels(crs, info)(xy)
-    within = ((pixels >= 0.0) & (pixels <= (info.width, info.height))).all(axis=1)
-    return bool(within.mean() > 0.5)
-
-
-def _check_dsm(crs: CRS, path: Path, poses: Path) -> None:
-    """Refuse a surface model in another CRS than the poses, or that looks like a map."""
-    dsm = open_info(path)
-    if not same_plane(crs, dsm.crs):
-        target = path.with_name(f"{path.stem}_warped.tif")
+    dsm = None if path is None else open_info(path)
+    if dsm is not None and not same_plane(crs, dsm.crs):
         raise RasterError(
-            f"the poses ({poses}) and the DSM ({path}) differ in CRS: {describe_crs(crs)} and "
-            f"{describe_crs(dsm.crs)}",
+            f"the poses ({native.pose_source}) and the DSM ({path}) differ in CRS: "
+            f"{describe_crs(crs)} and {describe_crs(dsm.crs)}",
             expected="one CRS",
-            fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear '{path}' '{target}' makes a DSM "
-            "in the CRS of the poses; heights stay as they are",
+            fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear makes a DSM in the CRS of the "
+            "poses; heights stay as they are",
         )
-    if dsm.bands > _MOST_DSM_BANDS:
+    if dsm is not None and dsm.bands > _MOST_DSM_BANDS:
         raise RasterError(
             f"has {dsm.bands} bands",
             where=path,
             expected="one band of heights",
             fix="look whether --dom and --dsm are the wrong way round",
         )
+    return crs.to_string()
 
 
 def surveyed(path: Path) -> HeightSurvey:
@@ -264,9 +244,6 @@ def surveyed(path: Path) -> HeightSurvey:
     if not found.valid:
         raise RasterError("no valid height", where=path, fix="check its nodata value")
     if found.beyond:
-        odd = found.low if found.low < _LOWEST_M else found.high
-        with opened(path) as dataset:
-            scale, offset = metres_of(dataset)
         raise RasterError(
             f"{found.beyond / found.valid:.1%} of its heights are no heights of the ground: they "
             f"go from {found.low:.10g} to {found.high:.10g} m",
@@ -274,8 +251,7 @@ def surveyed(path: Path) -> HeightSurvey:
             expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
             fix="look at their unit: they must be in metres or feet"
             if found.beyond == found.valid
-            else f"where {odd:.10g} m mean that there is no height, tag the number: "
-            f"gdal_edit.py -a_nodata {(odd - offset) / scale:.10g}",
+            else "tag the number that means that there is none: gdal_edit.py -a_nodata",
         )
     return found
 
@@ -290,10 +266,8 @@ def _check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
     in_feet = centre - surface * _FOOT_M
     hint = "look at the vertical datum and unit of both"
     if in_feet > 0.0:
-        hint += (
-            f"; were the DSM in feet, the cameras would be {in_feet:.1f} m above it: name the unit "
-            "with gdal_edit.py -units ft"
-        )
+        hint += f"; were the DSM in feet (gdal_edit.py -units ft), cameras were {in_feet:.1f} m "
+        hint += "above it"
     raise BenchmarkError(
         f"every camera is below the surface: they are at {centre:.1f} m, the "
         f"surface below them is at {surface:.1f} m (medians)",

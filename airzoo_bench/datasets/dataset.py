@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.prepare import (
-    Source,
-    check_target,
-    chosen_scenes,
-    is_prepared,
-    prepare_scenes,
-)
+from airzoo_bench.datasets.prepare import Source, chosen_scenes, is_prepared, prepare_scenes
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
-from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions, path_options
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["Dataset"]
+__all__ = ["Dataset", "path_options"]
 
 OptionsT = TypeVar("OptionsT")
 
@@ -28,8 +24,7 @@ OptionsT = TypeVar("OptionsT")
 class Dataset(ABC, Generic[OptionsT]):
     """A kind of data, such as own photos, or a benchmark as it is downloaded.
 
-    A dataset states what it is, which scenes are below its source (`scenes`), and reads one of them
-    (`read`); all else is done here.
+    It states what it is, names the scenes below its source (`scenes`) and reads one (`read`).
 
     Attributes
     ----------
@@ -47,12 +42,7 @@ class Dataset(ABC, Generic[OptionsT]):
 
     Notes
     -----
-    Its methods take options of that class, and these:
-
-    root : Path
-        The data root, for protocols to start from.
-    settings : PrepareSettings
-        Where the folder is made, and how.
+    Its methods take options of that class; `root` is the data root, for protocols to start from.
     """
 
     name: ClassVar[str] = ""
@@ -128,7 +118,13 @@ class Dataset(ABC, Generic[OptionsT]):
         UserError
             The data are missing or wrong, or the folder cannot be written.
         """
-        check_target(path_options(options), settings.folder)
+        for path in path_options(options):
+            if settings.folder.resolve() in (path.resolve(), *path.resolve().parents):
+                raise UsageError(
+                    f"the folder to make holds {path}, which it is made from",
+                    where=settings.folder,
+                    fix="name another --out",
+                )
         protocols = self.benchmark_protocols(options, settings.root)
         return prepare_scenes(self._source(options), protocols, settings)
 
@@ -136,3 +132,9 @@ class Dataset(ABC, Generic[OptionsT]):
         there = self.scenes(options)
         only, source = getattr(options, "scene", None), getattr(options, "source", Path())
         return Source(chosen_scenes(there, only, source), self.read, options)
+
+
+def path_options(options: Any) -> list[Path]:
+    """Return the options that are paths."""
+    values = [getattr(options, one.name) for one in fields(options)]
+    return [value for value in values if isinstance(value, Path)]

@@ -1,11 +1,10 @@
-"""Fetching a published benchmark from Hugging Face, its files verified."""
+"""Fetching a published benchmark from Hugging Face by its own client, each file verified."""
 
 from __future__ import annotations
 
 import errno
 import hashlib
 import importlib
-import json
 import os
 import shutil
 import sys
@@ -13,21 +12,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
-from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.version import __version__
 
 __all__ = ["HubDataset", "HubFile", "Plan", "download", "of_scenes", "planned"]
 
-_HOME = ".airzoo-bench"
-_LIST = "verified.json"
-_BLOCK = 1 << 20
 _SHA256 = 64  # hexadecimal digits; SHA-1 has 40
-_TOO_LARGE = 50_000_000_000  # the hub serves larger files by a protocol of its own, not by HTTP
+_AGAIN = "run this again: what is there is kept"
 _STATUS = {
     401: ("the login is not valid, or there is no such dataset", "hf auth login"),
     403: ("this login may not read it", "hf auth login, with a token that may read gated datasets"),
@@ -38,10 +32,7 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class HubFile:
-    """A file of a dataset.
-
-    `digest` is SHA-256 for files in large file storage, else SHA-1 as git computes it.
-    """
+    """A file of a dataset; `digest` is SHA-256 for large files, else SHA-1 as git computes it."""
 
     path: str
     size: int
@@ -60,11 +51,12 @@ class HubDataset:
                 "downloads need huggingface_hub, which is not installed",
                 fix="pip install 'airzoo-bench[download]'",
             ) from error
-        self._endpoint = os.environ.get("HF_ENDPOINT") or None
+        endpoint = os.environ.get("HF_ENDPOINT") or None
         library = {"library_name": "airzoo-bench", "library_version": __version__}
-        self._api = self._client.HfApi(endpoint=self._endpoint, **library)
-        self._headers = self._client.utils.build_hf_headers(**library)
+        self._api = self._client.HfApi(endpoint=endpoint, **library)
         self.page = f"{self._api.endpoint}/datasets/{repository}"
+        if not sys.stderr.isatty():
+            self._client.utils.disable_progress_bars()
         with self._explained():
             info = self._api.dataset_info(repository)
             if info.gated:
@@ -81,38 +73,17 @@ class HubDataset:
             for entry in entries
             if hasattr(entry, "blob_id")
         ]
-        for file in found:
-            parts = PurePosixPath(file.path).parts
-            if not parts or file.path[0] == "/" or {"..", "\\", ":"} & {*parts, *file.path}:
-                raise BenchmarkError(
-                    f"the list has a path that leads elsewhere: {file.path[:80]!r}",
-                    where=self.page,
-                    expected="paths below the dataset",
-                )
         return sorted(found, key=lambda file: file.path)
 
-    def fetch(self, file: HubFile, part: Path) -> None:
-        """Fetch a file's bytes behind those that `part` has already."""
-        if file.size > _TOO_LARGE:
-            raise UsageError(
-                f"{file.path} is {file.size / 1e9:.0f} GB, more than can be fetched by HTTP",
-                where=self.page,
-                fix=f"hf download --repo-type dataset {self.repository} {file.path!r} "
-                "--local-dir DIR, then run this again",
-            )
-        place = {"repo_type": "dataset", "revision": self.commit, "endpoint": self._endpoint}
-        url = self._client.hf_hub_url(self.repository, file.path, **place)
-        if not sys.stderr.isatty():
-            self._client.utils.disable_progress_bars()
-        fetching = importlib.import_module("huggingface_hub.file_download")
-        with self._explained(file.path), part.open("ab") as target:
-            fetching.http_get(
-                url,
-                target,
-                resume_size=target.tell(),
-                headers=self._headers,
-                expected_size=file.size,
-                displayed_filename=file.path,
+    def fetch(self, file: HubFile, folder: Path) -> None:
+        """Fetch a file into its place below a folder, behind what an earlier run fetched."""
+        with self._explained(file.path):
+            self._api.hf_hub_download(
+                self.repository,
+                file.path,
+                repo_type="dataset",
+                revision=self.commit,
+                local_dir=folder,
             )
 
     @contextmanager
@@ -130,23 +101,25 @@ class HubDataset:
                 fix=f"visit {self.page}, accept its terms and wait to be let in where they ask for "
                 "it; then: hf auth login",
             ) from error
-        except errors.HfHubHTTPError as error:
-            status = int(error.response.status_code)
-            what, fix = _STATUS.get(status, ("the server fails", "run this again later"))
-            raise UsageError(f"{what} (status {status})", where=where, fix=fix) from error
-        except errors.HTTPError as error:
-            raise UsageError(
-                f"cannot be reached: {error or type(error).__name__}",
-                where=where,
-                fix="look at the network, the proxy and HF_ENDPOINT, and run this again: what is "
-                "there is kept",
-            ) from error
+        except (errors.HTTPError, errors.HfHubHTTPError, errors.LocalEntryNotFoundError) as error:
+            cause = error.__cause__ or error
+            answer = getattr(cause, "response", None)
+            what = f"cannot be reached: {cause}"
+            fix = f"look at the network, the proxy and HF_ENDPOINT, and {_AGAIN}"
+            if answer is not None:
+                status = int(answer.status_code)
+                what, fix = _STATUS.get(status, ("the server fails", _AGAIN))
+                what += f" (status {status})"
+            raise UsageError(what, where=where, fix=fix) from error
         except OSError as error:
-            if error.strerror is not None or error.errno is not None:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                fix = f"make room and {_AGAIN}"
+                raise UsageError("the disk is full", where=where, fix=fix) from error
+            if error.errno is not None:
                 raise
             # The client's own word for a body that is shorter or longer than announced.
             what = str(error).splitlines()[0]
-            raise BenchmarkError(what, where=where, fix="run this again") from error
+            raise BenchmarkError(what, where=where, fix=_AGAIN) from error
 
 
 @dataclass(frozen=True)
@@ -167,42 +140,37 @@ def of_scenes(
     files: Sequence[HubFile], patterns: Mapping[str, Sequence[str]], scenes: Sequence[str]
 ) -> list[HubFile]:
     """Return the files of some scenes, and those that belong to none."""
-    others = [one for scene, of in patterns.items() if scene not in scenes for one in of]
-    wanted = [one for scene in scenes for one in patterns[scene]]
     for scene in scenes:
-        if not any(fnmatchcase(file.path, one) for file in files for one in patterns[scene]):
+        if not any(_fits(file, patterns[scene]) for file in files):
             raise UsageError(
                 f"no file of scene {scene} is listed",
                 where="--scene",
                 expected=" or ".join(patterns[scene]),
                 fix="leave --scene out to fetch all, and name scenes at `prepare`",
             )
-    return [
-        file
-        for file in files
-        if any(fnmatchcase(file.path, one) for one in wanted)
-        or not any(fnmatchcase(file.path, one) for one in others)
-    ]
+    others = [one for scene, of in patterns.items() if scene not in scenes for one in of]
+    wanted = [one for scene in scenes for one in patterns[scene]]
+    return [file for file in files if _fits(file, wanted) or not _fits(file, others)]
+
+
+def _fits(file: HubFile, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(file.path, one) for one in patterns)
 
 
 def planned(folder: Path, files: Sequence[HubFile], progress: Progress) -> Plan:
     """Look which files are there already, and how much room the others need."""
-    record = _read_record(folder)
     lacking: list[HubFile] = []
     strange: list[str] = []
     for file in progress(files, "files", len(files)):
         target = folder / file.path
+        ours = _fetched_digest(folder, file)
         if not target.is_file():
             lacking.append(file)
-        elif record.get(file.path) != _entry(target, file):
-            if _digest(target, file.digest) == file.digest:
-                record[file.path] = _entry(target, file)
+        elif file.digest not in (ours, _digest(target, file.digest)):
+            if ours is not None and ours == _digest(target, ours):  # of an earlier commit
+                lacking.append(file)
             else:
-                ours = str(record.get(file.path, {}).get("digest"))
-                if _digest(target, ours) == ours:  # of an earlier commit
-                    lacking.append(file)
-                else:
-                    strange.append(file.path)
+                strange.append(file.path)
     if strange:
         raise BenchmarkError(
             "files of these names are there, and are not those that are published: "
@@ -210,89 +178,44 @@ def planned(folder: Path, files: Sequence[HubFile], progress: Progress) -> Plan:
             where=folder,
             fix="remove them, or name another folder with --to",
         )
-    _write_record(folder, record)
-    needed = sum(file.size - _size(_part(folder, file)) for file in lacking)
     near = next(place for place in (folder, *folder.resolve().parents) if place.exists())
-    return Plan(folder, tuple(files), tuple(lacking), needed, shutil.disk_usage(near).free)
+    needed, free = sum(file.size for file in lacking), shutil.disk_usage(near).free
+    return Plan(folder, tuple(files), tuple(lacking), needed, free)
+
+
+def _fetched_digest(folder: Path, file: HubFile) -> str | None:
+    """Return the digest that the client noted of a file, if that was not written to since."""
+    note = folder / ".cache/huggingface/download" / f"{file.path}.metadata"
+    try:
+        _, digest, when = note.read_text().split()
+        changed = (folder / file.path).stat().st_mtime > float(when) + 1.0
+    except (OSError, ValueError):
+        return None
+    return None if changed else digest
 
 
 def download(plan: Plan, source: HubDataset, progress: Progress) -> None:
-    """Fetch the lacking files; each appears when it is whole and verified."""
-    record = _read_record(plan.folder)
+    """Fetch the lacking files, and hold each to the digest of the dataset's list."""
     for file in progress(plan.lacking, "files", len(plan.lacking)):
-        part, target = _part(plan.folder, file), plan.folder / file.path
-        try:
-            part.parent.mkdir(parents=True, exist_ok=True)
-            _fetch_verified(file, part, source, plan.folder)
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            raise UsageError(
-                "the disk is full",
+        source.fetch(file, plan.folder)
+        target = plan.folder / file.path
+        if _digest(target, file.digest) != file.digest:
+            target.unlink()
+            raise BenchmarkError(
+                f"{file.path} is damaged: what came is not what the dataset's list says",
                 where=plan.folder,
-                fix="make room and run this again: what is there is kept",
-            ) from error
-        target.parent.mkdir(parents=True, exist_ok=True)
-        part.replace(target)
-        record[file.path] = _entry(target, file)
-        _write_record(plan.folder, record)
-
-
-def _fetch_verified(file: HubFile, part: Path, source: HubDataset, folder: Path) -> None:
-    """Fetch a file; what was begun and turns out wrong is fetched once more from the start."""
-    for last in (_size(part) == 0, True):
-        if _size(part) > file.size:
-            part.unlink()
-        if _size(part) < file.size or not part.exists():
-            source.fetch(file, part)
-        if _size(part) == file.size and _digest(part, file.digest) == file.digest:
-            return
-        part.unlink(missing_ok=True)
-        if last:
-            break
-    raise BenchmarkError(
-        f"{file.path} is damaged: what came is not what the dataset's list says",
-        where=folder,
-        expected=f"{file.size} bytes with the checksum {file.digest}",
-        fix="run this again; where it stays so, tell the owners of the dataset",
-    )
-
-
-def _entry(target: Path, file: HubFile) -> dict[str, Any]:
-    status = target.stat()
-    return {"digest": file.digest, "size": status.st_size, "modified_ns": status.st_mtime_ns}
-
-
-def _part(folder: Path, file: HubFile) -> Path:
-    return folder / _HOME / f"{file.digest}.part"
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size if path.exists() else 0
+                expected=f"{file.size} bytes with the checksum {file.digest}",
+                fix="run this again; where it stays so, tell the owners of the dataset",
+            )
 
 
 def _digest(path: Path, like: str) -> str:
     """Return the checksum of the kind that another one is of."""
     digest = hashlib.sha256()
     if len(like) != _SHA256:
-        digest = hashlib.sha1(b"blob %d\0" % _size(path), usedforsecurity=False)
+        size = path.stat().st_size
+        digest = hashlib.sha1(b"blob %d\0" % size, usedforsecurity=False)
     with path.open("rb") as file:
-        while block := file.read(_BLOCK):
+        while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
-
-
-def _read_record(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return what was verified before; nothing where that cannot be read."""
-    try:
-        found = json.loads((folder / _HOME / _LIST).read_text(encoding="utf-8"))
-        return {path: dict(entry) for path, entry in found.items()}
-    except (FileNotFoundError, ValueError, AttributeError, TypeError):
-        return {}  # then files are verified by their bytes
-
-
-def _write_record(folder: Path, record: Mapping[str, Any]) -> None:
-    if record:
-        (folder / _HOME).mkdir(parents=True, exist_ok=True)
-        with atomic_write(folder / _HOME / _LIST, "w") as file:
-            json.dump(record, file, indent=1, sort_keys=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -112,24 +111,12 @@ class PriorFacts:
 class SceneFacts:
     """Figures of a scene; None for parts that are missing, shares NaN.
 
-    Attributes
-    ----------
-    is_metadata : bool
-        Whether poses are the metadata's.
-    without_prior : mapping of str to tuple of str
-        Ids of photos without a prior by what they lack: position, altitude or gimbal angles.
-    photo_gsd_m, footprint_m : float
-        Medians over photos: ground width of a pixel, and of the photo's longer side.
-    on_map, on_surface : float
-        Share of the photos' corners, on the plane, within the rectangle of map and surface model.
-    shared_ground : float
-        Share of map or surface model, whichever is greater, that lies over the other.
-    crop_shares, positive_shares : (Q,) array or None
-        Share of the map that a query's crop takes; of the gallery that answers it.
-    dropped : str
-        Which tiles are not in the gallery.
-    nearest_missed : float
-        Share of queries that the tile does not answer whose centre is nearest to the footprint's.
+    `without_prior` are ids by what they lack. `photo_gsd_m` and `footprint_m` are medians of the
+    ground width of a pixel and of the longer side; `on_map` and `on_surface` shares of the photos'
+    corners within the rectangle; `shared_ground` is the share of map or surface model, whichever is
+    greater, that lies over the other. `crop_shares` and `positive_shares` (Q,) are of the map and
+    of the gallery; `nearest_missed` is the share of queries that the tile does not answer whose
+    centre is nearest to the footprint's.
     """
 
     inputs: SceneInputs
@@ -152,49 +139,6 @@ class SceneFacts:
     dropped_tiles: int
     dropped: str
     nearest_missed: float
-
-    def values(self) -> dict[str, Any]:
-        """Return the figures as JSON values."""
-        cameras, survey, dom, gps, priors = (
-            self.cameras,
-            self.survey,
-            self.inputs.dom,
-            self.gps,
-            self.priors,
-        )
-        return {
-            "photos": len(self.inputs.photos),
-            "height_over_surface_m": _json(cameras.height_m),
-            "height_over_take_off_m": _json(_median(cameras.relative_m)),
-            "cameras_below_surface": cameras.below,
-            "photo_gsd_m": _json(self.photo_gsd_m),
-            "photos_without_prior": {what: len(ids) for what, ids in self.without_prior.items()},
-            "gps": gps
-            and {
-                "photos": gps.photos,
-                "distance_m": _json(gps.distance_m),
-                "height_m": _json(gps.height_m),
-            },
-            "priors": priors
-            and {
-                "photos": len(priors.ids),
-                "position_m": priors.position_m,
-                "yaw_deg": priors.yaw_deg,
-                "pitch_deg": priors.pitch_deg,
-                "rotation_deg": priors.rotation_deg,
-            },
-            "map_px": dom and [dom.width, dom.height],
-            "map_gsd_m": self.map_gsd_m and list(self.map_gsd_m),
-            "map_and_surface_shared": _json(self.shared_ground),
-            "corners_on_map": _json(self.on_map),
-            "corners_on_surface": _json(self.on_surface),
-            "surface_valid_share": survey and survey.valid_share,
-            "surface_m": survey and [survey.low, self.inputs.plane_height_m, survey.high],
-            "cloud_over_surface_m": _json(self.cloud_over_surface_m),
-            "dropped_tiles": self.dropped_tiles,
-            "crop_share": _json(_mean(self.crop_shares)),
-            "chance_of_positive": _json(_mean(self.positive_shares)),
-        }
 
 
 def scene_facts(
@@ -356,23 +300,28 @@ def _mean(values: Floats | Bools | None) -> float:
     return math.nan if values is None or not len(values) else float(np.mean(values))
 
 
-def _json(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
-
-
 def fact_lines(facts: SceneFacts) -> list[str]:
     """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
-    rows = [
-        ("photos", _photos_line(facts)),
-        ("poses", _poses_line(facts)),
-        ("priors", _priors_line(facts.priors)),
-        ("map", _map_line(facts)),
-        ("surface", _surface_line(facts)),
-        ("cloud", _cloud_line(facts.cloud_over_surface_m)),
-        ("crops", _crops_line(facts)),
-        ("chance", _chance_line(facts)),
-    ]
-    return [f"{name:15} {text}" for name, text in rows if text]
+    crops, cloud = facts.crop_shares, facts.cloud_over_surface_m
+    rows = {"photos": _photos_line(facts), "poses": _poses_line(facts)}
+    if facts.priors is not None:
+        one = facts.priors
+        rows["priors"] = (
+            f"{len(one.ids)}, off by {one.position_m:.1f} m; yaw {one.yaw_deg:.1f}, pitch "
+            f"{one.pitch_deg:.1f}, rotation {one.rotation_deg:.1f} degrees (medians)"
+        )
+    rows |= _map_lines(facts)
+    if cloud is not None and math.isfinite(cloud):
+        rows["cloud"] = f"{round(cloud, 2) + 0.0:.2f} m above the surface (median)"
+    if crops is not None and len(crops):
+        rows["crops"] = f"{crops.mean():.0%} of the map each on average, at most {crops.max():.0%}"
+    if facts.positive_shares is not None and len(facts.positive_shares):
+        chance = facts.positive_shares.mean()
+        rows["chance"] = f"a random tile is a right answer in {chance:.1%} of cases"
+        if facts.dropped_tiles:
+            tiles = counted(facts.dropped_tiles, "tile")
+            rows["chance"] += f"; {tiles} {facts.dropped} left out"
+    return [f"{name:15} {text}" for name, text in rows.items()]
 
 
 def _photos_line(facts: SceneFacts) -> str:
@@ -402,58 +351,22 @@ def _poses_line(facts: SceneFacts) -> str:
     return f"{text} (medians)"
 
 
-def _priors_line(priors: PriorFacts | None) -> str:
-    if priors is None:
-        return ""
-    return (
-        f"{len(priors.ids)}, off by {priors.position_m:.1f} m; yaw {priors.yaw_deg:.1f}, pitch "
-        f"{priors.pitch_deg:.1f}, rotation {priors.rotation_deg:.1f} degrees (medians)"
-    )
-
-
-def _map_line(facts: SceneFacts) -> str:
-    dom = facts.inputs.dom
-    if dom is None or facts.map_gsd_m is None:
-        return ""
-    across, down = facts.map_gsd_m
-    square = math.isclose(across, down, rel_tol=0.01)
-    gsd = f"{across:.3g}" if square else f"{across:.3g} x {down:.3g}"
-    text = f"{dom.width} x {dom.height} px, {gsd} m per pixel"
-    if math.isfinite(facts.on_map):
-        text += f"; {facts.on_map:.0%} of the photos' corners lie on it"
-    return text
-
-
-def _surface_line(facts: SceneFacts) -> str:
-    survey, plane = facts.survey, facts.inputs.plane_height_m
-    if survey is None:
-        return "" if plane is None else f"none; the ground is taken as a plane at {plane:.1f} m"
-    within = plane is None or survey.low <= plane <= survey.high
-    what = "median" if within else "the plane at"
-    return (
-        f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
-        f"{survey.high:.1f} m, {what} {plane:.1f} m"
-    )
-
-
-def _cloud_line(above_m: float | None) -> str:
-    if above_m is None or math.isnan(above_m):
-        return ""
-    return f"{round(above_m, 2) + 0.0:.2f} m above the surface (median)"
-
-
-def _crops_line(facts: SceneFacts) -> str:
-    shares = facts.crop_shares
-    if shares is None or not len(shares):
-        return ""
-    return f"{shares.mean():.0%} of the map each on average, at most {shares.max():.0%}"
-
-
-def _chance_line(facts: SceneFacts) -> str:
-    shares = facts.positive_shares
-    if shares is None or not len(shares):
-        return ""
-    text = f"a random tile is a right answer in {shares.mean():.1%} of cases"
-    if facts.dropped_tiles:
-        text += f"; {counted(facts.dropped_tiles, 'tile')} {facts.dropped} left out"
-    return text
+def _map_lines(facts: SceneFacts) -> dict[str, str]:
+    """Return the lines on map and surface model."""
+    dom, survey, plane, rows = facts.inputs.dom, facts.survey, facts.inputs.plane_height_m, {}
+    if dom is not None and facts.map_gsd_m is not None:
+        across, down = facts.map_gsd_m
+        square = math.isclose(across, down, rel_tol=0.01)
+        gsd = f"{across:.3g}" if square else f"{across:.3g} x {down:.3g}"
+        rows["map"] = f"{dom.width} x {dom.height} px, {gsd} m per pixel"
+        if math.isfinite(facts.on_map):
+            rows["map"] += f"; {facts.on_map:.0%} of the photos' corners lie on it"
+    if survey is not None:
+        within = plane is None or survey.low <= plane <= survey.high
+        rows["surface"] = (
+            f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
+            f"{survey.high:.1f} m, {'median' if within else 'the plane at'} {plane:.1f} m"
+        )
+    elif plane is not None:
+        rows["surface"] = f"none; the ground is taken as a plane at {plane:.1f} m"
+    return rows

@@ -46,10 +46,8 @@ def surface_centres(
     surface = _of_surface(dsm, dsm_vertical)
     if stated is None or (vertical is None and surface is None):
         return in_metres, ()
-    lonlat = to_lonlat(crs, in_metres[:, :2])
-    heights, note = _changed(
-        in_metres[:, 2], lonlat, stated, surface, where, "heights of the poses"
-    )
+    lonlat, what = to_lonlat(crs, in_metres[:, :2]), "heights of the poses"
+    heights, note = _changed(in_metres[:, 2], lonlat, stated, surface, where, what)
     return np.column_stack((in_metres[:, :2], heights)), note
 
 
@@ -64,10 +62,10 @@ def surface_altitudes(
     """Return priors with altitudes as the surface model has heights, and a note."""
     if named is None:
         return metadata, ()
-    place = f"{option} {named}"
     rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
     values = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    surface, source = _of_surface(dsm, dsm_vertical), _named(named, place)
+    place, surface = f"{option} {named}", _of_surface(dsm, dsm_vertical)
+    source = _named(named, place)
     heights, note = _changed(values[:, 2], values[:, :2], source, surface, place, what)
     found = {
         name: prior if prior.altitude_m is None else replace(prior, altitude_m=float(height))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.core.errors import BenchmarkError, CameraError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import nearest, unambiguous_json
 from airzoo_bench.formats.photos import opened_photo
@@ -41,23 +41,20 @@ _MOST_RATIO = 1.3  # between two focal lengths of one camera
 
 def read_camera_file(path: Path) -> dict[str, float]:
     """Read a camera from JSON: an object of numbers."""
-    text = read_text(path, BenchmarkError, "camera file")
     try:
-        values: Any = unambiguous_json(text)
+        values: Any = unambiguous_json(read_text(path, BenchmarkError, "camera file"))
     except ValueError as error:
         raise BenchmarkError(f"not JSON: {error}", where=path, expected=_EXPECTED) from error
     known = [*LENS_KEYS, "width", "height"]
     if not isinstance(values, dict) or not values:
         raise BenchmarkError("is no object with values", where=path, expected=_EXPECTED)
     for key, value in values.items():
-        if key not in known:
+        if key not in known or isinstance(value, bool) or not isinstance(value, int | float):
             raise BenchmarkError(
-                f"unknown key {key[:40]!r}{nearest(key, known)}",
+                f"{key[:40]!r} is {str(value)[:40]!r}{nearest(key, known)}",
                 where=path,
-                expected=f"some of {', '.join(known)}",
+                expected=f"numbers by some of {', '.join(known)}",
             )
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise BenchmarkError(f"{key} is {str(value)[:40]!r}", where=path, expected="a number")
     return {key: float(value) for key, value in values.items()}
 
 
@@ -104,28 +101,21 @@ def check_focal_lengths(
     values: Mapping[str, Mapping[str, float]],
     sizes: Mapping[str, tuple[int, int]],
     where: Path,
-) -> list[str]:
-    """Hold fx that does not say of which size of photo it is to EXIF; return a note on the size."""
-    known = {name: one["fx"] for name, one in values.items() if "fx" in one}
-    focal_px = {n: fx for n, fx in known.items() if not {"width", "cx"} & set(values[n])}
-    if not focal_px:
-        return []
-    film = {name: film_focal_px(images / name, sizes[name])[0] for name in focal_px}
-    pairs = {name: (focal_px[name], fx) for name, fx in film.items() if fx is not None}
-    off = [name for name, pair in pairs.items() if not are_alike(*pair)]
-    if off:
-        (fx, of_film), (width, height) = pairs[off[0]], sizes[off[0]]
-        raise CameraError(
-            f"fx is {fx:g} px, and the focal length of 35 mm film makes {of_film:g} px in a photo "
-            f"of {width}x{height} px: {first_of(off, len(pairs))}",
-            where=where,
-            expected="the focal length in pixels of photos of this size",
-            fix=f'scale fx to the photos; if it is right, give --camera with "width": {width} and '
-            f'"height": {height}',
-        )
-    shown = sorted({f"{width}x{height}" for width, height in map(sizes.__getitem__, focal_px)})
-    stated = f"by EXIF in {len(pairs)} of {len(focal_px)}" if pairs else "which no EXIF confirms"
-    return [f"fx is taken for photos of {first_of(shown, noun='size')} px, {stated}"]
+) -> None:
+    """Hold fx that does not say of which size of photo it is to EXIF."""
+    for name, one in values.items():
+        if "fx" not in one or {"width", "cx"} & set(one):
+            continue
+        film, (width, height) = film_focal_px(images / name, sizes[name])[0], sizes[name]
+        if film is not None and not are_alike(one["fx"], film):
+            raise CameraError(
+                f"fx is {one['fx']:g} px, and the focal length of 35 mm film makes {film:g} px in "
+                f"a photo of {width}x{height} px, {name}",
+                where=where,
+                expected="the focal length in pixels of photos of this size",
+                fix=f'scale fx to the photos; if it is right, give --camera with "width": {width} '
+                f'and "height": {height}',
+            )
 
 
 def are_alike(first: float, second: float) -> bool:

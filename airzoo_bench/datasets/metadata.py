@@ -50,8 +50,6 @@ _NAMESPACE = "http://www.dji.com/drone-dji/1.0/"
 _GPS_IFD = 0x8825
 _LATITUDE, _LONGITUDE, _ALTITUDE = 2, 4, 6  # the tag before each is the reference of its sign
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
-# Above sea level or ellipsoid, and below; EXIF 3.0 added 2 and 3.
-_ALTITUDE_SIGN = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 
 
 @dataclass(frozen=True)
@@ -87,24 +85,17 @@ def read_prior(path: Path) -> PhotoPrior:
     try:
         texts = _dji_texts(packet)
         lon, lat = _position(gps, texts)
-        return PhotoPrior(
-            lon,
-            lat,
-            _altitude(gps, texts),
-            _dji_number(texts, "GimbalYawDegree"),
-            _dji_number(texts, "GimbalPitchDegree"),
-            _dji_number(texts, "GimbalRollDegree"),
-            _dji_number(texts, "RelativeAltitude"),
-        )
+        names = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree", "RelativeAltitude")
+        rest = (_dji_number(texts, name) for name in names)
+        return PhotoPrior(lon, lat, _altitude(gps, texts), *rest)
     except BenchmarkError as fault:
         raise fault.inside(path) from fault
 
 
 def read_dji_texts(path: Path) -> dict[str, str]:
     """Read all that DJI's XMP of a photo states, by the names without its namespace."""
-    packet = _metadata(path)[1]
     try:
-        return _dji_texts(packet)
+        return _dji_texts(_metadata(path)[1])
     except BenchmarkError as fault:
         raise fault.inside(path) from fault
 
@@ -130,21 +121,17 @@ def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, fl
         rows, names = list(table), list(table.fieldnames or ())
     except csv.Error as error:
         raise BenchmarkError(f"not a CSV: {error}", where=path) from error
-    known = "image" in names and set(names) <= {"image", *PRIOR_VALUES}
-    if not known or len(set(names)) < len(names):
+    if sorted({*names, "image"} & {"image", *PRIOR_VALUES}) != sorted(names):
         raise BenchmarkError(
             f"has the columns {', '.join(map(str, names))}",
             where=path,
             expected=f"image, and some of {', '.join(PRIOR_VALUES)}, each once",
         )
     images, there = [row["image"] for row in rows], set(photos)
-    twice = [name for name, count in Counter(images).items() if count > 1]
-    unknown = [name for name in images if name not in there]
-    if twice or unknown:
+    odd = [name for name, count in Counter(images).items() if count > 1 or name not in there]
+    if odd:
         raise BenchmarkError(
-            f"named twice: {first_of(map(repr, twice))}"
-            if twice
-            else f"no photos: {first_of(map(repr, unknown))}",
+            f"named twice, or no photos: {first_of(map(repr, odd))}",
             where=path,
             expected="each photo once, by its name relative to the folder of the photos",
         )
@@ -154,14 +141,11 @@ def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, fl
 def _values(row: Mapping[str, str | None], line: int, path: Path) -> dict[str, float]:
     found = {}
     for name in PRIOR_VALUES:
-        text = (row.get(name) or "").strip()
-        if not text:
-            continue
+        text, limit = (row.get(name) or "").strip(), _LIMITS.get(name, 1e6)
         try:
-            value = math.nan if "_" in text else float(text)
+            value = float(text or "0")
         except ValueError:
             value = math.nan
-        limit = _LIMITS.get(name, 1e6)
         if not abs(value) <= limit:
             raise BenchmarkError(
                 f"column {name}, line {line}: {text[:40]!r}",
@@ -169,7 +153,8 @@ def _values(row: Mapping[str, str | None], line: int, path: Path) -> dict[str, f
                 expected=f"a number, at most {limit:g} either way",
                 fix="look whether lon and lat are swapped" if name == "lat" else None,
             )
-        found[name] = value
+        if text:
+            found[name] = value
     return found
 
 
@@ -253,10 +238,7 @@ def _position(gps: dict[int, Any], dji: Mapping[str, str]) -> tuple[float | None
     if lon is None or lat is None or (lon, lat) == (0.0, 0.0):
         return None, None
     if abs(lon) > 180.0 or abs(lat) > 90.0:
-        raise BenchmarkError(
-            f"no position on the earth: longitude {lon}, latitude {lat}",
-            expected="at most 180 and 90 degrees",
-        )
+        raise BenchmarkError(f"no position on the earth: longitude {lon}, latitude {lat}")
     return lon, lat
 
 
@@ -279,12 +261,8 @@ def _altitude(gps: dict[int, Any], dji: Mapping[str, str]) -> float | None:
     if parts is None:
         return _dji_number(dji, "AbsoluteAltitude")
     reference = gps.get(_ALTITUDE - 1, b"\0")
-    code = reference[0] if isinstance(reference, bytes) and reference else reference
-    if code not in _ALTITUDE_SIGN:
-        raise BenchmarkError(
-            f"EXIF GPSAltitudeRef is {str(code)[:40]}", expected="0 to 3; 1 and 3 are below"
-        )
-    return _ALTITUDE_SIGN[code] * parts[0]
+    below = (reference[0] if isinstance(reference, bytes) and reference else reference) in (1, 3)
+    return -parts[0] if below else parts[0]
 
 
 def _numbers(gps: dict[int, Any], tag: int, count: int) -> list[float] | None:

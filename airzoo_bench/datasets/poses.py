@@ -41,8 +41,9 @@ Sizes = Mapping[str, tuple[int, int]]
 _DISTORTION_KEYS = ("distortion", "dist_k1k2p1p2")
 _CENTRE_KEYS = ("center", "center_utm")
 _MODEL_KEYS = ("model", "camera_model", "distortion_model", "projection_type")
-# What K with k1 k2 p1 p2 k3 computes, as COLMAP, OpenSfM and ROS name it.
-_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+# What K with k1 k2 p1 p2 k3 computes, as COLMAP names it, with the number of other parameters
+# before these; and as OpenSfM and ROS name it.
+_MODELS = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4}
 _OTHER_NAMES = ("PERSPECTIVE", "BROWN", "BROWN_CONRADY", "PLUMB_BOB", "RADTAN")
 
 
@@ -100,37 +101,29 @@ def read_poses(path: Path, sizes: Sizes) -> PosedPhotos:
 
 def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
     text = read_text(path, CameraError, "pose file", _JSON_LIMIT_BYTES)
-    fix = "see docs/benchmark-folder.md"
     try:
         file = _File.model_validate_json(text)
         unambiguous_json(text)
-    except ValidationError as error:
-        raise CameraError(
-            validation_message(error, _File),
-            where=path,
-            expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}",
-            fix=fix,
-        ) from error
     except ValueError as error:
-        raise CameraError(str(error), where=path, expected="each photo once") from error
+        raise CameraError(
+            validation_message(error, _File) if isinstance(error, ValidationError) else str(error),
+            where=path,
+            expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}, each once",
+            fix="see docs/benchmark-folder.md",
+        ) from error
     names = _shared(path, list(file.images), sizes)
     images = [file.images[name] for name in names]
-    lacking = [
-        name for name, image in zip(names, images, strict=True) if (image.K or file.K) is None
-    ]
-    if lacking:
+    matrices = [image.K or file.K for image in images]
+    if None in matrices:
         raise CameraError(
-            f"no camera matrix for {lacking[0]}",
+            f"no camera matrix for {names[matrices.index(None)]}",
             where=path,
             expected="'K' for the image, or one for all at the top of the file",
-            fix=fix,
         )
     lenses = [image.distortion or file.distortion or () for image in images]
-    cameras = _cameras(names, [image.K or file.K for image in images], lenses, sizes)
     rotations = check_rotations(np.array([image.rotation for image in images]), names, where=path)
-    centres = np.array([image.centre for image in images])
-    poses = Poses.from_centres(rotations, centres, names)
-    return PosedPhotos(tuple(names), cameras, poses, file.crs)
+    poses = Poses.from_centres(rotations, np.array([image.centre for image in images]), names)
+    return PosedPhotos(tuple(names), _cameras(names, matrices, lenses, sizes), poses, file.crs)
 
 
 def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
@@ -174,23 +167,15 @@ def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
 
 def _brown(camera: Any, path: Path) -> tuple[float, ...]:
     """Return k1 k2 p1 p2 of a camera of COLMAP, as far as it has them."""
-    params = [float(value) for value in camera.params]
-    match camera.model.name:
-        case "SIMPLE_PINHOLE" | "PINHOLE":
-            return ()
-        case "SIMPLE_RADIAL":
-            return (params[3],)
-        case "RADIAL":
-            return (params[3], params[4])
-        case "OPENCV":
-            return tuple(params[4:8])
-        case model:
-            raise CameraError(
-                f"camera model {model} is not supported",
-                where=path,
-                expected=" or ".join(_MODELS),
-                fix="undistort the photos (colmap image_undistorter) and use that model",
-            )
+    name = camera.model.name
+    if name not in _MODELS:
+        raise CameraError(
+            f"camera model {name} is not supported",
+            where=path,
+            expected=" or ".join(_MODELS),
+            fix="undistort the photos (colmap image_undistorter) and use that model",
+        )
+    return tuple(float(value) for value in camera.params[_MODELS[name] :])
 
 
 def _cameras(

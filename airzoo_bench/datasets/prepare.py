@@ -8,17 +8,18 @@ files did not change is not made again.
 from __future__ import annotations
 
 import errno
-import json
 import os
 import re
 import shutil
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+from pydantic import TypeAdapter
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import SceneFile
@@ -49,28 +50,25 @@ from airzoo_bench.datasets.folder import (
     write_scene,
 )
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
-from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary, TrackSummary
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.evaluate import accuracy_notes
 from airzoo_bench.geometry.raster_files import raster_files
-from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["Source", "check_target", "chosen_scenes", "is_prepared", "prepare_scenes"]
+__all__ = ["Source", "chosen_scenes", "is_prepared", "prepare_scenes"]
 
 RECORDS = "prepared.json"
-_PARTS = ("scenes", "data")
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
 _MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
 _PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".part", ".crdownload", ".aria2")
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
-# Options that do not change a scene.
-_OF_THE_RUN = ("scene", "keep_going")
+_OF_THE_RUN = ("scene", "keep_going")  # options that do not change a scene
 _WAY_OUT = "leave the scene out with --keep-going, or name those to make with --scene"
 
 
 @dataclass(frozen=True)
 class Source:
-    """Scenes that are to be prepared, in this process or on a worker.
+    """Scenes that are to be prepared, each with the files that it is read from.
 
     `read` takes the options, a scene's id and a `Progress`; relative paths are seen from `home`.
     """
@@ -86,95 +84,55 @@ class Source:
         names = [one.name for one in fields(self.options) if one.name not in _OF_THE_RUN]
         return {name: str(getattr(self.options, name)) for name in names}
 
-    def native(self, scene: str, progress: Progress) -> NativeScene | ImageScene:
-        """Read a scene; a worker may have another working folder."""
-        options = self.options
-        if Path.cwd() != self.home:
-            values = {one.name: getattr(options, one.name) for one in fields(options)}
-            seen = {name: self._absolute(value) for name, value in values.items()}
-            options = replace(options, **seen)
-        return self.read(options, scene, progress)
-
-    def _absolute(self, value: Any) -> Any:
-        """Return paths as absolute ones, also those in lists of SCENE=FILE."""
-        if isinstance(value, Path):
-            return self.home / value
-        if isinstance(value, list):
-            pairs = [(one, *str(one).partition("=")) for one in value]
-            return [
-                f"{name}={self.home / file}" if file and (self.home / file).exists() else one
-                for one, name, _, file in pairs
-            ]
-        return value
-
 
 @dataclass(frozen=True)
-class Part:
+class Record:
     """A finished scene: its entry of benchmark.toml, and what `prepare` prints of it.
 
-    `home` holds it as a benchmark folder does; `key` is of what it was made from (`scene_keys`).
+    `key` is of what it was made from, see `scene_keys`.
     """
 
-    home: Path
     key: str
     entry: SceneFile
     summary: SceneSummary
     options: Mapping[str, str]
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether the scene and all that it refers to is there, such as a map made of its tiles."""
+    def is_whole(self, home: Path) -> bool:
+        """Whether a folder holds the scene, and all that it refers to is there."""
         named = [f"scenes/{self.entry.id}", *(getattr(self.entry, name) for name in _FILES)]
-        return all((self.home / path).exists() for path in named if path is not None)
-
-    def add_to(self, folder: Path, copy: Callable[[str, str], object]) -> None:
-        """Put the scene's files into a benchmark folder."""
-        for part in _PARTS:
-            source, target = (home / part / self.entry.id for home in (self.home, folder))
-            if source.is_dir():
-                shutil.copytree(source, target, copy_function=copy, dirs_exist_ok=True)
-
-    def keep(self, staging: Path, copy: Callable[[str, str], object]) -> Part:
-        """Put the scene into the folder of finished scenes."""
-        home = staging / self.entry.id
-        with temporary_folder(staging, self.entry.id) as temporary:
-            self.add_to(temporary, copy)
-            write_records(temporary, [self])
-            shutil.rmtree(home, ignore_errors=True)
-            temporary.replace(home)
-        return replace(self, home=home)
+        return all((home / path).exists() for path in named if path is not None)
 
 
-def write_records(folder: Path, parts: Iterable[Part]) -> None:
-    """Write what scenes were made from."""
-    records = {
-        part.entry.id: {
-            "key": part.key,
-            "entry": part.entry.model_dump(mode="json", exclude_none=True),
-            "summary": asdict(part.summary),
-            "options": dict(part.options),
-        }
-        for part in parts
-    }
-    text = json.dumps(records, indent=1, ensure_ascii=False)
-    (folder / RECORDS).write_text(text + "\n", encoding="utf-8")
+_Records = TypeAdapter(dict[str, Record])
 
 
-def read_parts(folder: Path) -> dict[str, Part]:
-    """Return the scenes that a folder's records are of; none where they cannot be read."""
+def _read_records(folder: Path) -> dict[str, Record]:
+    """Return the scenes that a folder holds; none where its records cannot be read."""
     try:
-        records = json.loads((folder / RECORDS).read_text(encoding="utf-8"))
-        return {scene: _part(folder, record) for scene, record in records.items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return _Records.validate_json((folder / RECORDS).read_bytes())
+    except (OSError, ValueError):
         return {}  # of another version, or damaged: the scenes are made again
 
 
-def _part(folder: Path, record: Mapping[str, Any]) -> Part:
-    values = dict(record["summary"])
-    tracks = {name: TrackSummary(**one) for name, one in values["tracks"].items()}
-    texts = {key: tuple(values[key]) for key in ("facts", "warnings", "notes")}
-    summary = SceneSummary(values["photos"], tracks=tracks, **texts)
-    return Part(folder, record["key"], SceneFile(**record["entry"]), summary, record["options"])
+def _write_records(folder: Path, records: Mapping[str, Record]) -> None:
+    text = _Records.dump_json(dict(records), indent=1, exclude_none=True)
+    (folder / RECORDS).write_bytes(text + b"\n")
+
+
+def _copy_scene(scene: str, home: Path, folder: Path, copy: Callable[[str, str], object]) -> None:
+    """Put a scene's files from a folder that is laid out as a benchmark into another."""
+    for part in ("scenes", "data"):
+        if (home / part / scene).is_dir():
+            target = folder / part / scene
+            shutil.copytree(home / part / scene, target, copy_function=copy, dirs_exist_ok=True)
+
+
+def _link_or_copy(source: str, target: str) -> None:
+    """Give a file a second name, on disks that know such, else copy it."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def scene_keys(
@@ -189,10 +147,9 @@ def scene_keys(
         for path in paths:
             if path not in stamps:
                 stamps[path] = sorted(_stamps(path, settings.folder))
-        of_scene = protocols.of_scene(scene).of_scenes([scene]).every
         rules = [
             [of.track, of.truth_settings(), of.scenes[0].title, of.scenes[0].queries]
-            for of in of_scene
+            for of in protocols.of_scene(scene).of_scenes([scene]).every
         ]
         files = [[str(path), stamps[path]] for path in paths]
         keys[scene] = fingerprint([__version__, source.option_texts, flags, scene, rules, files])
@@ -201,31 +158,25 @@ def scene_keys(
 
 def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
     """Yield name, size and time of change of a file, or of every file below a folder."""
-    if not path.is_dir():
-        for file in _files_of(path):
-            found = file.stat()
-            yield "" if file == path else str(file), found.st_size, found.st_mtime_ns
+    if path.is_dir():
+        made = target.resolve()
+        for home, folders, names in os.walk(path, followlinks=True):
+            own = (made, path.parent)
+            folders[:] = [one for one in folders if one[0] != "." and Path(home, one) not in own]
+            for file in (Path(home, name) for name in names):
+                if file.exists():
+                    yield file.relative_to(path).as_posix(), *_stamp(file)
         return
-    made = target.resolve()
-    for home, folders, files in os.walk(path, followlinks=True):
-        place = Path(home)
-        folders[:] = [
-            one for one in folders if one[0] != "." and (place / one) not in (made, path.parent)
-        ]
-        for file in (place / name for name in files):
-            if file.exists():
-                found = file.stat()
-                yield file.relative_to(path).as_posix(), found.st_size, found.st_mtime_ns
+    files = [path] if path.exists() else []
+    if files and path.suffix.lower() in _MAPS:
+        with suppress(RasterError):  # no raster, which whoever reads it will say
+            files = raster_files(path)  # with those next to it, or that it is made of
+    yield from (("" if file == path else str(file), *_stamp(file)) for file in files)
 
 
-def _files_of(path: Path) -> list[Path]:
-    """Return a file, and those that a map has next to it or is made of."""
-    if path.suffix.lower() in _MAPS and path.is_file():
-        try:
-            return raster_files(path)
-        except RasterError:  # no raster, which whoever reads it will say
-            pass
-    return [path] if path.exists() else []
+def _stamp(file: Path) -> tuple[int, int]:
+    status = file.stat()
+    return status.st_size, status.st_mtime_ns
 
 
 def chosen_scenes(
@@ -248,55 +199,41 @@ def chosen_scenes(
 def _unpack(scenes: Sequence[str], source: Path) -> str | None:
     """Say which archives or unfinished downloads are named as scenes that are not there."""
     files = sorted(path.name for path in source.iterdir()) if source.is_dir() else ()
-    packed = [
-        name
-        for name in files
-        if name.lower().endswith(_PACKED)
-        and any(re.search(rf"(?<!\w){re.escape(scene)}(?!\w)", name) for scene in scenes)
+    names = "|".join(map(re.escape, scenes))
+    found = [
+        file
+        for file in files
+        if file.lower().endswith(_PACKED) and re.search(rf"(?<!\w)({names})(?!\w)", file)
     ]
-    return f"finish or unpack {', '.join(packed[:3])}" if packed else None
-
-
-def check_target(sources: Iterable[Path], folder: Path) -> None:
-    """Refuse to make a folder that holds the sources."""
-    for source in sources:
-        if folder.resolve() in (source.resolve(), *source.resolve().parents):
-            raise UsageError(
-                f"the folder to make holds {source}, which it is made from",
-                where=folder,
-                fix="name another --out",
-            )
+    return f"finish or unpack {', '.join(found[:3])}" if found else None
 
 
 def is_prepared(source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings) -> bool:
     """Whether the folder is there, complete, and made from files that did not change since."""
-    if not (settings.folder / RECORDS).is_file():
-        return False
-    parts = read_parts(settings.folder)
-    if parts and {s: part.key for s, part in parts.items()} != scene_keys(
-        source, protocols, settings
-    ):
+    records = _read_records(settings.folder)
+    keys = scene_keys(source, protocols, settings) if records else {}
+    if {scene: record.key for scene, record in records.items()} != keys:
         raise UsageError(
-            f"the folder exists already, made {_difference(parts, source)}",
+            f"the folder exists already, made {_difference(records, source)}",
             where=settings.folder,
             fix="name another folder with --out, or replace this one with --force",
         )
-    if not parts or not all(part.is_whole for part in parts.values()):
+    if not records or not all(record.is_whole(settings.folder) for record in records.values()):
         return False
     Benchmark.open(settings.folder)
     return True
 
 
-def _difference(parts: Mapping[str, Part], source: Source) -> str:
+def _difference(records: Mapping[str, Record], source: Source) -> str:
     """Say which scenes and options a folder was made with, where they are others now."""
-    now, before = source.option_texts, next(iter(parts.values())).options
+    now, before = source.option_texts, next(iter(records.values())).options
     said = [
         f"--{name.replace('_', '-')} {before[name]}, now {now[name]}"
         for name in now
         if before.get(name, now[name]) != now[name]
     ]
-    if set(parts) != set(source.scenes):
-        said.append(f"scenes {', '.join(parts)}, now {', '.join(source.scenes)}")
+    if set(records) != set(source.scenes):
+        said.append(f"scenes {', '.join(records)}, now {', '.join(source.scenes)}")
     if said:
         return f"with {'; '.join(said)}"
     return "from files that have changed since, or by another version of this suite"
@@ -313,68 +250,76 @@ def prepare_scenes(
         "name a folder elsewhere with --out",
     )
     with _writing(settings.folder), only_run(run.staging, what, settings.folder.parent, otherwise):
+        kept: Sequence[str] = ()
         try:
             run.finish()
             return run.assemble()
+        except BaseException:
+            kept = run.note_kept()
+            raise
         finally:
-            run.clear()
+            if not kept:
+                shutil.rmtree(run.staging, ignore_errors=True)
 
 
 @dataclass
 class _Run:
-    """Scenes that are being finished."""
+    """Scenes that are being finished, each in a folder of its own in `staging`."""
 
     source: Source
     protocols: BenchmarkProtocols
     settings: PrepareSettings
     keys: dict[str, str] = field(default_factory=dict)
-    parts: dict[str, Part] = field(default_factory=dict)
+    records: dict[str, Record] = field(default_factory=dict)
     facts: dict[str, SceneFacts] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
-    made: bool = False
 
     @property
     def staging(self) -> Path:
         """Where finished scenes are kept until all are."""
         return self.settings.folder.absolute().parent / f".{self.protocols.benchmark}.prepare"
 
-    @property
-    def kept(self) -> list[str]:
-        """The scenes that the next run can take as they are."""
-        found = {scene: read_parts(self.staging / scene).get(scene) for scene in self.keys}
-        return [scene for scene, part in found.items() if part and part.key == self.keys[scene]]
-
-    def clear(self) -> None:
-        """Remove the finished scenes, unless another run can go on from them."""
-        if self.made or len(self.source.scenes) == 1 or not self.kept:
-            shutil.rmtree(self.staging, ignore_errors=True)
+    def note_kept(self) -> list[str]:
+        """Say which scenes the next run can take as they are."""
+        every = len(self.keys)
+        found = {scene: _read_records(self.staging / scene).get(scene) for scene in self.keys}
+        kept = [scene for scene, one in found.items() if one and one.key == self.keys[scene]]
+        if not kept or every == 1:
+            return []
+        self.settings.note(
+            f"{counted(len(kept), 'finished scene')} of {every} {agreeing(len(kept), 'is', 'are')} "
+            f"kept in {self.staging}; the same command goes on from there"
+        )
+        return kept
 
     def finish(self) -> None:
-        """Finish the scenes, or say which of them are kept."""
-        progress = self.settings.progress
-        keys = partial(scene_keys, self.source, self.protocols, self.settings)
+        """Take the scenes that earlier runs finished, and make the others, each a task."""
+        progress, source, made = self.settings.progress, self.source, self.records
+        keys = partial(scene_keys, source, self.protocols, self.settings)
         self.keys = shown(keys, "looking through the source", progress)
         self.staging.mkdir(parents=True, exist_ok=True)
-        try:
-            shown(self._take, "looking through earlier runs", progress)
-            self._make([scene for scene in self.source.scenes if scene not in self.parts])
-        except (UserError, KeyboardInterrupt):
-            kept = len(self.kept)
-            if kept and len(self.source.scenes) > 1:
-                self.settings.note(
-                    f"{counted(kept, 'finished scene')} of {len(self.source.scenes)} "
-                    f"{agreeing(kept, 'is', 'are')} kept in {self.staging}; the same command goes "
-                    "on from there"
-                )
-            raise
-        if not self.parts:
+        shown(self._take, "looking through earlier runs", progress)
+        scenes = [scene for scene in source.scenes if scene not in made]
+        found = self.settings.engine.map(
+            _task, scenes, shared=self, stage="scenes", name="scene {}".format
+        )
+        label = f"scene {scenes[0]}" if len(scenes) == 1 else "scenes"
+        for scene, one in zip(scenes, progress(found, label, len(scenes)), strict=True):
+            if isinstance(one, UserError):
+                self.failed[scene] = str(one)
+                continue
+            made[scene], facts = one
+            if not made[scene].is_whole(self.staging / scene):
+                raise _unseen("this machine does not see what a worker made", f"scene {scene}")
+            if facts is not None:
+                self.facts[scene] = facts
+        if not made:
             raise BenchmarkError(
                 "no scene could be made:\n" + "\n".join(self.failed.values()),
                 where=self.settings.folder,
             )
         # As they come in the protocols, whichever were there before.
-        ordered = (scene for scene in self.source.scenes if scene in self.parts)
-        self.parts = {scene: self.parts[scene] for scene in ordered}
+        self.records = {scene: made[scene] for scene in source.scenes if scene in made}
 
     def _take(self) -> None:
         """Take the scenes that nothing has changed for since they were finished."""
@@ -382,65 +327,53 @@ class _Run:
         if not self.settings.replace:
             folder, name = self.settings.folder, self.protocols.benchmark
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
-        parts = [part for place in places for part in _unchanged_parts(place)]
-        found = {part.key: part for part in parts}
+        found = {one.key: (one, home) for home in places for one in _unchanged_parts(home)}
         for scene, key in self.keys.items():
-            if key in found:
-                self.settings.note(
-                    f"scene {scene}: nothing changed since it was made, taken as it is"
-                )
-                part, home = found[key], self.staging / scene
-                kept = part if part.home == home else part.keep(self.staging, shutil.copyfile)
-                self.parts[scene] = kept
-
-    def _make(self, scenes: Sequence[str]) -> None:
-        """Make scenes, each a task."""
-        engine, progress = self.settings.engine, self.settings.progress
-        found = engine.map(_task, scenes, shared=self, stage="scenes", name=_scene_name)
-        label = f"scene {scenes[0]}" if len(scenes) == 1 else "scenes"
-        for scene, made in zip(scenes, progress(found, label, len(scenes)), strict=True):
-            if isinstance(made, UserError):
-                self.failed[scene] = str(made)
+            if key not in found:
                 continue
-            self.parts[scene], facts = made
-            if not self.parts[scene].is_whole:
-                raise _unseen("this machine does not see what a worker made", f"scene {scene}")
-            if facts is not None:
-                self.facts[scene] = facts
+            self.settings.note(f"scene {scene}: nothing changed since it was made, taken as it is")
+            self.records[scene], home = found[key]
+            if home != self.staging / scene:
+                self.keep(self.records[scene], home, shutil.copyfile)
+
+    def keep(self, record: Record, home: Path, copy: Callable[[str, str], object]) -> None:
+        """Put a scene among the finished ones."""
+        scene = record.entry.id
+        with temporary_folder(self.staging, scene) as temporary:
+            _copy_scene(scene, home, temporary, copy)
+            _write_records(temporary, {scene: record})
+            shutil.rmtree(self.staging / scene, ignore_errors=True)
+            temporary.replace(self.staging / scene)
 
     def assemble(self) -> Prepared:
         """Make the folder of the scenes that were finished."""
-        settings, parts = self.settings, self.parts
-        made = self.protocols.of_scenes(parts)
-        folder = settings.folder
+        settings, records = self.settings, self.records
+        made, folder = self.protocols.of_scenes(records), settings.folder
         if made is not self.protocols:
             settings.note(self._only_some(made))
             if folder.name == self.protocols.benchmark:
                 folder = folder.with_name(made.benchmark)
-        tracks = {scene: tuple(part.summary.tracks) for scene, part in parts.items()}
+        tracks = {scene: tuple(record.summary.tracks) for scene, record in records.items()}
         served = served_protocols(made, tracks, folder)
+
+        def put_together() -> None:
+            for scene in records:
+                _copy_scene(scene, self.staging / scene, staged, _link_or_copy)
+            _write_records(staged, records)
+            write_folder_files(staged, served, [record.entry for record in records.values()])
+
         with atomic_folder(folder, replace=settings.replace) as staged:
-            put = partial(self._put_together, staged, served)
-            shown(put, "writing the folder", settings.progress)
-        self.made = True
-        accuracy = {scene: part.entry.truth_accuracy_m for scene, part in parts.items()}
-        for protocol in served:
-            for sentence in accuracy_notes(protocol, accuracy):
-                settings.note(f"warning: {sentence}")
+            shown(put_together, "writing the folder", settings.progress)
+        accuracy = {scene: record.entry.truth_accuracy_m for scene, record in records.items()}
+        for sentence in (one for of in served for one in accuracy_notes(of, accuracy)):
+            settings.note(f"warning: {sentence}")
         return Prepared(
             folder,
             {protocol.name: protocol.track for protocol in served},
-            {scene: part.summary for scene, part in parts.items()},
+            {scene: record.summary for scene, record in records.items()},
             self.facts,
             self.failed,
         )
-
-    def _put_together(self, folder: Path, served: Sequence[Protocol]) -> None:
-        parts = self.parts.values()
-        for part in parts:
-            part.add_to(folder, _link_or_copy)
-        write_records(folder, parts)
-        write_folder_files(folder, served, [part.entry for part in parts])
 
     def _only_some(self, made: BenchmarkProtocols) -> str:
         left_out = [scene for scene in self.protocols.titles if scene not in made.titles]
@@ -465,18 +398,15 @@ def _writing(folder: Path) -> Iterator[None]:
         raise cannot_write(folder, error) from None
 
 
-def _scene_name(scene: str) -> str:
-    return f"scene {scene}"
-
-
-def _task(run: _Run, scene: str) -> tuple[Part, SceneFacts | None] | UserError:
+def _task(run: _Run, scene: str) -> tuple[Record, SceneFacts | None] | UserError:
     """Make a scene and keep it among the finished ones."""
-    hidden = [path for path in (run.staging, *run.source.scenes[scene]) if not path.exists()]
-    if hidden and hidden[0].is_absolute():
-        raise _unseen(f"a worker on {socket.gethostname()} does not see this", hidden[0])
+    if not run.staging.exists():
+        raise _unseen(f"a worker on {socket.gethostname()} does not see this", run.staging)
+    if Path.cwd() != run.source.home:  # on a cluster
+        os.chdir(run.source.home)
     try:
         with _writing(run.settings.folder):
-            return _made(run, scene)
+            return _make_scene(run, scene)
     except UserError as fault:
         if getattr(run.source.options, "keep_going", False):
             return fault
@@ -485,9 +415,9 @@ def _task(run: _Run, scene: str) -> tuple[Part, SceneFacts | None] | UserError:
         raise
 
 
-def _made(run: _Run, scene: str) -> tuple[Part, SceneFacts | None]:
+def _make_scene(run: _Run, scene: str) -> tuple[Record, SceneFacts | None]:
     source, protocols = run.source, run.protocols
-    native = source.native(scene, run.settings.progress)
+    native = source.read(source.options, scene, run.settings.progress)
     content = (
         image_content(native, protocols)
         if isinstance(native, ImageScene)
@@ -496,8 +426,9 @@ def _made(run: _Run, scene: str) -> tuple[Part, SceneFacts | None]:
     summary = summary_of(content, protocols, native.notes)
     with temporary_folder(run.staging, scene) as temporary:
         entry = write_scene(temporary, content, protocols.titles[scene], run.settings)
-        part = Part(temporary, run.keys[scene], entry, summary, source.option_texts)
-        return part.keep(run.staging, _link_or_copy), content.facts
+        record = Record(run.keys[scene], entry, summary, source.option_texts)
+        run.keep(record, temporary, _link_or_copy)
+    return record, content.facts
 
 
 def _unseen(what: str, where: object) -> UserError:
@@ -510,19 +441,11 @@ def _unseen(what: str, where: object) -> UserError:
     )
 
 
-def _unchanged_parts(place: Path) -> list[Part]:
+def _unchanged_parts(place: Path) -> Iterable[Record]:
     """Return the scenes of a place, none where one of its files was changed."""
     if (place / "benchmark.toml").is_file():
         try:
             Benchmark.open(place)
         except BenchmarkError:
             return []
-    return list(read_parts(place).values())
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    """Give a file a second name, on disks that know such, else copy it."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)
+    return _read_records(place).values()

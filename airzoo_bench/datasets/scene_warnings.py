@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ _CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
 _HALF = 0.5
 _WHOLE_MAP = 0.95
 _TRUTH_STEP_M = 1e-4
+_DATUMS = "they may have different vertical datums (ellipsoid and geoid) or units"
 
 
 class Code(StrEnum):
@@ -55,192 +56,175 @@ class SceneWarning(NamedTuple):
         return f"{self.text} [{self.code}]"
 
 
-_Found = Iterator[SceneWarning]
-
-
 def scene_warnings(facts: SceneFacts) -> list[SceneWarning]:
     """Return the warnings about a scene."""
-    checks = (
-        *(_datum, _heights, _surface, _below, _turned, _map_beside),
-        *(_trivial, _small_tiles, _off_map, _no_prior, _float32, _copies),
-    )
-    return [found for check in checks for found in check(facts)]
+    return [SceneWarning(code, text) for code, check in _CHECKS.items() for text in check(facts)]
 
 
-def _datum(facts: SceneFacts) -> _Found:
+def _datum(facts: SceneFacts) -> Iterator[str]:
     gps = facts.gps
     if gps is not None and gps.distance_m > _FAR_M:
         east, north = gps.offset_m
-        yield SceneWarning(
-            Code.DATUM,
+        yield (
             f"poses are {gps.distance_m:.1f} m from their own photos' GPS (median), by "
             f"{east:+.1f} m east and {north:+.1f} m north: look at the CRS, the datum and any "
-            "offset that the poses were reduced by, and whether names and poses belong together",
+            "offset that the poses were reduced by, and whether names and poses belong together"
         )
 
 
-def _heights(facts: SceneFacts) -> _Found:
+def _heights(facts: SceneFacts) -> Iterator[str]:
     cameras, gps, cloud = facts.cameras, facts.gps, facts.cloud_over_surface_m
-    datums = "they may have different vertical datums (ellipsoid and geoid) or units"
     difference = cameras.heights_m - cameras.relative_m
     if facts.survey is not None and np.isfinite(difference).any():
         off, take_off = float(np.nanmedian(difference)), float(np.nanmedian(cameras.relative_m))
         left = abs(float(np.nanmedian(difference + cameras.surface_m * (1.0 - _FOOT_M))))
         in_feet = f"in feet, the surface model would fit to {left:.1f} m; name its unit"
         if abs(off) > max(_FAR_M, _FAR_SHARE * take_off):
-            yield SceneWarning(
-                Code.HEIGHTS,
+            yield (
                 f"cameras are {cameras.height_m:.1f} m above the surface model, their own photos "
                 f"say {take_off:.1f} m above take-off ({off:+.1f} m): "
-                + (in_feet if left < _FAR_SHARE * abs(off) else datums),
+                + (in_feet if left < _FAR_SHARE * abs(off) else _DATUMS)
             )
     if gps is not None and abs(gps.height_m) > _FAR_M:
-        yield SceneWarning(
-            Code.HEIGHTS,
+        yield (
             f"poses are {gps.height_m:+.1f} m from their own photos' GPS in height (median): "
-            f"{datums}, and priors are so far off",
+            f"{_DATUMS}, and priors are so far off"
         )
     if facts.survey is not None and cloud is not None and abs(cloud) > _CLOUD_M:
-        yield SceneWarning(
-            Code.HEIGHTS,
-            f"the true cloud is {cloud:+.1f} m from the surface model in height (median): {datums}",
-        )
+        yield f"the true cloud is {cloud:+.1f} m from the surface model (median): {_DATUMS}"
 
 
-def _surface(facts: SceneFacts) -> _Found:
+def _surface(facts: SceneFacts) -> Iterator[str]:
     survey = facts.survey
     if survey is not None and survey.low == survey.high:
-        yield SceneWarning(
-            Code.SURFACE,
+        yield (
             f"every height of the surface model is {survey.low:.10g} m: a plane (--plane-height) "
-            "would say so, and matches to it have no relief",
+            "would say so, and matches to it have no relief"
         )
     elif survey is not None and often_lowest(survey):
         share = survey.at_low / survey.valid
         many = f"{share:.0%}" if share > 0.01 else f"{survey.at_low:,}"
-        yield SceneWarning(
-            Code.SURFACE,
+        yield (
             f"{many} of the surface model's heights are exactly {survey.low:.10g} m, its lowest, "
             f"and the next is {survey.next_low:.10g} m: unless that is water, tag it as missing "
-            "(gdal_edit.py -a_nodata)",
+            "(gdal_edit.py -a_nodata)"
         )
 
 
-def _below(facts: SceneFacts) -> _Found:
+def _below(facts: SceneFacts) -> Iterator[str]:
     below, plane = facts.cameras.below, facts.inputs.plane_height_m
     if below:
-        ground = (
-            "the surface model: look at its vertical datum and unit, and at heights that are none"
-            if facts.survey is not None
-            else f"the ground, a plane at {plane:g} m: look at the vertical datum of the heights, "
-            "and at --plane-height"
-        )
-        yield SceneWarning(
-            Code.BELOW,
+        ground = "the surface model" if facts.survey is not None else f"a plane at {plane:g} m"
+        yield (
             f"{below} of {counted(len(facts.cameras.heights_m), 'camera')} "
-            f"{agreeing(below, 'is', 'are')} below {ground}",
+            f"{agreeing(below, 'is', 'are')} below the ground, {ground}: look at the vertical "
+            "datum and unit of both, and at heights that are none"
         )
 
 
-def _turned(facts: SceneFacts) -> _Found:
+def _turned(facts: SceneFacts) -> Iterator[str]:
     priors = facts.priors
     if priors is None:
         return
     turned = [priors.ids[row] for row in np.flatnonzero(priors.angles_deg > _TURNED_DEG)]
     if turned or priors.rotation_deg > _MEDIAN_TURN_DEG:
         many = f" and more than {_TURNED_DEG:g} in {first_of(turned, len(priors.ids))}"
-        yield SceneWarning(
-            Code.TURNED,
+        yield (
             f"the priors' rotation is {priors.rotation_deg:.0f} degrees off (median)"
             f"{many if turned else ''}: look at the gimbal angles in the metadata or --priors, and "
-            "at the angles of the poses (convention, unit, signs, axes)",
+            "at the angles of the poses (convention, unit, signs, axes)"
         )
 
 
-def _map_beside(facts: SceneFacts) -> _Found:
+def _map_beside(facts: SceneFacts) -> Iterator[str]:
     if facts.shared_ground < _HALF:
-        yield SceneWarning(
-            Code.MAP_BESIDE,
+        yield (
             f"map and surface model share {facts.shared_ground:.0%} of their ground: look at the "
-            "geotransform and the CRS of both",
+            "geotransform and the CRS of both"
         )
     cloud = facts.cloud_over_surface_m
     if facts.survey is not None and cloud is not None and math.isnan(cloud):
-        text = "the true cloud has no point over a height of the surface model"
-        yield SceneWarning(Code.MAP_BESIDE, text)
+        yield "the true cloud has no point over a height of the surface model"
 
 
-def _trivial(facts: SceneFacts) -> _Found:
+def _trivial(facts: SceneFacts) -> Iterator[str]:
     tiles, crops = facts.positive_shares, facts.crop_shares
     if tiles is not None and len(tiles) and tiles.mean() > _HALF:
-        yield SceneWarning(
-            Code.TRIVIAL,
+        yield (
             f"a random tile answers a photo in {tiles.mean():.0%} of cases: take smaller tiles, "
-            "or a larger map",
+            "or a larger map"
         )
     if crops is not None and len(crops) and crops.mean() > _WHOLE_MAP:
-        yield SceneWarning(
-            Code.TRIVIAL,
-            f"a crop is {crops.mean():.0%} of the map (mean), whatever the prior: take a larger "
-            "map",
-        )
+        mean = f"{crops.mean():.0%}"
+        yield f"a crop is {mean} of the map (mean), whatever the prior: take a larger map"
 
 
-def _small_tiles(facts: SceneFacts) -> _Found:
+def _small_tiles(facts: SceneFacts) -> Iterator[str]:
     if facts.nearest_missed > _HALF:
-        yield SceneWarning(
-            Code.SMALL_TILES,
+        yield (
             f"the tile nearest to a photo's centre is a miss for {facts.nearest_missed:.0%} of the "
             f"photos, which see {facts.footprint_m:.0f} m: take tiles as large, and --rule iou "
-            "--iou-above 0.39, or tiles larger than that",
+            "--iou-above 0.39, or tiles larger than that"
         )
 
 
-def _off_map(facts: SceneFacts) -> _Found:
+def _off_map(facts: SceneFacts) -> Iterator[str]:
     for what, share in (("map", facts.on_map), ("surface model", facts.on_surface)):
         if share < _HALF:
-            yield SceneWarning(
-                Code.OFF_MAP,
+            yield (
                 f"only {share:.0%} of the photos' corners lie on the {what}: look at the CRS and "
-                "the extent of it and of the poses, or cut the photos to those over it",
+                "the extent of it and of the poses, or cut the photos to those over it"
             )
 
 
-def _no_prior(facts: SceneFacts) -> _Found:
+def _no_prior(facts: SceneFacts) -> Iterator[str]:
     photos, lacking = len(facts.inputs.photos), facts.without_prior
     count = sum(map(len, lacking.values()))
     if count and (facts.has_metadata or count < photos):
         parts = [f"{first_of(ids)} have no {what}" for what, ids in lacking.items()]
-        yield SceneWarning(
-            Code.NO_PRIOR,
+        yield (
             f"{count} of {counted(photos, 'photo')} {agreeing(count, 'has', 'have')} no prior: "
             f"{'; '.join(parts)}. Matching asks the other {photos - count}, retrieval and "
-            "reconstruction need none; --priors FILE gives what is missing",
+            "reconstruction need none; --priors FILE gives what is missing"
         )
 
 
-def _float32(facts: SceneFacts) -> _Found:
+def _float32(facts: SceneFacts) -> Iterator[str]:
     plan = poses_of(facts.inputs.photos).centres[:, :2]
     # Truth is rounded to 0.1 mm, which numbers of float32 need not be.
     narrow = plan.astype(np.float32).astype(np.float64)
     plan = narrow if (np.abs(plan - narrow) <= _TRUTH_STEP_M).all() else plan
     error = float(np.sqrt((rounding_errors(plan) ** 2).sum(axis=1).mean()))
     if was_rounded_to(plan, np.float32) and error > COARSEST_M:
-        yield SceneWarning(
-            Code.FLOAT32,
+        yield (
             f"positions of the poses have gone through float32: an error of {error:.2g} m is to be "
-            "expected; write them as float64",
+            "expected; write them as float64"
         )
 
 
-def _copies(facts: SceneFacts) -> _Found:
+def _copies(facts: SceneFacts) -> Iterator[str]:
     photos, poses = facts.inputs.photos, poses_of(facts.inputs.photos)
     rows: Floats = np.hstack((poses.centres, poses.rotation.reshape(len(photos), 9)))
     _, first, counts = np.unique(rows, axis=0, return_index=True, return_counts=True)
     twice = photos["id"].iloc[first[counts > 1]].tolist()
     if twice:
-        yield SceneWarning(
-            Code.COPIES,
+        yield (
             f"photos have the pose of another to the last digit: {first_of(twice, len(photos))}: "
-            "copies count twice in every mean; keep one of each",
+            "copies count twice in every mean; keep one of each"
         )
+
+
+_CHECKS: dict[Code, Callable[[SceneFacts], Iterator[str]]] = {
+    Code.DATUM: _datum,
+    Code.HEIGHTS: _heights,
+    Code.SURFACE: _surface,
+    Code.BELOW: _below,
+    Code.TURNED: _turned,
+    Code.MAP_BESIDE: _map_beside,
+    Code.TRIVIAL: _trivial,
+    Code.SMALL_TILES: _small_tiles,
+    Code.OFF_MAP: _off_map,
+    Code.NO_PRIOR: _no_prior,
+    Code.FLOAT32: _float32,
+    Code.COPIES: _copies,
+}

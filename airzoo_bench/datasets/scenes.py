@@ -140,14 +140,11 @@ def check_centred(photos: PosedPhotos, path: Path) -> None:
     if bad.size:
         row = bad[0]
         cx, cy = photos.cameras.principal_point[row]
-        sizes = {f"{width}x{height}" for width, height in size.tolist()}
         raise CameraError(
             f"camera matrices of another image size: "
             f"{first_of([photos.names[i] for i in bad], len(photos.names))}; the first is "
-            f"{size[row, 0]}x{size[row, 1]} px, with the principal point at ({cx:.1f}, {cy:.1f})"
-            + (f"; photos have the sizes {', '.join(sorted(sizes))} px" if len(sizes) > 1 else ""),
+            f"{size[row, 0]}x{size[row, 1]} px, with the principal point at ({cx:.1f}, {cy:.1f})",
             where=path,
             expected="a principal point near the middle of the photo",
-            fix="scale K to the size of the photos; photos of several cameras need a K each (in "
-            "their entry of 'images'), or a benchmark for each camera, from a folder of its own",
+            fix="scale K to the size of the photos; photos of several sizes need a K each",
         )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import Option
@@ -15,14 +15,10 @@ from airzoo_bench.engines.engine import HERE, Engine
 if TYPE_CHECKING:
     from airzoo_bench.datasets.facts import SceneFacts
 
-__all__ = [
-    "PrepareSettings",
-    "Prepared",
-    "SceneSummary",
-    "SourceOptions",
-    "TrackSummary",
-    "path_options",
-]
+__all__ = ["Files", "PrepareSettings", "Prepared", "SceneSummary", "SourceOptions", "TrackSummary"]
+
+Files = list[str] | None
+"""What is given as SCENE=FILE, repeated."""
 
 
 @dataclass(frozen=True)
@@ -74,15 +70,12 @@ class PrepareSettings:
     note: Callable[[str], None] = lambda _: None
 
     def __reduce__(self) -> tuple[Callable[[], PrepareSettings], tuple[()]]:
-        """Leave out what other processes cannot show; they may work in another folder."""
+        """Leave out what other processes cannot show."""
         left_out = ("engine", "progress", "note")
         names = [one.name for one in fields(self) if one.name not in left_out]
         values = {name: getattr(self, name) for name in names}
-        places = {name: value.absolute() for name, value in values.items() if name in _PLACES}
+        places = {"folder": self.folder.absolute(), "root": self.root.absolute()}
         return partial(PrepareSettings, **{**values, **places}), ()
-
-
-_PLACES = ("folder", "root")
 
 
 @dataclass(frozen=True)
@@ -96,10 +89,7 @@ class TrackSummary:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What `prepare` prints of a scene.
-
-    `facts` has a line for each part of the scene.
-    """
+    """What `prepare` prints of a scene; `facts` has a line for each of its parts."""
 
     photos: int
     facts: tuple[str, ...] = ()
@@ -121,9 +111,3 @@ class Prepared:
     summaries: Mapping[str, SceneSummary] = field(default_factory=dict)
     facts: Mapping[str, SceneFacts] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
-
-
-def path_options(options: Any) -> list[Path]:
-    """Return the options that are paths."""
-    values = [getattr(options, one.name) for one in fields(options)]
-    return [value for value in values if isinstance(value, Path)]

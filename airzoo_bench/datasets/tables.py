@@ -8,6 +8,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,42 +34,32 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _HEADER_LINES = 20  # within which the line that names the columns is looked for
 _STARTS = {
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
     b"pk\x03\x04": "a zip archive or an Excel workbook",
     b"version https://git-lfs": "a Git LFS pointer, not the file itself",
-    b"<!doctype": "a web page",
-    b"<html": "a web page",
+    b"<": "a web page",
 }
 
 
-def read_native_text(path: Path, limit_bytes: int = _LIMIT_BYTES) -> str:
+def read_native_text(path: Path) -> str:
     """Read a text in UTF-8, with or without a byte-order mark, or in GB18030."""
     if not path.is_file():
         raise BenchmarkError(
             "a folder, not a table" if path.is_dir() else "no such table", where=path
         )
-    if path.stat().st_size > limit_bytes:
-        raise BenchmarkError("too large", where=path, expected=f"at most {limit_bytes:,} bytes")
+    if path.stat().st_size > _LIMIT_BYTES:
+        raise BenchmarkError("too large", where=path, expected=f"at most {_LIMIT_BYTES:,} bytes")
     content = path.read_bytes()
     start = content[:64].lstrip().lower()
-    kinds = [kind for mark, kind in _STARTS.items() if start.startswith(mark)]
-    if kinds or b"\0" in content:
-        raise BenchmarkError(
-            f"is {(kinds or ['not text: it holds zero bytes'])[0]}",
-            where=path,
-            expected="a table as text",
-            fix="save it as CSV in UTF-8, or download it again",
-        )
-    for encoding in ("utf-8-sig", "gb18030"):
-        try:
-            return content.decode(encoding)
-        except UnicodeDecodeError as error:
-            line = content.count(b"\n", 0, error.start) + 1
+    what = next((kind for mark, kind in _STARTS.items() if start.startswith(mark)), None)
+    if what is None and b"\0" not in content:
+        for encoding in ("utf-8-sig", "gb18030"):
+            with suppress(UnicodeDecodeError):
+                return content.decode(encoding)
     raise BenchmarkError(
-        "not text: neither UTF-8 nor GB18030",
-        where=f"{path}, line {line}",
-        fix="save the table in UTF-8, or download it again",
+        f"is {what or 'no text in UTF-8 or GB18030'}",
+        where=path,
+        expected="a table as text",
+        fix="save it as CSV in UTF-8, or download it again",
     )
 
 
@@ -106,17 +97,13 @@ class Table:
         texts = self.texts(column)
         comma = self.decimal_commas and not any("." in text for text in texts)
         values = [_number(text, comma) for text in texts]
+        within = "a number" if math.isinf(most) else f"a number from {least:g} to {most:g}"
         for text, value, line in zip(texts, values, self.lines, strict=True):
             if not (least <= value <= most and math.isfinite(value)) and (text or not empty):
                 raise BenchmarkError(
                     f"column {self.header[column]}: {text[:40]!r}",
                     where=f"{self.path}, line {line}",
-                    expected="a number"
-                    if math.isinf(most)
-                    else f"a number from {least:g} to {most:g}",
-                    fix="write numbers with a decimal point"
-                    if _DECIMAL_COMMA.fullmatch(text)
-                    else None,
+                    expected=f"{within}, with a decimal point",
                 )
         return np.array(values, dtype=np.float64)
 
@@ -228,15 +215,14 @@ def _found_columns(
     if twice or missing:
         unknown = [name for name in names if name and plain(name) not in known]
         meant = (f"{ours}{nearest(ours, unknown)}" for ours in missing)
+        wanted = ("/".join(called) for ours, called in columns.items() if ours not in optional)
         raise BenchmarkError(
-            (f"columns that mean the same: {'; '.join(twice)}" if twice else "")
-            or f"lacks the columns {', '.join(meant)}; it has {', '.join(names)[:300]!r}",
+            f"columns that mean the same: {'; '.join(twice)}"
+            if twice
+            else f"lacks the columns {', '.join(meant)}; it has {', '.join(names)[:300]!r}",
             where=path,
-            expected="a first line with "
-            + ", ".join(
-                "/".join(called) for ours, called in columns.items() if ours not in optional
-            ),
-            fix="keep one of each" if twice else "name the columns so, or download the table again",
+            expected=f"a first line with {', '.join(wanted)}, each once",
+            fix="name the columns so, or download the table again",
         )
     return {ours: found[0] for ours, found in given.items()}
 
@@ -263,7 +249,6 @@ def _number(text: str, comma: bool) -> float:
     if comma and _DECIMAL_COMMA.fullmatch(text):
         text = text.replace(",", ".")
     try:
-        # Python's own grouping of digits is no number here.
         return math.nan if "_" in text else float(text)
     except ValueError:
         return math.nan
@@ -271,11 +256,10 @@ def _number(text: str, comma: bool) -> float:
 
 def read_matrix(path: Path) -> Floats | None:
     """Read four lines of four numbers, the last of them 0 0 0 1; None where a text holds others."""
-    lines = [
-        line.split("#")[0].replace(",", " ").split() for line in read_native_text(path).splitlines()
-    ]
+    lines = (line.split("#")[0] for line in read_native_text(path).splitlines())
+    rows = [line.replace(",", " ").split() for line in lines if line.strip()]
     try:
-        matrix = np.array([line for line in lines if line], dtype=np.float64)
+        matrix = np.array(rows, dtype=np.float64)
     except ValueError:
         return None
     sound = matrix.shape == (4, 4) and np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0))

@@ -63,8 +63,8 @@ def test_optional_and_further_columns(path: Path) -> None:
         ("<!DOCTYPE html><html>not found</html>", ["web page"]),
         ("version https://git-lfs.github.com/spec/v1\n", ["Git LFS"]),
         (b"PK\x03\x04workbook", ["Excel"]),
-        ("filename,lat,height\n".encode("utf-16"), ["UTF-16"]),
-        (b"filename,lat,height\na,1,\0\0\0", ["zero bytes"]),
+        ("filename,lat,height\n".encode("utf-16"), ["no text"]),
+        (b"filename,lat,height\na,1,\0\0\0", ["no text"]),
     ],
 )
 def test_refused(path: Path, content: str | bytes, names: list[str]) -> None:

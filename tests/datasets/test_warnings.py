@@ -21,11 +21,10 @@ def test_every_code_has_a_case() -> None:
     assert {code for codes in CASES.values() for code in codes.split()} == set(Code)
 
 
-@pytest.mark.parametrize("name", documented.benchmarks())
-def test_the_page_of_benchmarks_says_what_datasets_say(name: str) -> None:
+def test_the_page_of_benchmarks_has_what_datasets_say() -> None:
     # Where this fails: python -m tests.datasets.documented
-    page = documented.BENCHMARKS.read_text(encoding="utf-8")
-    assert documented.parts(page, name)[1] == documented.benchmarks()[name]
+    page = documented.PAGE.read_text(encoding="utf-8")
+    assert documented.MARKER + documented.overview() in page
 
 
 @pytest.mark.parametrize("case", CASES)

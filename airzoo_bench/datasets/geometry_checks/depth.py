@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -93,15 +93,23 @@ def read_depth(
     path: Path, width: int, height: int, scale_m: float | None = None
 ) -> NDArray[np.float32]:
     """Read a depth map in metres, NaN where there is none."""
+    nodata = None
     try:
-        stored, nodata = _stored(path)
+        if path.suffix.lower() == ".npy":
+            stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        elif path.suffix.lower() == ".npz":
+            file = NpzFile(path, limit_bytes=1 << 30)
+            stored = file.read("depth" if "depth" in file.entries else next(iter(file.entries)))
+        else:
+            with opened(path) as dataset:
+                stored, nodata = dataset.read(), dataset.nodata
     except (RasterError, PredictionError, OSError, ValueError) as error:
         raise BenchmarkError(
             f"is no depth map: {str(error)[:200]}", where=path, expected=", ".join(_SUFFIXES)
         ) from error
     stored = stored.squeeze()
-    whole = stored.dtype.kind in "iu"
-    if stored.shape != (height, width) or stored.dtype.itemsize == 1 or (whole and not scale_m):
+    unknown_unit = stored.dtype.kind in "iu" and not scale_m
+    if stored.shape != (height, width) or stored.dtype.itemsize == 1 or unknown_unit:
         raise BenchmarkError(
             f"holds {stored.dtype} of {' x '.join(map(str, stored.shape[::-1]))}",
             where=path,
@@ -115,17 +123,6 @@ def read_depth(
     if nodata is not None:
         there &= stored != nodata
     return np.where(there, depth, np.float32(np.nan))
-
-
-def _stored(path: Path) -> tuple[NDArray[Any], float | None]:
-    if path.suffix.lower() == ".npy":
-        return np.load(path, mmap_mode="r", allow_pickle=False), None
-    if path.suffix.lower() == ".npz":
-        file = NpzFile(path, limit_bytes=1 << 30)
-        name = "depth" if "depth" in file.entries else next(iter(file.entries), "depth")
-        return file.read(name), None
-    with opened(path) as dataset:
-        return dataset.read(), dataset.nodata
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +149,8 @@ def sampled_frame(
     seed: tuple[int, int],
 ) -> Frame:
     """Sample pixels of a depth map, and back-project them."""
-    count = min(pixels, depth.size)
-    picked = np.random.default_rng(seed).choice(depth.size, count, replace=False)
+    random = np.random.default_rng(seed)
+    picked = random.choice(depth.size, min(pixels, depth.size), replace=False)
     row, column = np.divmod(picked, depth.shape[1])
     rays = back_project(camera, np.stack((column, row), axis=-1)[None] + 0.5)[0]
     if kind == "z":
@@ -230,7 +227,7 @@ class DepthConsistency:
     @property
     def floating(self) -> float:
         """Share of the compared points that float before the surface."""
-        return _floating(self.error)
+        return float((self.error < -OCCLUSION).mean()) if self.error.size else 0.0
 
     @property
     def bad_frames(self) -> pd.DataFrame:
@@ -273,25 +270,33 @@ def check_depth_consistency(
         middles[number] = apply_matrix(one.rotation.T, seen.mean(axis=0)) + one.centre
     pairs = _pairs(middles)
     of_frame: list[list[Floats]] = [[] for _ in rows]
-    floating: list[list[Floats]] = [[] for _ in rows]
+    floats: list[list[Bools]] = [[] for _ in rows]
     errors, hidden = [], 0
     for source, target in progress(pairs.tolist(), "pairs of frames", len(pairs)):
         for first, second in ((source, target), (target, source)):
             error, behind = compare_depths(frame(first), frame(second))
             # Depths of a frame too long: its points lie behind, those of others in front.
-            of_frame[first].append(error)
-            of_frame[second].append(-error)
-            for one in (first, second):
-                floating[one].append(error)
+            for number, signed in ((first, error), (second, -error)):
+                of_frame[number].append(signed)
+                floats[number].append(error < -OCCLUSION)
             errors.append(error)
             hidden += behind
-    table = pd.DataFrame(
-        [_frame_row(ids[row], *both) for row, *both in zip(rows, of_frame, floating, strict=True)],
-        columns=["id", "median", "ratio", "floating", "compared"],
-    )
-    without = len(depths) - len(rows)
+    table = []
+    for number, row in enumerate(rows):
+        signed, floating = np.concatenate(of_frame[number]), np.concatenate(floats[number])
+        quality = (np.nan, np.nan, 0.0)
+        if signed.size:
+            medians = float(np.median(np.abs(signed))), float(np.median(signed))
+            quality = (*medians, float(floating.mean()))
+        table.append((ids[row], *quality, signed.size))
+    frames = pd.DataFrame(table, columns=["id", "median", "ratio", "floating", "compared"])
     return DepthConsistency(
-        table, np.concatenate(errors), len(pairs), hidden, without, median_below
+        frames,
+        np.concatenate(errors),
+        len(pairs),
+        hidden,
+        len(depths) - len(rows),
+        median_below,
     )
 
 
@@ -304,17 +309,3 @@ def _pairs(middles: Floats) -> Ints:
     both = np.sort(np.concatenate((following, np.column_stack((own, nearest.ravel())))), axis=1)
     pairs: Ints = np.unique(both[both[:, 0] < both[:, 1]], axis=0)
     return pairs
-
-
-def _frame_row(
-    name: str, signed: Sequence[Floats], unsigned: Sequence[Floats]
-) -> tuple[str, float, float, float, int]:
-    error = np.concatenate([np.empty(0), *signed])
-    if not error.size:
-        return name, np.nan, np.nan, 0.0, 0
-    floats = _floating(np.concatenate(unsigned))
-    return name, float(np.median(np.abs(error))), float(np.median(error)), floats, error.size
-
-
-def _floating(error: Floats) -> float:
-    return float((error < -OCCLUSION).mean()) if error.size else 0.0

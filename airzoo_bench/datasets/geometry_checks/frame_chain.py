@@ -1,8 +1,7 @@
 """The chain pixel -> ray -> ENU -> ECEF -> WGS84 -> CRS of the poses, and all the way back.
 
-It closes to rounding (about 1e-8 m) where lens, rotation, position and CRS are sound. It does not
-where a pixel has no ray (beyond the range of the lens model), where a position is no place of the
-CRS, or where the CRS cannot be inverted to a micrometre.
+It closes to rounding (about 1e-8 m) unless a pixel has no ray (beyond the range of the lens model),
+a position is no place of the CRS, or the CRS cannot be inverted to a micrometre.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from airzoo_bench.datasets.angles import grid_to_true_north
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.crs import (
@@ -30,8 +30,7 @@ CLOSES_M = 1e-6
 """The chain closes where no point comes back farther off than this."""
 CLOSES_PX = 1e-3
 """Nor any pixel: 1e-6 m at 10 m from a camera of 10,000 px focal length."""
-RANGES_M = (10.0, 100.0, 1000.0)
-"""Distances from the camera at which points are sent through the chain."""
+_RANGES_M = np.array((10.0, 100.0, 1000.0))
 _SIDE = 5
 
 
@@ -57,8 +56,7 @@ class FrameChain:
     @property
     def worst(self) -> int:
         """The photo whose chain closes worst."""
-        share = np.maximum(self.closure_m / CLOSES_M, self.closure_px / CLOSES_PX)
-        return int(np.argmax(share))
+        return int(np.maximum(self.closure_m / CLOSES_M, self.closure_px / CLOSES_PX).argmax())
 
 
 def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
@@ -68,9 +66,9 @@ def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
     pixels = grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
     rays = back_project(cameras, pixels)
     lonlat = to_lonlat(crs, poses.centres[:, :2])
-    to_true = _turn_about_up(grid_convergence_deg(crs, lonlat))
+    to_true = grid_to_true_north(grid_convergence_deg(crs, lonlat))
     directions = apply_matrix(to_true[:, None], rays_to_world(poses, rays))
-    sent = (np.array(RANGES_M)[:, None] * directions[:, :, None]).reshape(len(poses), -1, 3)
+    sent = (_RANGES_M[:, None] * directions[:, :, None]).reshape(len(poses), -1, 3)
     axes = enu_axes(lonlat)
     origin = geodetic_to_ecef(np.concatenate([lonlat, poses.centres[:, 2:]], axis=1))
     geodetic = ecef_to_geodetic(apply_matrix(axes[:, None], sent) + origin[:, None])
@@ -83,22 +81,14 @@ def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
     lost: Bools = np.asarray(np.isnan(plane).any(axis=-1) & ~np.isnan(sent).any(axis=-1))
     return FrameChain(
         _worst(returned - sent),
-        _worst(seen - np.repeat(pixels, len(RANGES_M), axis=1)),
+        _worst(seen - np.repeat(pixels, len(_RANGES_M), axis=1)),
         np.asarray(np.isnan(rays).any(axis=(1, 2))),
         np.asarray(lost.any(axis=1) | np.isnan(lonlat).any(axis=1)),
     )
 
 
-def _turn_about_up(convergence_deg: Floats) -> Floats:
-    """Rotations (N, 3, 3) of vectors on the grid to true east, north and up."""
-    angle = np.radians(convergence_deg)
-    cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
-    rows = ((cosine, sine, zero), (-sine, cosine, zero), (zero, zero, zero + 1.0))
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
 def _worst(differences: Floats) -> Floats:
-    """Greatest length (N,) of differences (N, M, D); infinite where one is NaN."""
+    """Return the greatest length (N,) of differences (N, M, D); infinite where one is NaN."""
     lengths = np.sqrt((differences * differences).sum(axis=-1))
     worst: Floats = np.where(np.isnan(lengths), np.inf, lengths).max(axis=1)
     return worst

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import shapely
-from shapely import STRtree
 
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, counted, first_of
@@ -63,7 +62,13 @@ class NamedFootprints:
 def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
     """Read footprints of a benchmark folder's photos, or of a CSV."""
     if place.suffix.lower() == ".csv":
-        return _read_csv(place)
+        # Its coordinates are checked where any of the suite's tables are read.
+        table = read_table(place, ("id", *ANCHOR_COLUMNS))
+        columns = [pd.to_numeric(table[name], errors="coerce") for name in ANCHOR_COLUMNS]
+        lonlat = np.stack(columns, axis=1).astype(np.float64).reshape(-1, 4, 2)
+        unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2)))
+        lonlat[unknown] = np.nan
+        return NamedFootprints(tuple(table["id"].astype(str)), lonlat, unknown)
     scenes = scenes_of_benchmark(open_benchmark(place))
     lacking = [one.name for one in scenes if one.plane_height_m is None or one.crs is None]
     if lacking:
@@ -73,8 +78,7 @@ def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
         for one in scenes
     ]
     ids = tuple(name for scene in scenes for name in scene.ids)
-    lonlat, unknown = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return NamedFootprints(ids, lonlat, unknown)
+    return NamedFootprints(ids, *map(np.concatenate, zip(*parts, strict=True)))
 
 
 def cast_corners(
@@ -89,24 +93,6 @@ def cast_corners(
     blind = (rays[..., 2] >= 0.0).all(axis=1)
     lonlat[unknown | blind] = np.nan
     return lonlat, unknown
-
-
-def _read_csv(path: Path) -> NamedFootprints:
-    table = read_table(path, ("id", *ANCHOR_COLUMNS))
-    columns = [pd.to_numeric(table[name], errors="coerce") for name in ANCHOR_COLUMNS]
-    lonlat = np.stack(columns, axis=1).astype(np.float64).reshape(-1, 4, 2)
-    ids = tuple(table["id"].astype(str))
-    beyond = (np.abs(lonlat) > (360.0, 90.0)).any(axis=(1, 2))
-    if beyond.any():
-        names = [ids[row] for row in np.flatnonzero(beyond)]
-        raise BenchmarkError(
-            f"coordinates that are no degrees: {first_of(names, len(ids))}",
-            where=path,
-            expected="longitude and latitude in WGS84",
-        )
-    unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2)))
-    lonlat[unknown] = np.nan
-    return NamedFootprints(ids, lonlat, unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +114,7 @@ class SplitOverlap:
     @property
     def unknown(self) -> list[str]:
         """Photos of either set whose footprint is not known."""
-        sets = (self.train, self.test)
-        return [s.ids[row] for s in sets for row in np.flatnonzero(s.unknown)]
+        return [s.ids[row] for s in (self.train, self.test) for row in np.flatnonzero(s.unknown)]
 
     @property
     def passes(self) -> bool:
@@ -144,7 +129,7 @@ def compare_splits(
     csv: Path | None = None,
     progress: Progress = silent,
 ) -> SplitOverlap:
-    """Look for ground that both sets see."""
+    """Look for ground that both sets see; write the pairs into a CSV if one is named."""
     found = pd.concat(list(_overlaps(train, test, progress)), ignore_index=True)
     if csv is not None:
         with atomic_write(csv, "w") as stream:
@@ -156,11 +141,9 @@ def _overlaps(
     train: NamedFootprints, test: NamedFootprints, progress: Progress
 ) -> Iterator[pd.DataFrame]:
     """Yield the pairs of footprints that share an area, block by block of the test set."""
-    turn = np.array((360.0, 0.0))
-    around, rows = _polygons(
-        np.concatenate([_unwrapped(train.lonlat) + n * turn for n in (-1, 0, 1)])
-    )
-    tree = STRtree(around)
+    turn, near = np.array((360.0, 0.0)), _unwrapped(train.lonlat)
+    around, rows = _polygons(np.concatenate([near + n * turn for n in (-1, 0, 1)]))
+    tree = shapely.STRtree(around)
     asked, kept = _polygons(_unwrapped(test.lonlat))
     yield pd.DataFrame({name: [] for name in _COLUMNS})
     starts = range(0, len(asked), _BLOCK)
@@ -201,9 +184,7 @@ def _unwrapped(lonlat: Floats) -> Floats:
 def split_table(found: SplitOverlap) -> Table:
     """Lay out the first pairs that overlap, with the counts below."""
     columns = (
-        Column("Training photo"),
-        Column("Test photo"),
-        Column("Shared", "m²", decimals=1),
+        *(Column("Training photo"), Column("Test photo"), Column("Shared", "m²", decimals=1)),
         Column("Of the test photo", "%", decimals=2),
     )
     rows = tuple(

@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
-
-from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
@@ -30,11 +28,11 @@ from airzoo_bench.datasets.published.maps import find_maps, only_one, with_geore
 from airzoo_bench.datasets.published.places import (
     files_by_key,
     find_home,
-    missing,
+    needed_path,
     stem_key,
     sub_path,
 )
-from airzoo_bench.datasets.published.pose_lines import PosedLines, read_posed_lines
+from airzoo_bench.datasets.published.pose_lines import read_posed_lines
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
@@ -49,7 +47,6 @@ _CRS = "EPSG:4547"
 _SCENE = "localization"
 _FOLDERS = {"hq": "HQref", "lq": "LQref"}
 _LAYOUT = "rgb/*.JPG, gt_pose.txt, intrinsic.txt, and HQref/*.tif or LQref/*.tif"
-_WITHIN_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -62,15 +59,10 @@ class AerialExtreMatchOptions(SourceOptions):
     ] = "hq"
     prior: Annotated[
         Literal["metadata", "truth"],
-        Option(
-            "prior",
-            "Crop by the photos' own GPS and gimbal angles, or by the truth, as the benchmark's "
-            "own configuration does: that is another benchmark, and named so.",
-        ),
+        Option("prior", "Crop by the metadata or, as another benchmark, by the truth."),
     ] = "metadata"
     priors: Annotated[
-        Path | None,
-        Option("priors", "CSV of positions and gimbal angles, where photos' metadata lack them."),
+        Path | None, Option("priors", "CSV of GPS and gimbal angles, where photos lack them.")
     ] = None
 
 
@@ -104,7 +96,6 @@ class AerialExtreMatch(Dataset[AerialExtreMatchOptions]):
         images, poses, cameras, references = _parts(options)
         photos = files_by_key(images, stem_key, _LAYOUT)
         posed = read_posed_lines(images, photos, poses, cameras, stem_key, progress)
-        _check_sizes(posed, cameras)
         names = posed.photos.names
         metadata = photo_metadata(names, images, options.priors, photos.values(), progress)
         maps, surfaces = find_maps(references)
@@ -143,39 +134,11 @@ def _parts(options: AerialExtreMatchOptions) -> tuple[Path, Path, Path, Path]:
             fix="where you trust them, write them as .npz and score poses by "
             "airzoo_bench.pose_errors: docs/benchmarks.md has the lines",
         )
-    home = find_home(
-        options.source,
-        lambda folder: any(sub_path(folder, part) for part in ("gt_pose.txt", "rgb")),
-        _LAYOUT,
-    )
+    home = find_home(options.source, lambda f: sub_path(f, "gt_pose.txt") is not None, _LAYOUT)
+    fix = "download what is missing, or name the other references with --reference"
     parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[options.reference])
-    found = [sub_path(home, part) for part in parts]
-    lacking = [part for part, path in zip(parts, found, strict=True) if path is None]
-    if lacking:
-        fix = "download what is missing, or name the other references with --reference"
-        raise missing(f"lacks {', '.join(lacking)}", home, _LAYOUT, fix)
-    images, poses, cameras, references = (path for path in found if path is not None)
+    images, poses, cameras, references = (needed_path(home, one, _LAYOUT, fix) for one in parts)
     return images, poses, cameras, references
-
-
-def _check_sizes(posed: PosedLines, path: Path) -> None:
-    """Hold photos to their camera's size and to twice its principal point."""
-    size, stated = posed.size, posed.stated_size
-    twice = 2.0 * posed.photos.cameras.principal_point * stated / size
-    apart = np.maximum(np.abs(stated - size), np.abs(twice - size)).max(axis=1)
-    odd = [
-        f"{posed.photos.names[i]} is {size[i, 0]:g}x{size[i, 1]:g}, its camera for "
-        f"{stated[i, 0]:g}x{stated[i, 1]:g} with 2 cx x 2 cy = {twice[i, 0]:g}x{twice[i, 1]:g}"
-        for i in np.flatnonzero(apart > _WITHIN_PX).tolist()
-    ]
-    if odd:
-        raise CameraError(
-            f"photos of another size than their cameras: {first_of(odd, len(size))}",
-            where=path,
-            expected="width and height of the photo, and the principal point in its middle, as "
-            "the benchmark's own code takes it",
-            fix="use the photos as they were downloaded, at their full size",
-        )
 
 
 AERIALEXTREMATCH = AerialExtreMatch()

@@ -25,14 +25,13 @@ from typing import Annotated, Literal
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import (
-    PhotoPrior,
     metadata_priors,
     photo_metadata,
     priors_to_poses,
@@ -43,27 +42,25 @@ from airzoo_bench.datasets.published.places import (
     files_by_key,
     find_home,
     missing,
+    needed_path,
     published_scenes,
     stem_key,
     sub_path,
 )
-from airzoo_bench.datasets.published.pose_lines import PosedLines, read_posed_lines
+from airzoo_bench.datasets.published.pose_lines import read_posed_lines
 from airzoo_bench.datasets.scenes import NativeScene
-from airzoo_bench.datasets.settings import SourceOptions
-from airzoo_bench.datasets.surveys.dji_files import (
-    FIXED,
-    DjiTags,
-    TimeStamp,
+from airzoo_bench.datasets.settings import Files, SourceOptions
+from airzoo_bench.datasets.surveys.dji import (
     photo_cameras,
+    photo_time_stamps,
     read_tags,
-    read_time_stamps,
+    true_positions,
 )
 from airzoo_bench.datasets.tables import values_by_scene
 from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
@@ -84,8 +81,6 @@ _SITES: Mapping[str, str] = {
 _RECON = "airzoo_real_recon"
 _SURFACE = "fcw_hangtian_DSM.tif"
 _OPENGL = (1.0, -1.0, -1.0)
-_PHOTO_NUMBER = re.compile(r"_(\d{4})(?:_[A-Z])?$")
-_SAME_PLACE_M = 100.0  # of a table's position and the photo's own
 # As `matching.prepare` tells priors that are the truth.
 _SAME_M, _SAME_DEG = 0.02, 0.1
 _LAYOUT = (
@@ -99,48 +94,30 @@ _LAYOUT = (
 class AirZooRealOptions(SourceOptions):
     """What the release does not state, and files that are not told by their kind."""
 
-    dom: Annotated[
-        list[str] | None, Option("dom", "SCENE=FILE: the map that photos are matched to.")
-    ] = None
-    dsm: Annotated[list[str] | None, Option("dsm", "SCENE=FILE: the surface model.")] = None
+    dom: Annotated[Files, Option("dom", "SCENE=FILE: the map that photos are matched to.")] = None
+    dsm: Annotated[Files, Option("dsm", "SCENE=FILE: the surface model.")] = None
     satellite: Annotated[
-        list[str] | None, Option("satellite", "SCENE=FILE: the map of retrieval, of 0.3 m a pixel.")
+        Files, Option("satellite", "SCENE=FILE: the map of retrieval, of 0.3 m a pixel.")
     ] = None
     positions: Annotated[
-        list[str] | None,
+        Files,
         Option("positions", "SCENE=FILE: CSV of true positions (image, lon, lat, altitude_m)."),
     ] = None
-    priors: Annotated[
-        list[str] | None,
-        Option("priors", "SCENE=FILE: CSV of priors, where photos' metadata lack them."),
-    ] = None
+    priors: Annotated[Files, Option("priors", "SCENE=FILE: CSV of priors.")] = None
     prior: Annotated[
         Literal["metadata", "truth"],
-        Option(
-            "prior",
-            "Crop by the photos' own metadata, or by the truth: that is another benchmark, of "
-            "matching alone, and named so.",
-        ),
+        Option("prior", "Crop by the metadata or, as another benchmark, by the truth."),
     ] = "metadata"
-    camera: Annotated[
-        list[str] | None, Option("camera", "SCENE=FILE: camera (JSON), where metadata state none.")
-    ] = None
+    camera: Annotated[Files, Option("camera", "SCENE=FILE: camera (JSON).")] = None
     height_offset: Annotated[
-        list[str] | None,
-        Option("height-offset", "SCENE=METRES to add to heights of truth and priors (default: 0)."),
+        Files, Option("height-offset", "SCENE=METRES to add to heights of truth and priors.")
     ] = None
     cloud: Annotated[
-        list[str] | None,
-        Option("cloud", "SCENE=FILE: true cloud of a site, such as school or school-06-08."),
+        Files, Option("cloud", "SCENE=FILE: true cloud of a site, such as school or school-06-08.")
     ] = None
     truth_reach: Annotated[
         float,
-        Option(
-            "truth-reach",
-            "Metres around the cameras within which the surface model is the true cloud.",
-            least=1,
-            most=5000,
-        ),
+        Option("truth-reach", "Metres of surface model about the cameras.", least=1, most=5000),
     ] = 500.0
 
 
@@ -178,7 +155,7 @@ class AirZooReal(Dataset[AirZooRealOptions]):
         for scene in published_scenes(f"{self.name}-reconstruction"):
             site = _site_folder(home, scene)
             if site is not None and options.prior == "metadata":
-                parts = (site, _dom_folder(home, site), _given_cloud(options, scene))
+                parts = (site, _surface(home, site), _given_cloud(options, scene))
                 found[scene] = [part for part in parts if part is not None]
         return found
 
@@ -191,8 +168,7 @@ class AirZooReal(Dataset[AirZooRealOptions]):
 
 def _home(options: AirZooRealOptions) -> Path:
     parts = (*_REGIONS.values(), _RECON, *_SITES.values())
-    is_home = lambda folder: any(sub_path(folder, part) is not None for part in parts)  # noqa: E731
-    return find_home(options.source, is_home, _LAYOUT)
+    return find_home(options.source, lambda f: any(sub_path(f, part) for part in parts), _LAYOUT)
 
 
 def _given_files(options: AirZooRealOptions, scene: str) -> dict[str, Path]:
@@ -212,39 +188,32 @@ def _given_cloud(options: AirZooRealOptions, scene: str) -> Path | None:
 
 def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
     """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
-    home = sub_path(_home(options), _REGIONS[scene])
-    if home is None:
-        raise missing(f"lacks {_REGIONS[scene]}", options.source, _LAYOUT)
+    home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
     given, made = _given_files(options, scene), data_root() / "made" / "airzoo-real" / scene
     maps, surfaces = find_maps(home)
     protocol = protocol_of_track("airzoo-real-retrieval", data_root(), RetrievalProtocol)
     gallery = protocol.map_rules()[0]
     gsd = 0.0 if isinstance(gallery.gsd_m, str) else gallery.gsd_m
-    fits = [
-        path
-        for path in maps
-        if all(
-            abs(side / gsd - 1.0) <= gallery.gsd_tolerance
-            for side in gsd_m(open_info(with_georeference(path, made)[0]))
-        )
-    ]
+
+    def fits(path: Path) -> bool:
+        sides = gsd_m(open_info(with_georeference(path, made)[0]))
+        return all(abs(side / gsd - 1.0) <= gallery.gsd_tolerance for side in sides)
+
+    fitting = [path for path in maps if fits(path)]
     satellite = given.get("satellite")
-    if satellite is None and fits:
-        satellite = only_one(fits, "satellite map", home, f"name it: --satellite {scene}=FILE")
-    others = [path for path in maps if path not in (*fits, satellite)]
+    if satellite is None and fitting:
+        satellite = only_one(fitting, "satellite map", home, f"name it: --satellite {scene}=FILE")
+    others = [path for path in maps if path not in (*fitting, satellite)]
     doms = maps if len(maps) == 1 else others
     dom = given.get("dom") or only_one(doms, "map (DOM)", home, f"name it: --dom {scene}=FILE")
     dsm = given.get("dsm") or only_one(
         surfaces, "surface model", home, f"name it: --dsm {scene}=FILE"
     )
-    notes = [
-        f"{dom.name} is the DOM, {dsm.name} the surface model; "
-        + (
-            f"no map has {gsd:g} m a pixel: without --satellite {scene}=FILE retrieval has no truth"
-            if satellite is None
-            else f"{satellite.name} is the map of retrieval"
-        )
-    ]
+    of_retrieval = f"no map has {gsd:g} m a pixel: without --satellite {scene}=FILE retrieval has "
+    of_retrieval += "no truth"
+    if satellite is not None:
+        of_retrieval = f"{satellite.name} is the map of retrieval"
+    notes = [f"{dom.name} is the DOM, {dsm.name} the surface model; {of_retrieval}"]
     found = {}
     for what, path in (("dom", dom), ("dsm", dsm), ("satellite", satellite)):
         if path is not None:
@@ -256,56 +225,53 @@ def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list
 def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
     """Read photos, cameras and true positions of a region."""
     maps, notes = _maps(options, scene)
-    home, given = sub_path(_home(options), _REGIONS[scene]) or Path(), _given_files(options, scene)
-    every = sorted(p for p in home.rglob("*") if p.is_file() and not p.name.startswith("."))
-    jpegs = [p for p in every if p.suffix.lower() in (".jpg", ".jpeg")]
-    photos = [path.relative_to(home).as_posix() for path in jpegs]
+    home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
+    given = _given_files(options, scene)
+    every = sorted(p for p in home.rglob("*") if p.suffix.lower() in (".jpg", ".jpeg"))
+    photos = [path.relative_to(home).as_posix() for path in every if path.name[0] != "."]
     if not photos:
         raise missing("holds no photo", home, "the drone's photos as .JPG")
-    shown = progress(photos, "photos", len(photos))
-    sizes = {name: photo_size(home / name) for name in shown}
+    sizes = {name: photo_size(home / name) for name in progress(photos, "photos", len(photos))}
     stated = photo_metadata(photos, home, None, sizes, progress)
-    metadata = stated
-    if "priors" in given:
-        table = read_prior_file(given["priors"], sizes)
-        metadata = {name: replace(stated[name], **table.get(name, {})) for name in photos}
+    table = read_prior_file(given["priors"], sizes) if "priors" in given else {}
+    metadata = {name: replace(stated[name], **table.get(name, {})) for name in photos}
     tags = {name: read_tags(home / name, size) for name, size in sizes.items()}
-    rtk = [path for path in every if path.suffix.lower() == ".mrk"]
-    truth, said, source = _true_positions(stated, tags, rtk, given.get("positions"))
-    kept = tuple(name for name in photos if name in truth)
-    if not kept:
-        raise BenchmarkError(
-            f"no photo has a true position and gimbal angles: {said}",
-            where=home,
-            expected="photos of a drone with RTK, with DJI's metadata",
-            fix=f"give their positions: --positions {scene}=FILE (image, lon, lat, altitude_m)",
-        )
+    if "positions" in given:
+        rows = read_prior_file(given["positions"], stated)
+        placed = {name: replace(stated[name], **rows[name]) for name in photos if name in rows}
+        truth = {name: prior for name, prior in placed.items() if prior.is_complete}
+        notes.append(f"true positions are those of {given['positions'].name}")
+    else:
+        stamps, said = photo_time_stamps(home, home, stated)
+        truth, more = true_positions(stated, tags, stamps, home)
+        notes += [*said, *more]
+    notes.append("true orientations are the gimbal's, and not trusted")
+    names, crs = tuple(truth), _CRS
     fix = f"--camera {scene}=FILE, JSON with fx (px), or focal_mm and sensor_mm, or fov_deg"
-    of_kept = {name: sizes[name] for name in kept}
-    cameras, of_cameras = photo_cameras(home, of_kept, tags, given.get("camera"), fix)
+    of_names = {name: sizes[name] for name in names}
+    cameras, of_cameras = photo_cameras(home, of_names, tags, given.get("camera"), fix)
     offset = _height_offset(options, scene)
-    poses = _raised(priors_to_poses({name: truth[name] for name in kept}, _CRS), offset)
-    stated_priors = metadata_priors({name: metadata[name] for name in kept}, _CRS)
-    notes += [said, *of_cameras]
-    priors = None
-    if stated_priors is not None:
-        priors = _unlike_truth(_raised(stated_priors, offset), poses, notes)
+    poses = _raised(priors_to_poses(truth, crs), offset)
+    priors = metadata_priors({name: metadata[name] for name in names}, crs)
+    notes += of_cameras
+    if priors is not None:
+        priors = _unlike_truth(_raised(priors, offset), poses, notes)
     satellite = maps.get("satellite")
     return NativeScene(
         scene,
         home,
-        kept,
+        names,
         cameras,
         poses,
-        _CRS,
+        crs,
         dom=maps["dom"],
         dsm=maps["dsm"],
         gallery=None if satellite == maps["dom"] else satellite,
         priors=priors,
-        metadata={name: metadata[name] for name in kept},
+        metadata={name: metadata[name] for name in names},
         unposed=tuple(name for name in photos if name not in truth),
         notes=tuple(notes),
-        poses_from=source,
+        poses_from=given.get("positions", home),
     )
 
 
@@ -318,66 +284,7 @@ def _height_offset(options: AirZooRealOptions, scene: str) -> float:
 
 
 def _raised(poses: Poses, offset_m: float) -> Poses:
-    centres = poses.centres + np.array((0.0, 0.0, offset_m))
-    return Poses(rotation=poses.rotation, centres=centres)
-
-
-def _true_positions(
-    metadata: Mapping[str, PhotoPrior],
-    tags: Mapping[str, DjiTags],
-    tables: Sequence[Path],
-    given: Path | None,
-) -> tuple[dict[str, PhotoPrior], str, Path | None]:
-    """Return true positions: those of a file, else of RTK tables, else of the photos themselves.
-
-    Also return where they are from, in a sentence, and their file.
-    """
-    path, why = given, ""
-    if given is not None:
-        rows = read_prior_file(given, metadata)
-        found = {name: replace(metadata[name], **values) for name, values in rows.items()}
-        said = f"true positions are those of {given.name}"
-    else:
-        found, why = _of_tables(metadata, tables)
-        path = tables[0] if found else None
-        names = first_of([table.name for table in tables], noun="table")
-        said = f"true positions are the fixed RTK solutions of {names}"
-    if not found and given is None:
-        found = {name: prior for name, prior in metadata.items() if tags[name].rtk_flag in FIXED}
-        said = f"true positions are those of the metadata of {len(found)} of {len(metadata)} "
-        said += f"photos, fixed RTK by their RtkFlag{why}"
-    whole = {name: prior for name, prior in found.items() if prior.is_complete}
-    return whole, f"{said}; orientations are the gimbal's, and not trusted", path
-
-
-def _of_tables(
-    metadata: Mapping[str, PhotoPrior], tables: Sequence[Path]
-) -> tuple[dict[str, PhotoPrior], str]:
-    """Return positions where tables have one for every photo, else why they are not used."""
-    stamps = [stamp for table in tables for stamp in read_time_stamps(table)]
-    found: dict[str, PhotoPrior] = {}
-    for name, prior in metadata.items():
-        match = _PHOTO_NUMBER.search(Path(name).stem)
-        number = int(match[1]) if match is not None else None
-        fitting = [one for one in stamps if one.number == number and _near(one, prior)]
-        if len(fitting) == 1 and fitting[0].flag in FIXED:
-            (one,) = fitting
-            found[name] = replace(prior, lon=one.lon, lat=one.lat, altitude_m=one.height_m)
-    lacking = [name for name in metadata if name not in found]
-    if not tables or not lacking:
-        return found, ""
-    named = first_of([table.name for table in tables])
-    return {}, (
-        f" ({named} not used: no single fixed solution within {_SAME_PLACE_M:g} m of "
-        f"{first_of(lacking, len(metadata))})"
-    )
-
-
-def _near(stamp: TimeStamp, prior: PhotoPrior) -> bool:
-    if prior.lon is None or prior.lat is None:
-        return True
-    places = np.array(((stamp.lon, stamp.lat), (prior.lon, prior.lat)))
-    return float(geodesic_distance_m(places[:1], places[1:])[0]) < _SAME_PLACE_M
+    return replace(poses, centres=poses.centres + np.array((0.0, 0.0, offset_m)))
 
 
 def _unlike_truth(priors: Poses, poses: Poses, notes: list[str]) -> Poses | None:
@@ -406,25 +313,21 @@ def _site_folder(home: Path, scene: str) -> Path | None:
     return sub_path(sub_path(home, _RECON) or home, _SITES[site], hours)
 
 
-def _dom_folder(home: Path, site: Path) -> Path | None:
-    """Return the folder of the rasters of all sites."""
-    return sub_path(site.parent.parent, "dom") or sub_path(home, "dom")
+def _surface(home: Path, site: Path) -> Path | None:
+    """Return the surface model of all sites."""
+    return sub_path(site.parent.parent, "dom", _SURFACE) or sub_path(home, "dom", _SURFACE)
 
 
 def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
     """Read the photos, cameras and poses of a site at some hours, and its true cloud."""
     home = _home(options)
     site = _site_folder(home, scene) or home
-    places = ("images", "poses/poses/t_pose.txt", "poses/intrinsics/t_intrinsic.txt")
-    found = [sub_path(site, *place.split("/")) for place in places]
-    lacking = [place for place, one in zip(places, found, strict=True) if one is None]
-    if lacking:
-        raise missing(f"lacks {', '.join(lacking)}", site, _LAYOUT)
-    images, poses, cameras = (path for path in found if path is not None)
-    own = [
-        p.name for p in images.iterdir() if re.fullmatch(r"[^.].*_0\.png", p.name, re.IGNORECASE)
-    ]
-    photos = files_by_key(images, _photo_key, "files such as 0_0.png, 1_0.png", sorted(own))
+    images, poses, cameras = (
+        needed_path(site, place, _LAYOUT)
+        for place in ("images", "poses/poses/t_pose.txt", "poses/intrinsics/t_intrinsic.txt")
+    )
+    own = sorted(p.name for p in images.iterdir() if re.fullmatch(r"[^.].*_0\.png", p.name, re.I))
+    photos = files_by_key(images, _photo_key, "files such as 0_0.png, 1_0.png", own)
     posed = read_posed_lines(
         images,
         dict(sorted(photos.items(), key=lambda pair: pair[1])),
@@ -436,20 +339,27 @@ def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> Na
         # Lines of the other renderings, <name>_1 and <name>_2.
         is_other=lambda key, known: key[:-2] in known and key[-2:] in ("_1", "_2"),
     )
-    cloud, notes = _given_cloud(options, scene), [*posed.notes, *_scaled(posed)]
-    dsm = _site_surface(home, site, cloud is None, notes)
-    if cloud is None and dsm is not None:
+    cloud, notes = _given_cloud(options, scene), list(posed.notes)
+    dsm = _surface(home, site)
+    if dsm is not None:
+        dsm, said = with_georeference(dsm, data_root() / "made" / "airzoo-real", heights=True)
+        notes += said
+    if cloud is None:
+        if dsm is None:
+            fix = "download it too, or name a true cloud: --cloud SCENE=FILE"
+            what = f"there is no dom/{_SURFACE} to make the true cloud of"
+            raise missing(what, site.parent.parent, f"{_RECON}/dom/{_SURFACE}", fix)
         cloud = _surface_cloud(dsm, posed.photos.poses.centres, options.truth_reach, scene)
         notes.append(
             f"the true cloud is made of dom/{_SURFACE}, one point a pixel within "
-            f"{options.truth_reach:g} m of the cameras: the depth that the paper took is not in "
-            "the release. It has no facades and nothing below a roof or a crown; --cloud names "
-            "another"
+            f"{options.truth_reach:g} m of the cameras; it has no facades and nothing below a roof "
+            "or a crown; --cloud names another"
         )
+    names = posed.photos.names
     return NativeScene(
         scene,
         images,
-        posed.photos.names,
+        names,
         posed.photos.cameras,
         posed.photos.poses,
         _CRS,
@@ -458,38 +368,13 @@ def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> Na
         unposed=posed.unposed,
         notes=tuple(notes),
         poses_from=poses,
-        conditions={"hours": [_site_and_hours(scene)[1]] * len(posed.photos.names)},
+        conditions={"hours": [_site_and_hours(scene)[1]] * len(names)},
     )
 
 
 def _photo_key(name: str) -> str:
     """Return what a name says of a photo, whether it is written as 12, 12_0 or images/12_0.png."""
     return stem_key(name).removesuffix("_0")
-
-
-def _scaled(posed: PosedLines) -> list[str]:
-    stated, there = (
-        " and ".join(sorted({f"{w:g}x{h:g}" for w, h in sizes.tolist()}))
-        for sizes in (posed.stated_size, posed.size)
-    )
-    said = f"cameras are written for photos of {stated} px and were scaled to those that are there"
-    return [] if stated == there else [f"{said}, {there} px"]
-
-
-def _site_surface(home: Path, site: Path, needed: bool, notes: list[str]) -> Path | None:
-    """Find the surface model of all sites; it must be there where the cloud is made of it."""
-    folder = _dom_folder(home, site)
-    file = None if folder is None else sub_path(folder, _SURFACE)
-    if file is not None:
-        made = data_root() / "made" / "airzoo-real"
-        path, said = with_georeference(file, made, heights=True)
-        notes += said
-        return path
-    if needed:
-        fix = "download it too, or name a true cloud: --cloud SCENE=FILE"
-        what = f"there is no dom/{_SURFACE} to make the true cloud of"
-        raise missing(what, site.parent.parent, f"{_RECON}/dom/{_SURFACE}", fix)
-    return None
 
 
 def _surface_cloud(dsm: Path, centres: Floats, reach_m: float, scene: str) -> Path:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of
-from airzoo_bench.core.files import fingerprint
+from airzoo_bench.core.files import data_root, fingerprint
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
@@ -32,7 +32,7 @@ from airzoo_bench.datasets.published.places import (
     stem_of,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
+from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import Table, read_table
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -84,10 +84,6 @@ class AirZooTestOptions(SourceOptions):
     depth_scale: Annotated[
         float | None, Option("depth-scale", "Metres of a unit of depth, where it is not metres.")
     ] = None
-    clouds: Annotated[
-        Path | None,
-        Option("clouds", "Folder to keep the true clouds in (default: one in the data root)."),
-    ] = None
 
 
 class AirZooTest(Dataset[AirZooTestOptions]):
@@ -117,34 +113,22 @@ class AirZooTest(Dataset[AirZooTestOptions]):
 
     def scenes(self, options: AirZooTestOptions) -> Mapping[str, Sequence[Path]]:
         """Return the folders of trajectories by scene id, by name: 2 before 10."""
-        source = options.source
-        patterns = (_TABLE, f"*/{_TABLE}", f"*/*/{_TABLE}")
-        tables = [path for pattern in patterns for path in source.glob(pattern)]
+        tables = [p for depth in ("", "*/", "*/*/") for p in options.source.glob(depth + _TABLE)]
         folders = sorted((path.resolve().parent for path in tables), key=_name_order)
-        names = [folder.name for folder in folders]
+        ids = [folder.name for folder in folders]
+        expected = f"{_LAYOUT}; names of letters, digits, '.', '_' and '-', each once"
         if options.name == _NAME:
             ids = published_scenes(f"{_NAME}-reconstruction")
             expected = f"the {len(ids)} trajectories of AirZoo-Test, which are numbered by name"
-            sound = len(folders) == len(ids)
-        else:
-            ids, expected = names, f"{_LAYOUT}; names of letters, digits, '.', '_' and '-'"
-            sound = all(re.match(SAFE_NAME, n) for n in names) and len({*names}) == len(names)
-        if not sound or not folders:
+        sound = all(re.match(SAFE_NAME, name) for name in ids)
+        if not sound or not folders or not len(folders) == len(ids) == len({*ids}):
             raise missing(
-                f"holds {len(folders)} trajectories, {first_of(names)}",
-                source,
+                f"holds {len(folders)} trajectories",
+                options.source,
                 expected,
                 "complete the download; or --name OTHER for a benchmark of what is there",
             )
         return {one: [folder] for one, folder in zip(ids, folders, strict=True)}
-
-    def is_prepared(self, options: AirZooTestOptions, settings: PrepareSettings) -> bool:
-        """Whether the folder is complete, and made from files that did not change since."""
-        return super().is_prepared(_with_clouds(options, settings), settings)
-
-    def prepare(self, options: AirZooTestOptions, settings: PrepareSettings) -> Prepared:
-        """Make the benchmark folder; true clouds are kept, so that they are not made again."""
-        return super().prepare(_with_clouds(options, settings), settings)
 
     def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a trajectory in a local frame of east, north and up, and make its true cloud."""
@@ -168,13 +152,12 @@ class AirZooTest(Dataset[AirZooTestOptions]):
         sizes = [photo_size(folder / "images" / name) for name in shown]
         try:
             cameras = _cameras(table, rows, sizes)
-            centres, rotations = _ecef_poses(table)
+            poses, place = _local(*_ecef_poses(table), rows, names)
         except CameraError as error:
             raise error.inside(table.path) from error
-        poses, place = _local(centres, rotations, rows, names)
         check_centred(PosedPhotos(names, cameras, poses), table.path)
+        cloud = _cloud(folder / "depth", names, cameras, poses.rounded(), options, scene, progress)
         own = "" if folder.name == scene else f"is the trajectory {folder.name}; "
-        frame = f"{own}its frame is east, north and up about {place}"
         return NativeScene(
             scene,
             folder / "images",
@@ -182,9 +165,7 @@ class AirZooTest(Dataset[AirZooTestOptions]):
             cameras,
             poses,
             LOCAL_CRS,
-            cloud=_cloud(
-                folder / "depth", names, cameras, poses.rounded(), options, scene, progress
-            ),
+            cloud=cloud,
             poses_from=table.path,
             conditions={
                 column: [table.texts(column)[row] for row in rows]
@@ -192,7 +173,7 @@ class AirZooTest(Dataset[AirZooTestOptions]):
                 if table.has(column)
             },
             unposed=tuple(sorted(set(photos.values()) - set(images))),
-            notes=(*notes, frame),
+            notes=(*notes, f"{own}its frame is east, north and up about {place}"),
         )
 
 
@@ -205,28 +186,21 @@ def _name_order(path: Path) -> list[tuple[str, int]]:
     return [(text, int(n or 0)) for text, n in re.findall(r"([^0-9]*)([0-9]*)", path.name)]
 
 
-def _with_clouds(options: AirZooTestOptions, settings: PrepareSettings) -> AirZooTestOptions:
-    """Return the options with a folder for clouds, in the data root where none is named."""
-    clouds = options.clouds or settings.root / f"{options.name}-clouds"
-    return replace(options, clouds=clouds)
-
-
 def _cameras(table: Table, rows: Sequence[int], sizes: Sequence[tuple[int, int]]) -> Cameras:
-    values = {name: table.numbers(name)[rows] for name in _LENS}
+    width, height, fx, fy, cx, cy = (table.numbers(name)[rows] for name in _LENS)
     names = [table.texts("name")[row] for row in rows]
-    stated = np.stack([values["width"], values["height"]], axis=1)
+    stated = np.stack([width, height], axis=1)
     other = [name for name, bad in zip(names, (stated != sizes).any(axis=1), strict=True) if bad]
     if other:
         raise CameraError(f"photos of another size than stated: {first_of(other, len(names))}")
     matrices = np.zeros((len(rows), 3, 3))
-    matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = values["fx"], values["fy"], 1.0
-    matrices[:, 0, 2], matrices[:, 1, 2] = values["cx"], values["cy"]
-    bent = [
-        table.numbers(name)[rows] if table.has(name) else np.zeros(len(rows))
-        for name in _DISTORTION
-    ]
-    width, height = stated.T
-    return Cameras.from_matrices(matrices, width, height, np.stack(bent, axis=1), names=names)
+    matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = fx, fy, 1.0
+    matrices[:, 0, 2], matrices[:, 1, 2] = cx, cy
+    there = [table.has(name) for name in _DISTORTION]
+    bent = np.zeros((len(rows), len(_DISTORTION)))
+    for column in np.flatnonzero(there):
+        bent[:, column] = table.numbers(_DISTORTION[column])[rows]
+    return Cameras.from_matrices(matrices, width, height, bent, names=names)
 
 
 def _ecef_poses(table: Table) -> tuple[Floats, Floats]:
@@ -288,12 +262,11 @@ def _cloud(
     stated, most_m = protocol.preparation.voxel_m, protocol.fusion.max_depth_m
     voxel = 0.5 if stated == "none" else stated
     found = find_depths(folder, names)
-    absent = [name for name, path in zip(names, found, strict=True) if path is None]
-    if absent:
-        raise missing(
-            f"photos without a depth map ({first_of(absent, len(names))})", folder, _LAYOUT
-        )
     paths = [path for path in found if path is not None]
+    if len(paths) < len(names):
+        absent = [name for name, path in zip(names, found, strict=True) if path is None]
+        what = f"photos without a depth map ({first_of(absent, len(names))})"
+        raise missing(what, folder, _LAYOUT)
     arrays = (*vars(cameras).values(), poses.rotation, poses.centres)
     key = fingerprint(
         [
@@ -302,7 +275,7 @@ def _cloud(
             [options.depth_kind, options.depth_scale, most_m, voxel],
         ]
     )
-    kept = (options.clouds or options.source) / f"{label}-{key[:16]}.ply"
+    kept = data_root() / "made" / _NAME / f"{label}-{key[:16]}.ply"
     if kept.is_file():
         return kept
     grid = VoxelGrid(voxel, grid_origin(voxel))

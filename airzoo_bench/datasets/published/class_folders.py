@@ -6,24 +6,22 @@ other are the gallery, and images of one class answer each other.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, counted, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.published.places import find_home, missing
+from airzoo_bench.datasets.published.places import find_home, missing, published_scenes
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import geodesic_distance_m
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.stated_truth import ImageSet, pairs_of_labels
 
 __all__ = ["DENSEUAV", "DIRECTIONS", "SUES_200", "UNIVERSITY_1652", "ClassFolders"]
@@ -44,12 +42,12 @@ _NUMBERS = (
 )
 _TRAINING = frozenset(_NUMBERS.split())
 _POSITIONS = "Dense_GPS_ALL.txt"
-_POSITION_LINE = "test/query_drone/000001/H80.JPG E120.387 N30.324 93.2"
-_MOST_SHARED, _FARTHEST_M = 0.1, 200.0
+_POSITION = re.compile(r"(?:\S*/)?(\d+)/\S+\s+E(\d+\.?\d*)\s+N(\d+\.?\d*)(?:\s|$)", re.ASCII)
+
+Place = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class ClassImage:
+class ClassImage(NamedTuple):
     """An image: its class, without leading zeros; what its id ends in; its file in the folder."""
 
     label: str
@@ -80,9 +78,8 @@ class ClassFolders(Dataset[SourceOptions]):
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
         """Return all scenes of the protocols."""
-        home, shipped = self.home(options.source), shipped_protocols()
-        every = [load_protocol(shipped[name]).scenes for name in self.protocols]
-        return {scene.id: [home] for scenes in every for scene in scenes}
+        home = self.home(options.source)
+        return {scene: [home] for name in self.protocols for scene in published_scenes(name)}
 
     def sets(self, home: Path, scene: str) -> list[tuple[Path, list[ClassImage]]]:
         """Return the folders of queries and gallery, with their images."""
@@ -95,16 +92,15 @@ class ClassFolders(Dataset[SourceOptions]):
         home = self.home(options.source)
         (asked, queries), (given, gallery) = self.sets(home, scene)
         labels = [[image.label for image in images] for images in (queries, gallery)]
-        lacking = sorted(set(labels[0]) - set(labels[1]), key=int)
-        if lacking:
-            raise BenchmarkError(
-                f"{counted(len(lacking), 'class', 'classes')} of the queries without an image: "
-                f"{first_of(lacking)}",
-                where=given,
-                expected=f"every class of {asked}",
-                fix="download or unpack it again",
-            )
         positions, notes = self.positions(home)
+        answered = set(labels[1]) if positions is None else set(labels[1]) & set(positions)
+        lacking = sorted(set(labels[0]) - answered, key=int)
+        if lacking:
+            raise missing(
+                f"lacks classes of {asked.name}: {first_of(lacking)}",
+                given,
+                "every class of the queries, with its position where the benchmark has them",
+            )
         return ImageScene(
             scene,
             _image_set(queries, positions),
@@ -116,7 +112,7 @@ class ClassFolders(Dataset[SourceOptions]):
             notes,
         )
 
-    def positions(self, home: Path) -> tuple[Mapping[str, Sequence[float]] | None, tuple[str, ...]]:
+    def positions(self, home: Path) -> tuple[Mapping[str, Place] | None, tuple[str, ...]]:
         """Return longitude and latitude by class, where the benchmark has them, and notes."""
         return None, ()
 
@@ -125,26 +121,17 @@ def class_images(folder: Path, below: str = "") -> list[ClassImage]:
     """List the images of all class folders, or of a folder in each, sorted by class and name."""
     layout = f"a folder a class, named by a whole number, with images ending in {_SUFFIXES}"
     inside = sorted(path for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
-    homes = [home for home in inside if not home.name.startswith((".", "__"))]
     found: list[ClassImage] = []
-    for home in homes:
-        if not (home.name.isascii() and home.name.isdigit()):
-            raise missing(
-                f"the folder {home.name!r} is no class", folder, layout, "move it elsewhere"
-            )
+    for home in (path for path in inside if not path.name.startswith((".", "__"))):
         files = sorted((home / below).iterdir()) if (home / below).is_dir() else []
         images = [
             file for file in files if file.suffix.lower() in _SUFFIXES and file.name[0] != "."
         ]
-        partial = [f.name for f in files if f.name.endswith((".part", ".crdownload", ".aria2"))]
-        partial += [f.name for f in images if not f.stat().st_size or not f.name.isprintable()]
-        if partial or not images:
-            what = f"not whole: {first_of(partial)}" if partial else "holds no image"
-            raise missing(what, home / below, layout)
+        if not (home.name.isascii() and home.name.isdigit()) or not images:
+            raise missing(f"{home.name!r} is no class with images", home / below, layout)
+        label = str(int(home.name))
         found += [
-            ClassImage(
-                str(int(home.name)), f"{home.name}/{one.stem}", one.relative_to(folder).as_posix()
-            )
+            ClassImage(label, f"{home.name}/{one.stem}", one.relative_to(folder).as_posix())
             for one in images
         ]
     if not found:
@@ -153,22 +140,13 @@ def class_images(folder: Path, below: str = "") -> list[ClassImage]:
     return found
 
 
-def _image_set(
-    images: Sequence[ClassImage], positions: Mapping[str, Sequence[float]] | None
-) -> ImageSet:
-    places: Floats | None = None
-    if positions is not None:
-        lacking = sorted({image.label for image in images} - set(positions), key=int)
-        if lacking:
-            raise BenchmarkError(
-                f"no position of classes {first_of(lacking)}",
-                where=_POSITIONS,
-                expected="a line for an image of each class",
-                fix="download it again",
-            )
-        places = np.array([positions[image.label] for image in images], np.float64)
+def _image_set(images: Sequence[ClassImage], positions: Mapping[str, Place] | None) -> ImageSet:
     names, files = [image.name for image in images], [image.image for image in images]
-    return ImageSet(names, files, places, degrees=places is not None)
+    if positions is None:
+        return ImageSet(names, files, None)
+    nowhere = (np.nan, np.nan)
+    places = np.array([positions.get(image.label, nowhere) for image in images], np.float64)
+    return ImageSet(names, files, places, degrees=True)
 
 
 class University1652(ClassFolders):
@@ -238,57 +216,27 @@ class DenseUav(ClassFolders):
         """Return whether a folder is test/, next to the positions."""
         return folder.is_dir() and (folder.parent / _POSITIONS).exists()
 
-    def positions(self, home: Path) -> tuple[Mapping[str, Sequence[float]] | None, tuple[str, ...]]:
+    def positions(self, home: Path) -> tuple[Mapping[str, Place] | None, tuple[str, ...]]:
         """Read the position of each class, that of its last line as in the authors' code."""
         path = home.parent / _POSITIONS
-        found: dict[str, tuple[float, float]] = {}
+        found: dict[str, Place] = {}
         moved: dict[str, None] = {}
         for number, line in enumerate(read_native_text(path).splitlines(), start=1):
-            if not line.strip():
-                continue
-            label, position = _position(path, number, line)
-            if found.get(label, position) != position:
-                moved[label] = None
-            found[label] = position
-        _check_spacing(path, found)
+            match = _POSITION.match(line.replace("\\", "/"))
+            if match is None and line.strip():
+                raise BenchmarkError(
+                    f"is {line[:80]!r}",
+                    where=f"{path}, line {number}",
+                    expected="such as test/query_drone/000001/H80.JPG E120.387 N30.324 93.2",
+                    fix="download it again, or correct the line",
+                )
+            if match is not None:
+                label, position = str(int(match[1])), (float(match[2]), float(match[3]))
+                if found.setdefault(label, position) != position:
+                    moved[label] = None
+                found[label] = position
         said = f"classes whose lines in {_POSITIONS} differ, of which the last is taken: "
         return found, (said + first_of(moved),) if moved else ()
-
-
-def _position(path: Path, number: int, line: str) -> tuple[str, tuple[float, float]]:
-    """Read ``folder/CLASS/file E<lon> N<lat> height``."""
-    parts = line.split()
-    folders = parts[0].replace("\\", "/").split("/")
-    label = folders[-2] if len(folders) > 1 else ""
-    try:
-        marks, values = "".join(part[0] for part in parts[1:3]), [float(p[1:]) for p in parts[1:3]]
-    except ValueError:
-        marks, values = "", []
-    sound = marks == "EN" and 0.0 <= values[0] <= 180.0 and 0.0 <= values[1] <= 90.0
-    if not (sound and label.isascii() and label.isdigit()):
-        raise BenchmarkError(
-            f"is {line[:80]!r}",
-            where=f"{path}, line {number}",
-            expected=f"such as {_POSITION_LINE}, with blanks between and points in numbers",
-            fix="download it again, or correct the line",
-        )
-    return str(int(label)), (values[0], values[1])
-
-
-def _check_spacing(path: Path, positions: Mapping[str, Sequence[float]]) -> None:
-    """Refuse positions that are too coarse to tell classes apart, or not on one campus's scale."""
-    places = np.array([positions[label] for label in sorted(positions, key=int)]).reshape(-1, 2)
-    shared = len(places) - len(np.unique(places, axis=0))
-    apart = geodesic_distance_m(places[1:], places[:-1])
-    far = len(apart) > 0 and np.median(apart) > _FARTHEST_M
-    if not len(places) or far or shared > _MOST_SHARED * len(places):
-        raise BenchmarkError(
-            f"{shared} of {len(places)} classes have the position of another, or classes are far "
-            "from the next one",
-            where=path,
-            expected="a position of its own for each class, some 20 m from the next",
-            fix="download it again: positions may be rounded",
-        )
 
 
 UNIVERSITY_1652 = University1652()

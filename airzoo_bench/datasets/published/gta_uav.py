@@ -6,11 +6,10 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from statistics import median
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import read_text
@@ -40,7 +39,6 @@ _Weight = Annotated[float, Field(ge=0, le=1)]
 
 
 def _below(name: str) -> str:
-    """Refuse a name that leads out of its folder."""
     if ".." in name.replace("\\", "/").split("/"):
         raise ValueError("it leads out of the benchmark")
     return name
@@ -63,6 +61,14 @@ class _Entry(BaseModel):
     every_weights: list[_Weight] = Field(alias="pair_pos_semipos_sate_weight_list")
     every_places: list[_Place] = Field(alias="pair_pos_semipos_sate_loc_x_y_list")
     drone_metadata: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _lists_fit(self) -> _Entry:
+        for name in ("positive", "every"):
+            lists = [getattr(self, name + end) for end in ("", "_weights", "_places")]
+            if len({*map(len, lists)}) > 1:
+                raise ValueError(f"lists of tiles, weights and places differ in length ({name})")
+        return self
 
     @property
     def image(self) -> str:
@@ -152,7 +158,7 @@ def _read_entries(path: Path) -> list[_Entry]:
     """Read a list of drone images."""
     text = read_text(path, BenchmarkError, "list of pairs", _MOST_BYTES)
     try:
-        entries = _ENTRIES.validate_json(text.removeprefix("\ufeff"))
+        return _ENTRIES.validate_json(text.removeprefix("\ufeff"))
     except ValidationError as error:
         raise BenchmarkError(
             validation_message(error, _Entry),
@@ -160,25 +166,6 @@ def _read_entries(path: Path) -> list[_Entry]:
             expected="a list, an entry a drone image",
             fix="download it again: it may be cut short",
         ) from error
-    for number, one in enumerate(entries, start=1):
-        lists = [
-            (one.positive, one.positive_weights, one.positive_places),
-            (one.every, one.every_weights, one.every_places),
-        ]
-        if any(
-            len({len(one) for one in three}) > 1 or len({*three[0]}) < len(three[0])
-            for three in lists
-        ):
-            raise BenchmarkError(
-                f"entry {number}: lists of tiles, weights and places differ, or name a tile twice",
-                where=path,
-                fix="download it again",
-            )
-    if len({one.name for one in entries}) < len(entries):
-        raise BenchmarkError(
-            "has several entries of one image", where=path, fix="download it again"
-        )
-    return entries
 
 
 def _tile_centre(name: str) -> tuple[float, float]:
@@ -202,9 +189,8 @@ def _tiles_below(folder: Path) -> dict[str, str]:
 
 
 def _check(home: Path, folder: Path, drones: Sequence[_Entry], there: Mapping[str, str]) -> None:
-    """Refuse files that are missing, and a list of another map or other axes."""
-    wanted = {tile for one in drones for tile, _ in one.stated}
-    lacking = sorted(wanted - set(there))
+    """Refuse files that are missing, and a list of another map."""
+    lacking = sorted({tile for one in drones for tile, _ in one.stated} - set(there))
     lacking += [one.image for one in drones if not (home / one.image).is_file()]
     if lacking:
         raise missing(f"files of the list are missing ({first_of(lacking)})", home, _LAYOUT)
@@ -217,20 +203,6 @@ def _check(home: Path, folder: Path, drones: Sequence[_Entry], there: Mapping[st
                     expected=f"the centre {_tile_centre(tile)} that its name says",
                     fix="this list is of another map: download the lists again",
                 )
-    sides = [
-        max(abs(a - b) for a, b in zip(one.place, _tile_centre(tile), strict=True))
-        / (_MAP_PX * _GSD_M / 2.0 ** int(tile.partition("_")[0]))
-        for one in drones
-        for tile in one.positive
-    ]
-    if median(sides) > 1.0:
-        raise BenchmarkError(
-            f"drone images are {median(sides):.3g} sides of a tile from the tiles that they "
-            "overlap (median)",
-            where=home,
-            expected="drone_loc_x_y in metres of the game's map, at most one side from these tiles",
-            fix="look whether x and y are swapped; download the lists again",
-        )
 
 
 GTA_UAV = GtaUav()

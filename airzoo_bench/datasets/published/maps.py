@@ -1,10 +1,10 @@
-"""Maps of published benchmarks: in tiles, without a georeference, or under unknown names."""
+"""Maps of published benchmarks: in tiles, with their CRS beside, or under unknown names."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -14,129 +14,50 @@ from affine import Affine
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from airzoo_bench.core.errors import BenchmarkError, RasterError, first_of
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import atomic_write, fingerprint, temporary_folder
-from airzoo_bench.datasets.published.places import folder_content
+from airzoo_bench.datasets.published.places import missing
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
 from airzoo_bench.geometry.rasters import opened, pixel_to_world, world_to_pixel
 
-__all__ = [
-    "Bounds",
-    "MapTile",
-    "find_maps",
-    "join_maps",
-    "map_tile",
-    "only_one",
-    "with_georeference",
-]
+__all__ = ["find_maps", "join_maps", "only_one", "with_georeference"]
 
-Bounds = tuple[float, float, float, float]
-
-_TYPES = {
-    "uint8": "Byte",
-    "uint16": "UInt16",
-    "int16": "Int16",
-    "uint32": "UInt32",
-    "int32": "Int32",
-    "float32": "Float32",
-    "float64": "Float64",
-}
+_TYPES = {"uint8": "Byte", "uint16": "UInt16", "float32": "Float32"}
 _OFF_GRID_PX = 0.1  # what rounding in a georeference may move a tile
 _COLOUR_TYPES = ("uint8", "uint16")
 _HEIGHT_TYPES = ("float32", "float64", "int16", "int32")
 
 
-@dataclass(frozen=True)
-class MapTile:
-    """The header of one of the files of a map.
-
-    Without a georeference `transform` is None; `bands` are the types of pixels and their colours.
-    """
-
-    path: Path
-    width: int
-    height: int
-    transform: Affine | None
-    crs: str
-    bands: tuple[tuple[str, str], ...]
-    nodata: float | None
-    block: tuple[int, int]
-
-
-def map_tile(path: Path) -> MapTile:
-    """Read the header of a map, which may lack a georeference."""
-    with opened(path) as dataset:
-        tile = MapTile(
-            path,
-            dataset.width,
-            dataset.height,
-            None if dataset.transform.is_identity else dataset.transform,
-            dataset.crs.to_wkt() if dataset.crs else "",
-            tuple(zip(dataset.dtypes, (c.name for c in dataset.colorinterp), strict=True)),
-            dataset.nodata,
-            dataset.block_shapes[0],
-        )
-    odd = [band for band in tile.bands if band[0] not in _TYPES or band[1] == "palette"]
-    if odd:
-        raise RasterError(
-            f"has a band of {odd[0][1]} in {odd[0][0]}",
-            where=path,
-            expected="bands of colours or grey",
-            fix="gdal_translate -expand rgb, or -ot Byte",
-        )
-    return tile
-
-
-def join_maps(
-    tiles: Mapping[tuple[int, int], MapTile],
-    target: Path,
-    bounds: Bounds | None = None,
-    crs: str = "EPSG:4326",
-) -> None:
-    """Write a virtual raster (VRT) over the tiles of a map; none of their pixels is copied.
-
-    Tiles come by row and column; `bounds` (left, top, right, bottom of the whole) and `crs` are for
-    those without a georeference. Raise RasterError where they do not make one map.
-    """
-    ordered = [tiles[key] for key in sorted(tiles)]
-    first = ordered[0]
-    placed = [tile.transform is not None for tile in ordered]
-    unlike = [tile for tile in ordered if _kind(tile) != _kind(first)]
-    if unlike or any(placed) != all(placed) or (not placed[0] and bounds is None):
-        raise RasterError(
-            f"differs from {first.path.name} in bands, nodata value, CRS or size of a pixel"
-            if unlike
-            else "has no georeference",
-            where=(unlike or [tile for tile in ordered if tile.transform is None])[0].path,
-            expected="tiles of one map, with a georeference, or the bounds of the whole map",
-            fix="download it again, or gdal_translate -a_srs EPSG:4326 -a_ullr LEFT TOP RIGHT "
-            "BOTTOM",
-        )
-    sizes = np.array([(tile.width, tile.height) for tile in ordered], dtype=np.int64)
-    corners = _by_georeference(ordered) if placed[0] else _by_rows_and_columns(tiles)
+def join_maps(paths: Sequence[Path], target: Path) -> None:
+    """Write a virtual raster (VRT) over the tiles of one grid; none of their pixels is copied."""
+    tiles = [_tile(path) for path in paths]
+    first = tiles[0]
+    origins = np.array([(tile.transform.c, tile.transform.f) for tile in tiles])
+    places = world_to_pixel(first.transform, origins)
+    corners = np.rint(places).astype(np.int64)
+    corners -= corners.min(axis=0)
+    sizes = np.array([(tile.width, tile.height) for tile in tiles], dtype=np.int64)
     width, height = (corners + sizes).max(axis=0).tolist()
+    on_grid = np.abs(places - np.rint(places)).max() <= _OFF_GRID_PX
+    alike = all((tile.crs, tile.bands, tile.nodata) == first[2:5] for tile in tiles)
     # Tiles of one grid that do not overlap fill their rectangle where their areas do.
-    if sizes.prod(axis=1).sum() < width * height:
+    if not (on_grid and alike) or sizes.prod(axis=1).sum() < width * height:
         raise RasterError(
-            f"the tiles of the map do not fill its {width} x {height} px: "
-            + ", ".join(f"{tile.path.name} ({tile.width} x {tile.height})" for tile in ordered),
-            where=target,
-            expected="tiles that fill a rectangle",
-            fix="download the missing tile",
+            "the tiles of the map differ in CRS, bands or grid, or do not fill its "
+            f"{width} x {height} px: {', '.join(path.name for path in paths)}",
+            where=target.parent,
+            expected="tiles of one grid that fill a rectangle",
+            fix="download the missing tile, or join the tiles with gdalwarp",
         )
-    if first.transform is not None:
-        a, b, _, d, e, _ = first.transform[:6]
-        left, top = pixel_to_world(first.transform, -corners[0]).tolist()
-        transform = Affine(a, b, left, d, e, top)
-    else:
-        left, top, right, bottom = bounds or (0.0, 0.0, 0.0, 0.0)
-        transform = Affine((right - left) / width, 0.0, left, 0.0, (bottom - top) / height, top)
+    a, b, _, d, e, _ = first.transform[:6]
+    left, top = pixel_to_world(first.transform, -(corners[0])).tolist()
     root = ET.Element("VRTDataset", rasterXSize=str(width), rasterYSize=str(height))
-    ET.SubElement(root, "SRS").text = CRS.from_user_input(first.crs or crs).to_wkt()
+    ET.SubElement(root, "SRS").text = CRS.from_user_input(first.crs).to_wkt()
+    transform = Affine(a, b, left, d, e, top)
     ET.SubElement(root, "GeoTransform").text = ", ".join(map(repr, transform.to_gdal()))
     for band in range(len(first.bands)):
-        _add_band(root, band, ordered, corners, target.parent)
+        _add_band(root, band, tiles, corners, target.parent)
     ET.indent(root)
     content: bytes = ET.tostring(root, encoding="utf-8")
     if not (target.is_file() and target.read_bytes() == content):
@@ -144,45 +65,43 @@ def join_maps(
             stream.write(content)
 
 
-def _kind(tile: MapTile) -> tuple[object, ...]:
-    """Return what tiles of one map have in common, digits that move no tile left out."""
-    linear = () if tile.transform is None else tuple(tile.transform[i] for i in (0, 1, 3, 4))
-    return tile.bands, repr(tile.nodata), tile.crs, *(f"{value:.8g}" for value in linear)
+class _Tile(NamedTuple):
+    """The header of a tile; `bands` are the types of pixels and their colours."""
+
+    path: Path
+    transform: Affine
+    crs: str
+    bands: tuple[tuple[str, str], ...]
+    nodata: float | None
+    width: int
+    height: int
+    block: tuple[int, int]
 
 
-def _by_georeference(tiles: Sequence[MapTile]) -> Ints:
-    """Return the corner (N, 2) of each tile in pixels of the whole."""
-    transforms = [tile.transform for tile in tiles if tile.transform is not None]
-    places = world_to_pixel(transforms[0], np.array([(t.c, t.f) for t in transforms]))
-    corners: Ints = np.rint(places).astype(np.int64)
-    off = np.abs(places - corners).max(axis=1)
-    if off.max() > _OFF_GRID_PX:
-        raise RasterError(
-            f"begins {off.max():.2f} pixels off the grid of {tiles[0].path.name}",
-            where=tiles[int(off.argmax())].path,
-            expected="tiles of one grid",
-            fix="download the tile again, or join the tiles with gdalwarp",
+def _tile(path: Path) -> _Tile:
+    with opened(path) as dataset:
+        if dataset.transform.is_identity or not dataset.crs or set(dataset.dtypes) - set(_TYPES):
+            raise RasterError(
+                f"a tile of {', '.join(sorted(set(dataset.dtypes)))}, with CRS {dataset.crs}",
+                where=path,
+                expected=f"a georeferenced GeoTIFF of {', '.join(_TYPES)}",
+                fix="download it again, or gdal_translate -a_srs EPSG:4326 -a_ullr LEFT TOP RIGHT "
+                "BOTTOM",
+            )
+        return _Tile(
+            path,
+            dataset.transform,
+            dataset.crs.to_wkt(),
+            tuple(zip(dataset.dtypes, (c.name for c in dataset.colorinterp), strict=True)),
+            dataset.nodata,
+            dataset.width,
+            dataset.height,
+            dataset.block_shapes[0],
         )
-    corners -= corners.min(axis=0)
-    return corners
-
-
-def _by_rows_and_columns(tiles: Mapping[tuple[int, int], MapTile]) -> Ints:
-    """Return the corner (N, 2) of each tile where tiles stand side by side."""
-    heights = {row: tile.height for (row, _), tile in tiles.items()}
-    widths = {column: tile.width for (_, column), tile in tiles.items()}
-    corners = [
-        (
-            sum(width for other, width in widths.items() if other < column),
-            sum(height for other, height in heights.items() if other < row),
-        )
-        for row, column in sorted(tiles)
-    ]
-    return np.array(corners, dtype=np.int64)
 
 
 def _add_band(
-    root: ET.Element, band: int, tiles: Sequence[MapTile], corners: Ints, folder: Path
+    root: ET.Element, band: int, tiles: Sequence[_Tile], corners: Ints, folder: Path
 ) -> None:
     dtype, colour = tiles[0].bands[band]
     element = ET.SubElement(root, "VRTRasterBand", dataType=_TYPES[dtype], band=str(band + 1))
@@ -225,16 +144,9 @@ def find_maps(folder: Path) -> tuple[list[Path], list[Path]]:
 
 def only_one(files: Sequence[Path], what: str, folder: Path, fix: str) -> Path:
     """Return the one file of a kind, or say which there are and how to name one."""
-    if len(files) == 1:
-        return files[0]
-    names = [file.name for file in files]
-    found = first_of(names) if names else f"none; {folder_content(folder)}"
-    raise BenchmarkError(
-        f"which file is the {what} is not clear: {found}",
-        where=folder,
-        expected=f"one {what} as GeoTIFF",
-        fix=fix,
-    )
+    if len(files) != 1:
+        raise missing(f"{len(files)} files could be the {what}", folder, f"one {what}", fix)
+    return files[0]
 
 
 def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple[Path, list[str]]:

@@ -40,10 +40,11 @@ _LIMIT_BYTES = 1 << 30
 _OFF_GRID_PX = 0.1
 # GeoTIFFs without a CRS are not read; this one has metres near its origin.
 _MADE_UP_CRS = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "image_query": (None, None, 3),
-    "image_dop": (None, None, 3),
-    "dsm": (None, None, 3),
+# 0 stands for any size.
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "image_query": (0, 0, 3),
+    "image_dop": (0, 0, 3),
+    "dsm": (0, 0, 3),
     "scale": (2,),
     "extrinsics": (3, 4),
     "intrinsics": (3, 3),
@@ -116,54 +117,44 @@ class OrthoLoc(Dataset[SourceOptions]):
 
 def _read(path: Path, made: Path) -> _Sample | None:
     """Read a sample and write what is missing of its files; None where its photo is black."""
-    arrays = _arrays(path)
-    photo, dop = arrays["image_query"], arrays["image_dop"]
-    if not photo.any():
-        return None
-    transform = _transform(arrays["dsm"], arrays["scale"], path)
-    files = [made / "photos" / f"{path.stem}.png"]
-    files += [made / "maps" / f"{path.stem}_{kind}.tif" for kind in ("dom", "dsm")]
-    if not all(file.is_file() for file in files):
-        for file in files:
-            file.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(files[0]) as stream:
-            Image.fromarray(photo).save(stream, "PNG")
-        _write_raster(files[1], np.moveaxis(dop, -1, 0), transform)
-        _write_raster(files[2], arrays["dsm"][None, ..., 2], transform, nodata=np.nan)
-    size = photo.shape[1], photo.shape[0]
-    return _Sample(size, arrays["intrinsics"].astype(np.float64), arrays["extrinsics"])
-
-
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         file = NpzFile(path, _LIMIT_BYTES)
-        lacking = [name for name in _SHAPES if name not in file.entries]
-        if lacking:
-            raise _unlike(path, f"has no {', '.join(lacking)}; it has {', '.join(file.entries)}")
-        arrays = {name: file.read(name) for name in _SHAPES}
+        arrays = {name: file.read(name) for name in _SHAPES if name in file.entries}
     except PredictionError as error:
         raise _unlike(path, error.what) from error
     for name, shape in _SHAPES.items():
-        array = arrays[name]
+        array = arrays.get(name, np.empty(0))
         sound = array.dtype == np.uint8 if name.startswith("image") else array.dtype.kind == "f"
-        sides = zip(shape, array.shape, strict=False)
-        fits = array.ndim == len(shape) and all(want in (None, have) for want, have in sides)
+        fits = array.ndim == len(shape) and all(
+            want in (0, have) for want, have in zip(shape, array.shape, strict=True)
+        )
         if not (sound and fits):
             raise _unlike(path, f"{name} has shape {array.shape}, {array.dtype}")
-    if arrays["image_dop"].shape != arrays["dsm"].shape:
-        raise _unlike(path, "image_dop and dsm differ in size")
-    return arrays
+    photo, dop, dsm = arrays["image_query"], arrays["image_dop"], arrays["dsm"]
+    if not photo.any():
+        return None
+    transform = _transform(dsm, arrays["scale"], path)
+    files = [made / "photos" / f"{path.stem}.png"]
+    files += [made / "maps" / f"{path.stem}_{kind}.tif" for kind in ("dom", "dsm")]
+    if not all(one.is_file() for one in files):
+        for one in files:
+            one.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(files[0]) as stream:
+            Image.fromarray(photo).save(stream, "PNG")
+        _write_raster(files[1], np.moveaxis(dop, -1, 0), transform)
+        _write_raster(files[2], dsm[None, ..., 2], transform, nodata=np.nan)
+    size = photo.shape[1], photo.shape[0]
+    return _Sample(size, arrays["intrinsics"].astype(np.float64), arrays["extrinsics"])
 
 
 def _transform(dsm: NDArray[Any], scale: NDArray[Any], path: Path) -> Affine:
     """Return the geotransform of a sample's map, whose grid must be the one that dsm has."""
     step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
-    if not (np.isfinite(step).all() and step.all() and np.isfinite(first).all()):
-        raise _unlike(path, f"scale is {scale}, and the first cell of dsm {dsm[0, 0]}")
     rows, columns = np.indices(dsm.shape[:2])
-    off = np.abs((dsm[..., :2] - first) / step - np.stack((columns, rows), axis=-1))
-    if np.nanmax(off) > _OFF_GRID_PX:
-        raise _unlike(path, f"x and y of dsm lie {np.nanmax(off):.3g} px off the grid of scale")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.abs((dsm[..., :2] - first) / step - np.stack((columns, rows), axis=-1))
+    if not np.isfinite(off).any() or not np.nanmax(off) <= _OFF_GRID_PX:
+        raise _unlike(path, f"x and y of dsm do not lie on the grid of scale {scale}")
     (x, y), (across, down) = first - step / 2, step
     return Affine(across, 0.0, x, 0.0, down, y)
 

@@ -16,8 +16,8 @@ __all__ = [
     "chosen_photos",
     "files_by_key",
     "find_home",
-    "folder_content",
     "missing",
+    "needed_path",
     "published_scenes",
     "stem_key",
     "stem_of",
@@ -26,30 +26,21 @@ __all__ = [
 
 T = TypeVar("T")
 
-_UNFINISHED = (".part", ".partial", ".crdownload", ".aria2", ".incomplete", ".tmp", ".download")
-_ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".z01")
+# Archives and unfinished downloads.
+_PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".part", ".crdownload", ".aria2")
 _ENDING = re.compile("|".join(rf"\{suffix}$" for suffix in PHOTO_SUFFIXES), re.IGNORECASE)
-
-
-def folder_content(folder: Path) -> str:
-    """Say what stands in a folder, unfinished downloads and archives first, for messages."""
-    if not folder.is_dir():
-        return "there is no such folder"
-    names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
-    for what, endings in (
-        ("an unfinished download, to be finished", _UNFINISHED),
-        ("an archive, to be unpacked", _ARCHIVES),
-    ):
-        found = [name for name in names if name.lower().endswith(endings)]
-        if found:
-            return f"there is {what}: {found[0]}"
-    return f"there are {first_of(names, shown=6)}" if names else "it is empty"
 
 
 def missing(what: str, folder: Path, layout: str, fix: str | None = None) -> BenchmarkError:
     """Make the error of a part that is not there, or there twice; it says what is there."""
+    if not folder.is_dir():
+        there = "there is no such folder"
+    else:
+        names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
+        packed = [name for name in names if name.lower().endswith(_PACKED)]
+        there = f"there are {first_of(packed or names, shown=6)}" if names else "it is empty"
     return BenchmarkError(
-        f"{what}: {folder_content(folder)}",
+        f"{what}: {there}",
         where=folder,
         expected=layout,
         fix=fix or "download it again, unpack it whole, and name its folder as --source",
@@ -71,21 +62,25 @@ def sub_path(folder: Path, *parts: str) -> Path | None:
     return folder
 
 
+def needed_path(folder: Path, place: str, layout: str, fix: str | None = None) -> Path:
+    """Return what stands below a folder under such a path, in letters of either case."""
+    found = sub_path(folder, *place.split("/"))
+    if found is None:
+        raise missing(f"lacks {place}", folder, layout, fix)
+    return found
+
+
 def find_home(source: Path, is_home: Callable[[Path], bool], layout: str) -> Path:
     """Return the folder that is a benchmark: the one named, or the only one in it."""
-    if not source.is_dir():
-        what = "a file, not a folder" if source.exists() else "no such folder"
-        raise BenchmarkError(what, where=source, expected=layout)
-    if is_home(source):
+    inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
+    if source.is_dir() and is_home(source):
         return source
-    inside = sorted(path for path in source.iterdir() if path.is_dir())
     found = [folder for folder in inside if is_home(folder)]
     if len(found) == 1:
         return found[0]
-    if found:
-        names = first_of(folder.name for folder in found)
-        raise missing(f"several folders could be the benchmark ({names})", source, layout)
-    raise missing("the benchmark is not there", source, layout)
+    names = first_of(folder.name for folder in found)
+    what = f"several folders could be the benchmark ({names})" if found else "holds no benchmark"
+    raise missing(what, source, layout)
 
 
 def stem_key(name: str) -> str:

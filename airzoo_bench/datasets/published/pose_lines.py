@@ -7,7 +7,6 @@ PINHOLE width height fx fy cx cy``.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,14 +37,9 @@ Key = Callable[[str], str]
 
 @dataclass(frozen=True, eq=False)
 class PosedLines:
-    """N photos with a camera and a pose each.
-
-    `stated_size` (N, 2) is what the file of cameras states.
-    """
+    """Photos with a camera and a pose each, names of those without, and notes."""
 
     photos: PosedPhotos
-    stated_size: Floats
-    size: Floats
     unposed: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -68,16 +62,15 @@ def read_posed_lines(
     says whether it is of no photo.
     """
     table, keys = _read(poses, ("name", *_QUATERNION, *_TRANSLATION), key)
-    chosen = [row for row, one in enumerate(keys) if not is_other(one, set(keys))]
     wxyz, translation = table.columns(_QUATERNION, -2.0, 2.0), table.columns(_TRANSLATION)
     try:
-        rotation = quaternion_to_matrix(wxyz, keys)
+        rotation = quaternion_to_matrix(wxyz, list(keys))
         rounding_m = pose_errors_m(rotation, translation, wxyz)
         signs = np.asarray(axes, dtype=np.float64)
-        every = Poses.from_translations(signs[:, None] * rotation, signs * translation, keys)
+        every = Poses.from_translations(signs[:, None] * rotation, signs * translation, list(keys))
     except CameraError as error:
         raise error.inside(poses) from error
-    rows = {keys[row]: row for row in chosen}
+    rows = {one: row for one, row in keys.items() if not is_other(one, set(keys))}
     posed = [one for one in photos if one in rows]
     absent = [one for one in rows if one not in photos]
     if not posed or len(absent) > _MOST_ABSENT * len(rows):
@@ -90,45 +83,40 @@ def read_posed_lines(
     names = tuple(photos[one] for one in posed)
     shown = progress(names, "photos", len(names))
     size = np.array([photo_size(images / name) for name in shown], np.float64)
-    lenses, stated = _cameras(cameras, key, posed, size)
-    notes = []
+    lenses, notes = _cameras(cameras, key, posed, size)
     if absent:
         notes.append(f"poses without a photo, left aside: {first_of(absent, len(rows))}")
-    if rounding_m[chosen].max() > COARSEST_M:
+    rounding = float(rounding_m[list(rows.values())].max())
+    if rounding > COARSEST_M:
         notes.append(
-            f"{poses.name}: its digits fix camera centres to about {rounding_m[chosen].max():.2g} "
-            "m only, the accuracy of this truth at best"
+            f"{poses.name}: its digits fix camera centres to about {rounding:.2g} m only, the "
+            "accuracy of this truth at best"
         )
     taken = every.take(np.array([rows[one] for one in posed]))
     unposed = tuple(name for one, name in photos.items() if one not in rows)
-    return PosedLines(PosedPhotos(names, lenses, taken), stated, size, unposed, tuple(notes))
+    return PosedLines(PosedPhotos(names, lenses, taken), unposed, tuple(notes))
 
 
-def _read(path: Path, columns: Sequence[str], key: Key) -> tuple[Table, tuple[str, ...]]:
+def _read(path: Path, columns: Sequence[str], key: Key) -> tuple[Table, dict[str, int]]:
+    """Return the table, and the row of each key."""
     table = read_lines(path, columns)
-    keys = tuple(key(name) for name in table.texts("name"))
-    twice = [name for name, count in Counter(keys).items() if count > 1]
-    if twice:
-        raise BenchmarkError(
-            f"images with two lines: {first_of(map(repr, twice), len(keys))}",
-            where=path,
-            expected="a line an image",
-            fix="download the file again",
-        )
-    return table, keys
+    rows = {key(name): row for row, name in enumerate(table.texts("name"))}
+    if len(rows) < len(table):
+        raise BenchmarkError("has two lines of one image", where=path, expected="a line an image")
+    return table, rows
 
 
-def _cameras(path: Path, key: Key, photos: Sequence[str], size: Floats) -> tuple[Cameras, Floats]:
-    """Return cameras scaled to the photos' size, and the size that the file states."""
-    table, keys = _read(path, ("name", "model", *_SIZE, *_LENS), key)
-    other = sorted({model for model in table.texts("model") if model != "PINHOLE"})
-    place = {one: row for row, one in enumerate(keys)}
+def _cameras(
+    path: Path, key: Key, photos: Sequence[str], size: Floats
+) -> tuple[Cameras, list[str]]:
+    """Return cameras scaled to the photos' size, and a note on that."""
+    table, place = _read(path, ("name", "model", *_SIZE, *_LENS), key)
     lacking = [one for one in photos if one not in place]
-    if other or lacking:
+    if lacking or set(table.texts("model")) != {"PINHOLE"}:
         raise CameraError(
-            f"camera models: {first_of(other)}"
-            if other
-            else f"no camera for {first_of(lacking, len(photos))}",
+            f"no camera for {first_of(lacking, len(photos))}"
+            if lacking
+            else f"camera models {', '.join(sorted(set(table.texts('model'))))}",
             where=path,
             expected="name PINHOLE width height fx fy cx cy, a line for each photo with a pose",
             fix="download the file again; cameras with distortion are not read from such a file",
@@ -138,15 +126,11 @@ def _cameras(path: Path, key: Key, photos: Sequence[str], size: Floats) -> tuple
     lens = table.columns(_LENS, 1e-3, _MOST_PX)[rows]
     scale = size / stated
     # A side that was rounded to whole pixels is off by half a pixel at most.
-    apart = np.abs(scale[:, :1] * stated - size).max(axis=1)
-    odd = [
-        f"{photos[i]} is {size[i, 0]:g}x{size[i, 1]:g}, its camera "
-        f"{stated[i, 0]:g}x{stated[i, 1]:g}"
-        for i in np.flatnonzero(apart > 1.0).tolist()
-    ]
-    if odd:
+    odd = np.flatnonzero(np.abs(scale[:, :1] * stated - size).max(axis=1) > 1.0)
+    if odd.size:
+        listed = first_of([photos[row] for row in odd.tolist()], len(photos))
         raise CameraError(
-            f"cameras of another shape than the images: {first_of(odd, len(photos))}",
+            f"cameras of another shape than the images: {listed}",
             where=path,
             expected="sides in the same ratio",
             fix="use the images that belong to this file",
@@ -156,5 +140,6 @@ def _cameras(path: Path, key: Key, photos: Sequence[str], size: Floats) -> tuple
     matrices[:, :2, 2] = lens[:, 2:] * scale
     matrices[:, 2, 2] = 1.0
     width, height = size.astype(np.int64).T
-    distortion = np.zeros((len(rows), 5))
-    return Cameras.from_matrices(matrices, width, height, distortion, names=photos), stated
+    cameras = Cameras.from_matrices(matrices, width, height, names=photos)
+    scaled = bool((scale != 1.0).any())
+    return cameras, ["cameras were scaled to the photos' size"] if scaled else []

@@ -23,7 +23,7 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
-from airzoo_bench.core.validation import nearest, validation_message
+from airzoo_bench.core.validation import validation_message
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import (
@@ -34,7 +34,7 @@ from airzoo_bench.datasets.published.places import (
     stem_of,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import Files, SourceOptions
 from airzoo_bench.datasets.tables import values_by_scene
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
@@ -63,15 +63,9 @@ class UavScenesOptions(SourceOptions):
     every: Annotated[
         int, Option("every", "Take every Nth photo of a run, starting with the first.", least=1)
     ] = 10
-    cloud: Annotated[
-        list[str] | None,
-        Option(
-            "cloud", "True cloud of a run, as RUN=FILE; repeat it (default: that of its place)."
-        ),
-    ] = None
+    cloud: Annotated[Files, Option("cloud", "True cloud of a run, as RUN=FILE; repeat it.")] = None
     lens: Annotated[
-        Literal["file", "none"],
-        Option("lens", "Lens distortion as the poses' file states it, or none."),
+        Literal["file", "none"], Option("lens", "Distortion as the poses' file states it, or none.")
     ] = "file"
 
 
@@ -100,10 +94,9 @@ class UavScenes(Dataset[UavScenesOptions]):
         posed = [stem for stem in photos if stem in samples]
         if not posed:
             raise BenchmarkError(
-                f"names none of {len(photos):,} photos, but {next(iter(samples.values())).name!r}",
+                f"names {first_of(samples)}, none of the photos",
                 where=path,
                 expected=f"names such as {next(iter(photos.values()))!r}",
-                fix="put the photos and the poses of one run together",
             )
         chosen, notes = chosen_photos(posed, options.every)
         names, entries = tuple(photos[stem] for stem in chosen), [samples[s] for s in chosen]
@@ -135,36 +128,27 @@ def _find_runs(options: UavScenesOptions) -> dict[str, Path]:
     source, prefix = options.source.resolve(), f"interval{options.interval}_"
     pack = f"{prefix}CAM_LIDAR"
     inside = [source, source / pack, source / pack / pack]
-    folders = {path for place in inside if place.is_dir() for path in place.glob(f"{prefix}*")}
-    runs = [
-        path
+    folders = [path for place in inside if place.is_dir() for path in place.glob(f"{prefix}*")]
+    found = {
+        path.name.removeprefix(prefix): path
         for path in sorted({source, *folders})
-        if path.name.startswith(prefix)
-        and any((path / part).exists() for part in (f"{prefix}CAM", _POSES))
-    ]
-    found = {path.name.removeprefix(prefix): path for path in runs}
-    if len(found) < len(runs):
-        raise missing("two folders claim to be one run", source, _LAYOUT, "keep one of them")
+        if path.name.startswith(prefix) and (path / _POSES).is_file()
+    }
     known = published_scenes("uavscenes-reconstruction")
     strange = [run for run in found if run not in known]
-    if strange:
-        raise BenchmarkError(
-            f"unknown runs: {first_of(strange, len(found))}{nearest(strange[0], known)}",
-            where=source,
-            expected=f"runs such as {known[0]}: {', '.join(known)}",
-            fix="rename the folders, if these are the published runs, and please report the names",
+    if strange or not found:
+        raise missing(
+            f"unknown runs {first_of(strange)}" if strange else "holds no run of UAVScenes",
+            source / pack if (source / pack).is_dir() else source,
+            f"{_LAYOUT}; the runs are {', '.join(known)}",
+            f"unpack {pack}.zip there; --interval chooses between interval1 and interval5",
         )
-    if not found:
-        fix = f"unpack {pack}.zip there; --interval chooses between interval1 and interval5"
-        place = source / pack if (source / pack).is_dir() else source
-        raise missing("holds no run of UAVScenes", place, _LAYOUT, fix)
     return {run: found[run] for run in known if run in found}
 
 
 def _cloud_of(run: str, options: UavScenesOptions) -> tuple[Path, tuple[str, ...]]:
     """Return a run's cloud and, where it is that of another name, a sentence that says so."""
-    runs = list(_find_runs(options))
-    given = values_by_scene(options.cloud, "cloud", runs).get(run)
+    given = values_by_scene(options.cloud, "cloud", list(_find_runs(options))).get(run)
     if given is not None:
         return Path(given), ()
     clouds = _clouds_near(options.source, run)
@@ -173,13 +157,6 @@ def _cloud_of(run: str, options: UavScenesOptions) -> tuple[Path, tuple[str, ...
         layout = f"{_CLOUDS}/{_places(run)[1]}/{_CLOUD}"
         raise missing(f"there is no cloud for {run}", options.source, layout, fix)
     place, cloud = clouds[0]
-    several = [str(path) for other, path in clouds if other == place]
-    if len(several) > 1:
-        raise BenchmarkError(
-            f"several clouds could be that of {run}: {first_of(several)}",
-            where=options.source,
-            fix=f"say which: --cloud {run}=FILE",
-        )
     own = place in _places(run)[:2]
     return cloud, () if own else (f"its cloud is taken to be that of {place}",)
 
@@ -230,30 +207,20 @@ def _read_samples(path: Path) -> dict[str, _Sample]:
             expected="a list of OriginalImageName, T4x4 and P3x3, as UAVScenes has it",
             fix="download the file again",
         ) from error
-    found: dict[str, _Sample] = {}
-    for sample in samples:
-        other = found.setdefault(stem_of(sample.name), sample)
-        if (other.to_world, other.matrix) != (sample.to_world, sample.matrix):
-            raise BenchmarkError(
-                f"has two poses of {sample.name!r}", where=path, fix="download the file again"
-            )
-    return found
+    return {stem_of(sample.name): sample for sample in samples}
 
 
 def _poses(samples: Sequence[_Sample]) -> Poses:
     """Return the poses of images, world-to-camera."""
     matrices = np.array([sample.to_world for sample in samples])
-    names = [sample.name for sample in samples]
-    odd = np.asarray((np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)) > 1e-6).any(axis=1))
-    if odd.any():
-        listed = [name for name, bad in zip(names, odd, strict=True) if bad]
+    if (np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)) > 1e-6).any():
         raise CameraError(
-            f"T4x4 whose last row is not 0 0 0 1: {first_of(listed, len(names))}",
+            "T4x4 whose last row is not 0 0 0 1",
             expected="camera-to-world matrices, rows first",
             fix="transpose them if columns stand first",
         )
     rotations: Floats = np.swapaxes(matrices[:, :3, :3], 1, 2)
-    return Poses.from_centres(rotations, matrices[:, :3, 3], names)
+    return Poses.from_centres(rotations, matrices[:, :3, 3], [sample.name for sample in samples])
 
 
 def _cameras(samples: Sequence[_Sample], sizes: Sequence[tuple[int, int]], lens: str) -> Cameras:

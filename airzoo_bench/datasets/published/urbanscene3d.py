@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from airzoo_bench.datasets.published.places import (
     stem_of,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import Files, SourceOptions
 from airzoo_bench.datasets.surveys.colmap import similarity_of
 from airzoo_bench.datasets.tables import read_matrix, values_by_scene
 from airzoo_bench.formats.torch_files import read_tensors
@@ -58,17 +58,9 @@ _TO_OPENCV = np.array([1.0, -1.0, -1.0])
 class UrbanScene3DOptions(SourceOptions):
     """Scans, and how the frame of the poses leads to theirs."""
 
-    scan: Annotated[
-        list[str] | None,
-        Option("scan", "Scan of a scene, PLY, LAS or LAZ, as SCENE=FILE; repeat it."),
-    ] = None
+    scan: Annotated[Files, Option("scan", "SCENE=FILE: its scan, PLY, LAS or LAZ.")] = None
     transform: Annotated[
-        list[str] | None,
-        Option(
-            "transform",
-            "4 x 4 matrix from the frame of a scene's poses to that of its scan, as SCENE=FILE; "
-            "repeat it.",
-        ),
+        Files, Option("transform", "SCENE=FILE: 4 x 4 matrix from the poses' frame to the scan's.")
     ] = None
     same_frame: Annotated[
         bool, Option("same-frame", "Poses without a transform are in the frame of the scan.")
@@ -195,15 +187,12 @@ def _mega_nerf_photos(folder: Path) -> dict[str, Path]:
     """Return the file of each photo, by the photo's path relative to the folder."""
     found: dict[str, Path] = {}
     for part in ("train", "val"):
-        home, images = folder / part / "metadata", folder / part / "rgbs"
-        files = sorted(home.glob("*.pt")) if home.is_dir() else []
-        if not files:
-            raise missing("holds no .pt file", home, _LAYOUT)
-        photos = files_by_key(images, stem_of, f"{_LAYOUT}; copy_images.py makes them")
+        files = sorted((folder / part / "metadata").glob("*.pt"))
+        photos = files_by_key(folder / part / "rgbs", stem_of, _LAYOUT)
         absent = [file.name for file in files if stem_of(file.stem) not in photos]
-        if absent:
-            what = f"poses without a photo ({first_of(absent, len(files))})"
-            raise missing(what, images, _LAYOUT, "let Mega-NeRF's copy_images.py finish")
+        if absent or not files:
+            what = f"poses without a photo ({first_of(absent)})" if files else "has no metadata"
+            raise missing(what, folder / part, _LAYOUT, "let Mega-NeRF's copy_images.py finish")
         found |= {f"{part}/rgbs/{photos[stem_of(file.stem)]}": file for file in files}
     return found
 
@@ -212,20 +201,26 @@ def _read_mega_nerf(
     folder: Path, photos: Mapping[str, Path], names: tuple[str, ...], progress: Progress
 ) -> PosedPhotos:
     """Read the cameras and poses of some photos, in metres and the axes of the COLMAP model."""
-    where = folder / _COORDINATES
-    stated = read_tensors(where)
-    origin = _array(stated, "origin_drb", (3,), where)
-    scale = float(_array(stated, "pose_scale_factor", (), where))
-    if not 0.0 < scale < np.inf:
-        raise BenchmarkError(f"pose_scale_factor is {scale:g}", where=where, expected="above 0")
-    shown = progress(names, folder.name, len(names))
-    parts = [_mega_nerf_photo(photos[name], photo_size(folder / name)) for name in shown]
-    matrices, sizes, to_world = (np.array(values) for values in zip(*parts, strict=True))
-    centres: Floats = (to_world[:, :, 3] * scale + origin) @ _TO_COLMAP.T
-    rotations: Floats = np.swapaxes(_TO_COLMAP @ to_world[:, :, :3] * _TO_OPENCV, 1, 2)
+    origin, scale = _arrays(folder / _COORDINATES, {"origin_drb": (3,), "pose_scale_factor": ()})
+    matrices, sizes, to_world = [], [], []
+    for name in progress(names, folder.name, len(names)):
+        wanted = {"W": (), "H": (), "intrinsics": (4,), "c2w": (3, 4)}
+        width, height, (fx, fy, cx, cy), pose = _arrays(photos[name], wanted)
+        size = photo_size(folder / name)
+        if (int(width), int(height)) != size:
+            raise CameraError(
+                f"its photo is {size[0]}x{size[1]} px, not {width:g}x{height:g}",
+                where=photos[name],
+                fix="use the photos that copy_images.py makes",
+            )
+        sizes.append(size)
+        to_world.append(pose)
+        matrices.append(((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)))
+    axes, side = np.array(to_world), np.array(sizes)
+    centres: Floats = (axes[:, :, 3] * scale + origin) @ _TO_COLMAP.T
+    rotations: Floats = np.swapaxes(_TO_COLMAP @ axes[:, :, :3] * _TO_OPENCV, 1, 2)
     try:
-        width, height = sizes.T
-        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+        cameras = Cameras.from_matrices(matrices, side[:, 0], side[:, 1], names=names)
         posed = PosedPhotos(names, cameras, Poses.from_centres(rotations, centres, names))
     except CameraError as error:
         raise error.inside(folder) from error
@@ -233,35 +228,21 @@ def _read_mega_nerf(
     return posed
 
 
-def _mega_nerf_photo(path: Path, size: tuple[int, int]) -> tuple[Any, ...]:
-    """Return K, size and camera-to-world (3, 4) of a photo."""
-    stated = read_tensors(path)
-    width, height = (int(_array(stated, key, (), path)) for key in ("W", "H"))
-    if (width, height) != size:
-        raise CameraError(
-            f"its photo is {size[0]}x{size[1]} px, not {width}x{height}",
-            where=path,
-            fix="use the photos that copy_images.py makes",
-        )
-    fx, fy, cx, cy = _array(stated, "intrinsics", (4,), path)
-    matrix = ((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0))
-    return matrix, size, _array(stated, "c2w", (3, 4), path)
-
-
-def _array(
-    stated: Mapping[str, Any], key: str, shape: tuple[int, ...], path: Path
-) -> NDArray[np.float64]:
-    """Return a value as numbers of a shape; a number in a row of one is a number."""
-    value = np.asarray(stated.get(key, "nothing"))
-    if shape == () and value.size == 1:
-        value = value.reshape(())
-    if value.dtype.kind not in "fiu" or value.shape != shape or not np.isfinite(value).all():
-        raise BenchmarkError(
-            f"{key!r} is {value.dtype} of shape {value.shape}",
-            where=path,
-            expected=f"finite numbers of shape {shape}, as Mega-NeRF's README names them",
-        )
-    return value.astype(np.float64)
+def _arrays(path: Path, wanted: Mapping[str, tuple[int, ...]]) -> list[NDArray[np.float64]]:
+    """Return tensors of a file as numbers of these shapes; a number in a row of one is a number."""
+    stated, found = read_tensors(path), []
+    for key, shape in wanted.items():
+        value = np.asarray(stated.get(key, "nothing"))
+        if shape == () and value.size == 1:
+            value = value.reshape(())
+        if value.dtype.kind not in "fiu" or value.shape != shape or not np.isfinite(value).all():
+            raise BenchmarkError(
+                f"{key!r} is {value.dtype} of shape {value.shape}",
+                where=path,
+                expected=f"finite numbers of shape {shape}, as Mega-NeRF's README names them",
+            )
+        found.append(value.astype(np.float64))
+    return found
 
 
 URBANSCENE3D = UrbanScene3D()

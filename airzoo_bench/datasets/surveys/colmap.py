@@ -19,7 +19,6 @@ from airzoo_bench.datasets.metadata import read_prior
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import (
-    FoundPhotos,
     Survey,
     SurveyOptions,
     map_crs,
@@ -77,10 +76,19 @@ class ColmapModels(Survey[ColmapOptions]):
         images = options.images or Path()
         sizes = photo_sizes(images, progress)
         photos, notes, accuracy = _placed(options, images, read_poses(options.source, sizes))
-        found = FoundPhotos(
-            images, sizes, photos, options.source, options.dom, options.dsm, notes, accuracy
+        return posed_scene(
+            options,
+            scene,
+            images,
+            sizes,
+            photos,
+            options.source,
+            progress,
+            dom=options.dom,
+            dsm=options.dsm,
+            notes=notes,
+            accuracy_m=accuracy,
         )
-        return posed_scene(options, scene, found, progress)
 
 
 def _placed(
@@ -90,27 +98,27 @@ def _placed(
     stated, file = stated_crs(options), options.georeference
     if file is not None and options.from_exif:
         raise UsageError("--georeference and --from-exif exclude each other")
-    if file is None and not options.from_exif:
-        if stated is None:
-            raise UsageError(
-                "where the model is, is not known",
-                where=options.source,
-                fix="give --from-exif, or --georeference FILE, or --crs if the model is in it",
-            )
-        return replace(photos, crs=stated.to_string()), (), None
+    if file is None and not options.from_exif and stated is None:
+        raise UsageError(
+            "where the model is, is not known",
+            where=options.source,
+            fix="give --from-exif, or --georeference FILE, or --crs if the model is in it",
+        )
     crs = stated or map_crs(options.dsm, options.dom)
+    photos = replace(photos, crs=crs.to_string())
+    if file is None and not options.from_exif:
+        return photos, (), None
     matrix = None if file is None else read_matrix(file)
     if file is not None and matrix is not None:
-        placed = replace(photos, poses=similarity_of(matrix, file).apply_poses(photos.poses))
-        return replace(placed, crs=crs.to_string()), (), None
+        poses = similarity_of(matrix, file).apply_poses(photos.poses)
+        return replace(photos, poses=poses), (), None
     places = (
         _exif_positions(images, photos, crs)
         if file is None
         else _named_positions(file, photos.names)
     )
     transform, notes, left = _fitted(photos, places, options.inlier_m, file or images)
-    placed = replace(photos, poses=transform.apply_poses(photos.poses), crs=crs.to_string())
-    return placed, notes, left
+    return replace(photos, poses=transform.apply_poses(photos.poses)), notes, left
 
 
 def similarity_of(matrix: Floats, path: Path) -> Similarity:
@@ -133,9 +141,8 @@ def similarity_of(matrix: Floats, path: Path) -> Similarity:
 def _exif_positions(images: Path, photos: PosedPhotos, crs: CRS) -> Places:
     found = {name: read_prior(images / name) for name in photos.names}
     whole = {n: p for n, p in found.items() if p.lon is not None and p.altitude_m is not None}
-    if not whole:
-        raise BenchmarkError("no photo has a GPS position", where=images)
-    places = np.array([(p.lon, p.lat, p.altitude_m) for p in whole.values()], dtype=np.float64)
+    rows = [(p.lon, p.lat, p.altitude_m) for p in whole.values()]
+    places = np.array(rows, dtype=np.float64).reshape(-1, 3)
     places[:, :2] = from_lonlat(crs, places[:, :2])
     return dict(zip(whole, places.tolist(), strict=True))
 
@@ -164,33 +171,24 @@ def _fitted(
     photos: PosedPhotos, places: Places, limit_m: float, where: Path
 ) -> tuple[Similarity, tuple[str, ...], float | None]:
     """Fit the model to positions; return notes too, and what remains (root mean square)."""
-    if len(places) < _LEAST_POSITIONS:
-        raise BenchmarkError(
-            f"there are {counted(len(places), 'position')} for a model",
-            where=where,
-            expected=f"at least {_LEAST_POSITIONS}, so that one can be held against the others",
-        )
     ransac = RansacSettings(inlier_limit=limit_m)
     model = PosedCameras(photos.names, photos.poses.centres, photos.poses.rotation)
-    truth = PosedCameras(tuple(places), np.array(list(places.values())))
+    truth = PosedCameras(tuple(places), np.array(list(places.values())).reshape(-1, 3))
+    fault = BenchmarkError(
+        f"{counted(len(places), 'position')} do not place the model to {limit_m:g} m",
+        where=where,
+        expected=f"at least {_LEAST_POSITIONS} that span an area, half of which agree",
+        fix="look at the positions, give a larger --inlier-m, or a 4 x 4 matrix (--georeference)",
+    )
+    if len(places) < _LEAST_POSITIONS:
+        raise fault
     try:
         found = align("sim3", model, truth, ransac)
     except AlignmentError as error:
-        raise BenchmarkError(
-            f"positions do not place the model: {error.what}",
-            where=where,
-            expected="positions that span an area",
-            fix="give the similarity (--georeference with a 4 x 4 matrix)",
-        ) from error
+        raise fault from error
     left = found.inlier_centres
     if left is None or not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
-        raise BenchmarkError(
-            f"{found.inliers} of {counted(found.cameras, 'position')} agree with the model to "
-            f"{limit_m:g} m",
-            where=where,
-            expected="at least half",
-            fix="look at the positions, or give a larger --inlier-m",
-        )
+        raise fault
     notes = [
         f"a similarity of scale {found.transform.scale:.6g} places the model by {found.inliers} "
         f"of {counted(found.cameras, 'position')}: {left['rms']:.3f} m remain (root mean square), "

@@ -13,7 +13,7 @@ from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene
-from airzoo_bench.datasets.surveys.survey import FoundPhotos, SceneOptions, Survey, posed_scene
+from airzoo_bench.datasets.surveys.survey import SceneOptions, Survey, posed_scene
 
 __all__ = ["PHOTOS", "PhotoOptions"]
 
@@ -46,16 +46,18 @@ class Photos(Survey[PhotoOptions]):
                 expected="a projected CRS in metres",
                 fix="add the key 'crs' to the file, or give --crs EPSG:...",
             )
-        found = FoundPhotos(
+        return posed_scene(
+            options,
+            scene,
             options.images,
             sizes,
             photos,
             options.poses,
-            options.dom,
-            options.dsm,
+            progress,
+            dom=options.dom,
+            dsm=options.dsm,
             crs_from=f"{options.poses}, key 'crs'",
         )
-        return posed_scene(options, scene, found, progress)
 
 
 PHOTOS = Photos()

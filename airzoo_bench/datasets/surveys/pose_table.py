@@ -28,7 +28,6 @@ from airzoo_bench.datasets.lenses import (
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import (
-    FoundPhotos,
     Survey,
     SurveyOptions,
     map_crs,
@@ -126,8 +125,18 @@ class PoseTables(Survey[PoseTableOptions]):
         poses = Poses.from_centres(rotations, centres, names)
         photos = PosedPhotos(names, cameras, poses, crs.to_string())
         photos = photos.take([int(row) for row in np.argsort(np.array(names))])
-        posed = FoundPhotos(images, sizes, photos, path, options.dom, options.dsm, tuple(notes))
-        return posed_scene(options, scene, posed, progress)
+        return posed_scene(
+            options,
+            scene,
+            images,
+            sizes,
+            photos,
+            path,
+            progress,
+            dom=options.dom,
+            dsm=options.dsm,
+            notes=notes,
+        )
 
 
 def _read(path: Path) -> tuple[Table, list[str]]:
@@ -173,16 +182,15 @@ def _whole_rows(table: Table, found: Mapping[str, str], notes: list[str]) -> lis
     names = table.texts("image")
     columns = [*_place_columns(table), "height", *_angle_columns(table)]
     texts = [table.texts(column) for column in columns]
-    there = [row for row, name in enumerate(names) if name in found]
-    whole = [row for row in there if all(text[row] for text in texts)]
+    whole = [
+        row for row, name in enumerate(names) if name in found and all(text[row] for text in texts)
+    ]
     if not whole:
         raise BenchmarkError("no photo has a whole pose", where=table.path)
-    unplaced = [found[names[row]] for row in sorted(set(there) - set(whole))]
-    absent = [name for name in names if name not in found]
-    if unplaced:
-        notes.append(f"rows without a position or angles: {first_of(unplaced, len(found))}")
-    if absent:
-        notes.append(f"rows whose photo is not there: {first_of(absent, len(table))}")
+    left_out = [name for row, name in enumerate(names) if row not in set(whole)]
+    if left_out:
+        listed = first_of(left_out, len(table))
+        notes.append(f"rows without a photo, a position or angles: {listed}")
     return whole
 
 
@@ -199,33 +207,23 @@ def _positions(
 ) -> tuple[Floats, Floats]:
     """Return longitude and latitude, and centres in the CRS."""
     columns = _place_columns(table)
-    first, second, height = (
-        table.numbers(column, empty=True)[rows] for column in (*columns, "height")
-    )
+    pair = np.stack([table.numbers(column, empty=True)[rows] for column in columns], axis=-1)
     header = " and ".join(table.header[column] for column in columns)
-    pair = np.stack((first, second), axis=-1)
     on_earth = bool((np.abs(pair) <= (180.0, 90.0)).all())
     # Metashape writes X/Longitude, and then X_est, for metres as for degrees.
-    names = [name.casefold() for name in table.names]
-    may_be_degrees = any("lon" in name for name in names) and on_earth
-    if columns == ("lon", "lat") and not on_earth:
-        raise BenchmarkError(
-            f"columns {header} hold {first[0]:.10g} and {second[0]:.10g}, which is no longitude "
-            "and latitude",
-            where=table.path,
-            expected="degrees, at most 180 and 90",
-            fix="look whether they are the wrong way round; name the columns easting and northing, "
-            "and give --crs, if that is what they are",
-        )
-    if columns == ("lon", "lat") or may_be_degrees:
+    names_lon = any("lon" in name.casefold() for name in table.names)
+    if on_earth and (columns == ("lon", "lat") or names_lon):
         lonlat, xy = pair, from_lonlat(crs, pair)
-    elif stated:
+    elif columns == ("x", "y") and stated:
         lonlat, xy = to_lonlat(crs, pair), pair
     else:
         raise UsageError(
-            f"the CRS of the columns {header} is not known",
+            f"the columns {header} hold {pair[0, 0]:.10g} and {pair[0, 1]:.10g}, whose CRS is not "
+            "known",
             where=table.path,
-            fix=f"give --crs, such as that of the map if they are in {describe_crs(crs)}",
+            expected="degrees, at most 180 and 90 in size, or eastings and northings of --crs",
+            fix="look whether they are the wrong way round; name the columns easting and northing, "
+            f"and give --crs, such as that of the map if they are in {describe_crs(crs)}",
         )
     beyond = ~np.isfinite(np.column_stack((xy, lonlat))).all(axis=1)
     if beyond.any():
@@ -233,7 +231,7 @@ def _positions(
         raise BenchmarkError(
             f"positions beyond {describe_crs(crs)}: {first_of(names, len(rows))}", where=table.path
         )
-    return lonlat, np.column_stack((xy, height))
+    return lonlat, np.column_stack((xy, table.numbers("height", empty=True)[rows]))
 
 
 def _rotations(
@@ -283,26 +281,17 @@ def _degrees(table: Table, rows: Sequence[int], convention: Convention, unit: st
     columns = _angle_columns(table)
     values = np.column_stack([table.numbers(c, -1e4, 1e4, empty=True)[rows] for c in columns])
     names, most = ", ".join(table.header[column] for column in columns), float(np.abs(values).max())
-    if unit == "radians":
-        if most > 2.0 * math.pi:
-            raise BenchmarkError(
-                f"{names} reach {most:.6g}, which is no angle in radians",
-                where=table.path,
-                expected="radians, at most 2 pi (6.283) in size",
-                fix="leave out --angle-unit radians if they are degrees",
-            )
-        return np.degrees(values)
     heading = values[:, 2] if convention == "omega-phi-kappa" else values[:, 0]
     off = np.abs(values[:, 1]).max() > 0.5 if convention == "gimbal" else np.abs(heading).max() > 1
-    radians = "rad" in names.casefold() or (most <= 2.0 * math.pi and off)
-    if unit is None and (radians or most > 360.5):
+    likely = "rad" in names.casefold() or (most <= 2.0 * math.pi and off)
+    if (unit is None and (likely or most > 360.5)) or (unit == "radians" and most > 2.0 * math.pi):
         raise BenchmarkError(
-            f"{names} go to {most:.6g}: they look like {'radians' if radians else 'gon'}",
+            f"{names} go to {most:.6g}: they are no {unit or 'degrees'}, or may be none",
             where=table.path,
-            expected="degrees, at most 360",
+            expected="degrees, at most 360, or radians, at most 2 pi, said by --angle-unit",
             fix="--angle-unit radians, or --angle-unit degrees if they are; multiply gon by 0.9",
         )
-    return values
+    return np.degrees(values) if unit == "radians" else values
 
 
 def _check_down(table: Table, rotations: Floats, pitch: float, convention: str) -> None:
@@ -351,7 +340,7 @@ def _cameras(
             for i, name in enumerate(names)
         }
     lenses = [lens_of(values[name], sizes[name], where) for name in names]
-    notes += check_focal_lengths(images, values, sizes, where)
+    check_focal_lengths(images, values, sizes, where)
     return cameras_of_lenses(lenses, names, sizes)
 
 

@@ -16,11 +16,11 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.content import check_names, metric_crs
-from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.dataset import Dataset, path_options
 from airzoo_bench.datasets.heights import surface_altitudes, surface_centres
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions, path_options
+from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.rasters import gsd_m, open_info
@@ -29,7 +29,7 @@ from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["FoundPhotos", "SceneOptions", "Survey", "SurveyOptions", "posed_scene"]
+__all__ = ["SceneOptions", "Survey", "SurveyOptions", "posed_scene"]
 
 _LONGEST_NAME = 48  # of which more names are made
 
@@ -38,37 +38,21 @@ _LONGEST_NAME = 48  # of which more names are made
 class SceneOptions:
     """The further parts of a scene, and what differs from the protocols to start from."""
 
-    dsm: Annotated[
-        Path | None, Option("dsm", "Surface model, GeoTIFF in the CRS of the poses.")
-    ] = None
-    cloud: Annotated[
-        Path | None,
-        Option("cloud", "True cloud in the CRS of the poses (.las, .laz, .ply ...), if any."),
-    ] = None
+    dsm: Annotated[Path | None, Option("dsm", "Surface model in the CRS of the poses.")] = None
+    cloud: Annotated[Path | None, Option("cloud", "True cloud in the CRS of the poses.")] = None
     priors: Annotated[
-        Path | None,
-        Option(
-            "priors", "CSV of positions and gimbal angles, where the photos' metadata lack them."
-        ),
+        Path | None, Option("priors", "CSV of GPS and gimbal angles, where photos lack them.")
     ] = None
     crs: Annotated[
         str | None, Option("crs", "Projected CRS of the poses (default: what their file says).")
     ] = None
     plane_height: Annotated[
         float | None,
-        Option(
-            "plane-height",
-            "Height of the ground as a plane, in the poses' vertical datum (default: the median "
-            "of the surface model).",
-        ),
+        Option("plane-height", "Height of the ground (default: the surface model's median)."),
     ] = None
     vertical_crs: Annotated[
         str | None,
-        Option(
-            "vertical-crs",
-            "Vertical CRS of the poses, to convert heights to the DSM's, such as EPSG:4979 "
-            "(ellipsoid) or EPSG:5773 (EGM96).",
-        ),
+        Option("vertical-crs", "Of the poses' heights, to convert them to the DSM's: EPSG:4979."),
     ] = None
     priors_vertical_crs: Annotated[
         str | None, Option("priors-vertical", "Vertical CRS of altitudes in metadata and --priors.")
@@ -78,34 +62,22 @@ class SceneOptions:
     ] = None
     truth_accuracy: Annotated[
         float | None,
-        Option(
-            "truth-accuracy",
-            "Standard error of the poses' positions in metres, such as the residuals of GCPs "
-            "(default: what the source states, if it does).",
-            least=0.001,
-            most=100,
-        ),
+        Option("truth-accuracy", "Standard error of the positions, in m.", least=0.001, most=100),
     ] = None
     protocol: Annotated[
         str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
     ] = "photos-retrieval"
     matching_protocol: Annotated[
-        str, Option("matching-protocol", "Matching protocol to start from, a name or .toml file.")
+        str, Option("matching-protocol", "Matching protocol to start from.")
     ] = "photos-matching"
     reconstruction_protocol: Annotated[
-        str,
-        Option(
-            "reconstruction-protocol",
-            "Reconstruction protocol to start from, a name or .toml file.",
-        ),
+        str, Option("reconstruction-protocol", "Reconstruction protocol to start from.")
     ] = "photos-reconstruction"
     tile_size: Annotated[
-        list[int] | None,
-        Option("tile-size", "Side of a tile in map pixels; repeat it (default: the protocol's)."),
+        list[int] | None, Option("tile-size", "Side of a tile in map pixels; repeat it.")
     ] = None
     tile_size_m: Annotated[
-        list[float] | None,
-        Option("tile-size-m", "Side of a tile in metres on the ground, instead; repeat it."),
+        list[float] | None, Option("tile-size-m", "Side of a tile in metres instead; repeat it.")
     ] = None
     rule: Annotated[
         Literal["plane", "dsm", "iou"] | None,
@@ -119,15 +91,11 @@ class SurveyOptions(SceneOptions, SourceOptions):
     """What every survey of another program asks for."""
 
     source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
-    name: Annotated[
-        str | None, Option("name", "Of the benchmark and its scene (default: the source's).")
-    ] = None
+    name: Annotated[str | None, Option("name", "Of the benchmark (default: the source's).")] = None
     images: Annotated[
         Path | None, Option("images", "Folder of the photos (default: where the source has them).")
     ] = None
-    dom: Annotated[
-        Path | None, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")
-    ] = None
+    dom: Annotated[Path | None, Option("dom", "Map that tiles are cut from, in any CRS.")] = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SceneOptions)
@@ -199,35 +167,26 @@ class Survey(Dataset[OptionsT]):
 
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
         """Make the folder, and say which sides tiles have that were asked for in metres."""
-        for side, size in zip(
-            options.tile_size_m or (), self._tile_sizes_px(options), strict=False
-        ):
-            settings.note(
-                f"tiles of {side:g} m are {size} px of the map, at {self._pixel_m(options):.4g} m "
-                "per pixel"
-            )
+        sizes = self._tile_sizes_px(options)
+        for side, size in zip(options.tile_size_m or (), sizes, strict=False):
+            settings.note(f"tiles of {side:g} m are {size} px of the map")
         return super().prepare(options, settings)
 
     def _tile_sizes_px(self, options: SceneOptions) -> tuple[int, ...]:
         """Return the sides of tiles that were asked for, in pixels of the map; none by default."""
-        if not options.tile_size_m:
+        sides, dom = options.tile_size_m, self.map_of(options)
+        if not sides:
             return tuple(options.tile_size or ())
-        if options.tile_size:
-            raise UsageError("--tile-size and --tile-size-m are both given", fix="give one of them")
-        pixel = self._pixel_m(options)
-        sizes = tuple(round(max(side, 0.0) / pixel) for side in options.tile_size_m)
+        if options.tile_size or dom is None:
+            raise UsageError("--tile-size-m needs a map (--dom), and no --tile-size beside it")
+        pixel = math.sqrt(math.prod(gsd_m(open_info(dom))))
+        sizes = tuple(round(max(side, 0.0) / pixel) for side in sides)
         if min(sizes) < 1:
             raise UsageError(
-                f"--tile-size-m {min(options.tile_size_m):g} is less than a pixel of the map",
+                f"--tile-size-m {min(sides):g} is less than a pixel of the map",
                 expected=f"more than {pixel:.3g} m",
             )
         return sizes
-
-    def _pixel_m(self, options: SceneOptions) -> float:
-        dom = self.map_of(options)
-        if dom is None:
-            raise UsageError("--tile-size-m needs a map", fix="give --dom, or --tile-size")
-        return math.sqrt(math.prod(gsd_m(open_info(dom))))
 
 
 def stated_crs(options: SceneOptions) -> CRS | None:
@@ -250,58 +209,53 @@ def map_crs(dsm: Path | None, dom: Path | None) -> CRS:
     return crs
 
 
-@dataclass(frozen=True, eq=False)
-class FoundPhotos:
-    """Photos and their poses as a source has them.
-
-    `sizes` are of every photo below `images`. `poses_from` and `crs_from` are for messages;
-    `accuracy_m` is the standard error of the positions, as the source has it.
-    """
-
-    images: Path
-    sizes: Mapping[str, tuple[int, int]]
-    photos: PosedPhotos
-    poses_from: Path
-    dom: Path | None
-    dsm: Path | None
-    notes: tuple[str, ...] = ()
-    accuracy_m: float | None = None
-    crs_from: str = ""
-
-
 def posed_scene(
-    options: SceneOptions, scene: str, found: FoundPhotos, progress: Progress
+    options: SceneOptions,
+    scene: str,
+    images: Path,
+    sizes: Mapping[str, tuple[int, int]],
+    photos: PosedPhotos,
+    poses_from: Path,
+    progress: Progress,
+    *,
+    dom: Path | None,
+    dsm: Path | None,
+    notes: Sequence[str] = (),
+    accuracy_m: float | None = None,
+    crs_from: str = "",
 ) -> NativeScene:
-    """Make the scene, its priors from the photos' metadata and ``--priors``."""
-    photos = found.photos
-    check_names(photos.names, found.images)
-    check_centred(photos, found.poses_from)
+    """Make the scene of posed photos, its priors from the photos' metadata and ``--priors``.
+
+    `sizes` are of every photo below `images`; `poses_from` and `crs_from` are for messages.
+    """
+    check_names(photos.names, images)
+    check_centred(photos, poses_from)
     stated = options.crs or photos.crs or ""
-    place = f"--crs {options.crs}" if options.crs else found.crs_from or str(found.poses_from)
+    place = f"--crs {options.crs}" if options.crs else crs_from or str(poses_from)
     crs, dsm_vertical = metric_crs(stated, place).to_string(), options.dsm_vertical_crs
-    centres, notes = surface_centres(
-        photos.poses.centres, stated, crs, options.vertical_crs, found.dsm, dsm_vertical, place
+    centres, converted = surface_centres(
+        photos.poses.centres, stated, crs, options.vertical_crs, dsm, dsm_vertical, place
     )
-    metadata = photo_metadata(photos.names, found.images, options.priors, found.sizes, progress)
+    metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
     metadata, more = surface_altitudes(
-        metadata, options.priors_vertical_crs, "--priors-vertical", found.dsm, dsm_vertical
+        metadata, options.priors_vertical_crs, "--priors-vertical", dsm, dsm_vertical
     )
     return NativeScene(
         scene,
-        found.images,
+        images,
         photos.names,
         photos.cameras,
         replace(photos.poses, centres=centres),
         crs,
-        dom=found.dom,
-        dsm=found.dsm,
+        dom=dom,
+        dsm=dsm,
         cloud=options.cloud,
         plane_height_m=options.plane_height,
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
-        unposed=tuple(sorted(set(found.sizes) - set(photos.names))),
-        notes=(*found.notes, *notes, *more),
-        truth_accuracy_m=options.truth_accuracy or found.accuracy_m,
-        poses_from=found.poses_from,
+        unposed=tuple(sorted(set(sizes) - set(photos.names))),
+        notes=(*notes, *converted, *more),
+        truth_accuracy_m=options.truth_accuracy or accuracy_m,
+        poses_from=poses_from,
         crs_from=place,
     )

@@ -44,7 +44,7 @@ def checked(flight: Flight, folder: Path, kind: str = "z", **changes: float) -> 
 
 
 def faults(found: DepthConsistency) -> list[str]:
-    return SceneGeometry(scene(FLIGHT), None, found)._depth_failures()
+    return SceneGeometry(scene(FLIGHT), None, found).failures
 
 
 def frame(flight: Flight, index: int, depth: np.ndarray, kind: str = "z") -> Frame:

@@ -50,47 +50,18 @@ def opensfm(
     return {"cameras": cameras, "shots": shots, "points": points}
 
 
-def write_odm_part(
-    made: Made,
-    part: Path,
-    rows: list[int],
-    shots: bool = False,
-    shift: tuple[float, ...] = (0, 0, 0),
-) -> None:
-    """Write a project's, or a submodel's, shots: as reconstruction.json, or else shots.geojson."""
-    for folder in ("opensfm", "odm_report", "odm_georeferencing"):
+def write_odm_part(made: Made, part: Path, rows: list[int]) -> None:
+    """Write a project's, or a submodel's, shots."""
+    for folder in ("opensfm", "odm_georeferencing"):
         (part / folder).mkdir(parents=True, exist_ok=True)
     matrix4, rotation, centres = local_frame(made)
     content = opensfm(rotation, centres, made, rows)
-    matrix4[:3, 3] += shift
     (part / "odm_georeferencing/coords.txt").write_text("WGS84 UTM 33N\n620000 5200000\n1 2 3\n")
-    if not shots:
-        (part / "opensfm/reconstruction.json").write_text(json.dumps([content]))
-        np.savetxt(part / "opensfm/geocoords_transformation.txt", matrix4)
-        return
-    features = [
-        {
-            "type": "Feature",
-            "properties": {
-                "filename": NAMES[row],
-                "camera": "v2 dji fc 40 30 brown 0.8",
-                "focal": FOCAL / 40,
-                "width": 40,
-                "height": 30,
-                "translation": made.centres[row].tolist(),
-                "rotation": Rotation.from_matrix(made.rotation[row]).as_rotvec().tolist(),
-            },
-        }
-        for row in rows
-    ]
-    (part / "odm_report/shots.geojson").write_text(
-        json.dumps({"type": "FeatureCollection", "features": features})
-    )
-    camera = content["cameras"]["v2 dji fc 40 30 brown 0.8"]
-    (part / "cameras.json").write_text(json.dumps({"dji fc 40 30 brown 0.8": camera}))
+    (part / "opensfm/reconstruction.json").write_text(json.dumps([content]))
+    np.savetxt(part / "opensfm/geocoords_transformation.txt", matrix4)
 
 
-def odm_project(made: Made, *, shots: bool = False, surface: bool = True) -> Path:
+def odm_project(made: Made) -> Path:
     """Write a project: photos, RGBA orthophoto, surface model, shots."""
     import rasterio
 
@@ -108,18 +79,13 @@ def odm_project(made: Made, *, shots: bool = False, surface: bool = True) -> Pat
         crs=CRS,
         transform=transform,
     )
-    if surface:
-        (project / "odm_dem/dsm.tif").write_bytes(made.dsm.read_bytes())
-    write_odm_part(made, project, list(range(5)), shots)
+    (project / "odm_dem/dsm.tif").write_bytes(made.dsm.read_bytes())
+    write_odm_part(made, project, list(range(5)))
     return project
 
 
 def odm_layout(made: Made) -> list[object]:
     return ["odm", "--source", odm_project(made)]
-
-
-def odm_shots_layout(made: Made) -> list[object]:
-    return ["odm", "--source", odm_project(made, shots=True)]
 
 
 def odm_newer_layout(made: Made) -> list[object]:

@@ -20,7 +20,7 @@ from tests.datasets.surveys.colmap_models import (
     colmap_names_layout,
 )
 from tests.datasets.surveys.dji_folders import dji_layout, dji_stamped_layout
-from tests.datasets.surveys.odm_projects import odm_layout, odm_newer_layout, odm_shots_layout
+from tests.datasets.surveys.odm_projects import odm_layout, odm_newer_layout
 from tests.datasets.surveys.pose_tables import gimbal_table, metashape_table, pix4d_table
 from tests.datasets.surveys.survey import CRS, LENS, Made, make_survey, photos_layout, read_scene
 
@@ -30,7 +30,6 @@ EVERY: dict[str, tuple[Callable[[Made], list[object]], float]] = {
     "Pix4D's omega, phi, kappa": (pix4d_table, 1e-6),
     "Metashape's reference": (metashape_table, 1e-6),
     "OpenDroneMap": (odm_layout, 1e-6),
-    "OpenDroneMap's shots.geojson": (odm_shots_layout, 1e-6),
     "a newer OpenDroneMap": (odm_newer_layout, 1e-6),
     "DJI": (dji_layout, 1e-3),
     "DJI with time stamps": (dji_stamped_layout, 1e-3),
