@@ -14,31 +14,13 @@ __all__ = ["About", "about_file", "about_of", "read_about"]
 class About:
     """What users want to know of a dataset before they have it.
 
-    Attributes
-    ----------
-    title : str
-        Such as "UAV-VisLoc".
-    summary : str
-        What is made of it, for the help: a sentence, then what else there is to say.
-    example : str
-        What stands behind ``airzoo-bench prepare``, for the help.
-    page : str
-        Address of the page that tells where to get it.
-    licence : str
-        As a published benchmark states it, or that it states none; empty for own data.
-    repository : str or None
-        The dataset's id on Hugging Face, where the data lie there.
-    links : tuple of str
-        Addresses of the files, where they can be fetched by link.
-    assumptions : tuple of str
-        A sentence for each value that the truth rests on and that the benchmark does not state.
-    unverified : tuple of str
-        A sentence for each part of the layout that has not been seen.
-    without_truth : mapping of str to str
-        Why a track may have no truth, by the track's name.
-    scene_files : mapping of str to tuple of str
-        Patterns (`fnmatch`) of the paths in the repository that are of one scene alone, by its id,
-        for `download --scene`; empty where scenes cannot be fetched by themselves.
+    `summary` (a sentence, then what else there is to say) and `example` (what stands behind
+    ``airzoo-bench prepare``) are for the help; `page` tells where to get the data, `licence` is as a
+    published benchmark states it, empty for own data. `repository` is an id on Hugging Face, `links`
+    the addresses of files. `assumptions` is a sentence for each value that the truth rests on and
+    that is not stated, `unverified` for each part of the layout that has not been seen.
+    `without_truth` says why a track may have no truth; `scene_files` are patterns (`fnmatch`) of
+    the paths in the repository that are of one scene alone.
     """
 
     title: str

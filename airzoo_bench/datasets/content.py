@@ -65,10 +65,7 @@ _FOOT_M = 0.3048
 
 @dataclass(frozen=True, eq=False)
 class SceneContent:
-    """What is written of a scene into a benchmark folder.
-
-    `files` are photos, maps and clouds by the name that benchmark.toml has for them.
-    """
+    """A scene with its truth; `files` are photos, maps and clouds by their keys in benchmark.toml."""
 
     inputs: SceneInputs
     truths: SceneTruths
@@ -279,18 +276,17 @@ def _check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
 
 def _check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
     """Refuse a gallery of more than 500,000 tiles."""
-    starts = [
-        [len(tile_starts(side, size, gallery.overlap)) for side in (info.width, info.height)]
+    count = sum(
+        len(tile_starts(info.width, size, gallery.overlap))
+        * len(tile_starts(info.height, size, gallery.overlap))
         for size in gallery.tile_sizes_px
-    ]
-    count = sum(across * down for across, down in starts)
+    )
     if count > _MOST_TILES:
         raise RasterError(
             f"{info.width} x {info.height} px make {count:,} tiles",
             where=info.path,
             expected=f"at most {_MOST_TILES:,}",
-            fix="choose a larger --tile-size, or cut the map to the photos: "
-            "gdal_translate -projwin",
+            fix="choose a larger --tile-size, or cut the map to the photos by gdal_translate",
         )
 
 

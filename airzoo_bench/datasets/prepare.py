@@ -234,22 +234,18 @@ def _difference(records: Mapping[str, Record], source: Source) -> str:
     ]
     if set(records) != set(source.scenes):
         said.append(f"scenes {', '.join(records)}, now {', '.join(source.scenes)}")
-    if said:
-        return f"with {'; '.join(said)}"
-    return "from files that have changed since, or by another version of this suite"
+    otherwise = "from files that have changed since, or by another version of this suite"
+    return f"with {'; '.join(said)}" if said else otherwise
 
 
 def prepare_scenes(
     source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Make the benchmark folder of some scenes."""
-    run = _Run(source, protocols, settings)
+    run, home = _Run(source, protocols, settings), settings.folder.parent
     # Runs into other folders share the finished scenes, by the benchmark's name.
-    what, otherwise = (
-        "another run is making this benchmark here",
-        "name a folder elsewhere with --out",
-    )
-    with _writing(settings.folder), only_run(run.staging, what, settings.folder.parent, otherwise):
+    what, otherwise = "another run is making this benchmark here", "name an --out elsewhere"
+    with _writing(settings.folder), only_run(run.staging, what, home, otherwise):
         kept: Sequence[str] = ()
         try:
             run.finish()

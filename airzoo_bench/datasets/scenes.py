@@ -27,43 +27,27 @@ class NativeScene:
 
     Attributes
     ----------
-    scene : str
-        Its id, that of the protocols.
-    images : Path
-        Folder of the photos.
     names : tuple of N str
-        Photos with a pose, relative to `images`.
-    cameras : Cameras
-        For the photos' own size.
-    poses : Poses
-        In `crs`.
+        Photos with a pose, relative to the folder `images`; `unposed` are the others.
     crs : str
-        Projected, in metres; `geometry.crs.LOCAL_CRS` for a frame in metres, z up, that has no
-        place on the earth, where there is neither map nor surface model.
+        Of `poses`: projected, in metres; `geometry.crs.LOCAL_CRS` for a frame in metres, z up, that
+        has no place on the earth, where there is neither map nor surface model.
     dom, dsm, gallery, cloud : Path or None
         Map, surface model, the map that tiles are cut from where it is another than `dom`, true
         cloud. Tracks that need one that is missing have no truth.
     maps : Path or None
-        Folder of a map and a surface model for each photo, where there are none of the whole
-        scene, see `matching.truth.own_map`.
+        Folder of a map and a surface model for each photo, see `matching.truth.own_map`.
     plane_height_m : float or None
         z0; None for the median height of the surface model, or where there is no ground.
     priors : Poses or None
-        NaN where a photo has none.
-    metadata : mapping of str to PhotoPrior
-        What photos state, by name.
-    is_metadata : bool
-        Whether poses are the metadata's, which are no priors then.
+        NaN where a photo has none; `metadata` is what photos state, by name. Where `is_metadata`,
+        poses are the metadata's, which are no priors then.
     conditions : mapping of str to sequence of N
         Further columns of queries.csv, by which scores can be broken down.
-    unposed : tuple of str
-        Names of photos without a pose.
     notes : tuple of str
         Sentences for the user about this scene, such as values that were assumed.
-    poses_from : Path or None
-        The file of the poses, for messages.
-    crs_from : str
-        Where the CRS is stated, for messages.
+    poses_from, crs_from : Path or None, str
+        Where poses and CRS are stated, for messages.
     truth_accuracy_m : float or None
         Standard error of the true positions, where it is stated.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
 from collections import Counter
@@ -65,21 +64,20 @@ def read_native_text(path: Path) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Rows whose columns are known by our names.
+    """Texts by our names of columns; a row has its line in the file, counted from 1.
 
-    `header` is what the file calls each column that is there, `names` are all of its columns,
-    `rows` the values of `header`, `lines` their lines in the file, counted from 1.
+    `header` is what the file calls each column that is there, `names` are all of its columns.
     """
 
     path: Path
     header: Mapping[str, str]
     names: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    by_name: Mapping[str, tuple[str, ...]]
     lines: tuple[int, ...]
     decimal_commas: bool = False
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.lines)
 
     def has(self, *columns: str) -> bool:
         """Return whether all these columns are there."""
@@ -87,8 +85,7 @@ class Table:
 
     def texts(self, column: str) -> tuple[str, ...]:
         """Return the values of a column as they stand there."""
-        place = list(self.header).index(column)
-        return tuple(row[place] for row in self.rows)
+        return self.by_name[column]
 
     def numbers(
         self, column: str, least: float = -math.inf, most: float = math.inf, *, empty: bool = False
@@ -145,8 +142,8 @@ def read_table(
     known = {plain(name): ours for ours, names in columns.items() for name in names}
     separators = [mark for mark in _SEPARATORS if mark is not None or blanks]
     try:
-        place, separator, names = _header(lines, known, separators)
-        header = _found_columns(path, names, known, columns, optional)
+        place, separator, names = _find_header(lines, known, separators)
+        header = _name_columns(path, names, known, columns, optional)
         numbered = [
             (number, row)
             for number, line in enumerate(lines[place + 1 :], place + 2)
@@ -154,7 +151,7 @@ def read_table(
         ]
     except csv.Error as error:
         raise BenchmarkError(f"not a table: {error}", where=path) from error
-    for number, row in numbered:
+    for number, row in numbered or [(place + 1, [])]:
         if len(row) < len(names) or any(map(str.strip, row[len(names) :])):
             raise BenchmarkError(
                 f"has {counted(len(row), 'value')} for {counted(len(names), 'column')}",
@@ -162,43 +159,34 @@ def read_table(
                 expected=f"{len(names)} values, separated by {_SEPARATORS[separator]}",
                 fix="write numbers with a decimal point; download it again if it ends here",
             )
-    if not numbered:
-        raise BenchmarkError("has no row", where=path, expected="a row a photo")
-    places = [names.index(name) for name in header.values()]
-    return Table(
-        path,
-        header,
-        tuple(names),
-        tuple(tuple(row[i].strip() for i in places) for _, row in numbered),
-        tuple(number for number, _ in numbered),
-        decimal_commas=separator != ",",
-    )
+    places = {ours: names.index(name) for ours, name in header.items()}
+    texts = {ours: tuple(row[i].strip() for _, row in numbered) for ours, i in places.items()}
+    of_lines = tuple(number for number, _ in numbered)
+    return Table(path, header, tuple(names), texts, of_lines, decimal_commas=separator != ",")
 
 
 def _split(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
-    return next(csv.reader(io.StringIO(line), delimiter=separator, strict=True), [])
+    return next(csv.reader([line], delimiter=separator, strict=True), [])
 
 
-def _header(
+def _find_header(
     lines: Sequence[str], known: Mapping[str, str], separators: Sequence[str | None]
 ) -> tuple[int, str | None, list[str]]:
     """Find the line that names most columns, and what separates them."""
     best: tuple[int, int, str | None, list[str]] = (-1, 0, ",", [])
     for place, line in enumerate(lines[:_HEADER_LINES]):
         for separator in separators if line.strip() else ():
-            try:
+            with suppress(csv.Error):  # quotes belong to another separator
                 names = [name.strip() for name in _split(line.lstrip("# \ufeff"), separator)]
-            except csv.Error:  # quotes belong to another separator
-                continue
-            found = len({known[plain(name)] for name in names if plain(name) in known})
-            if found > best[0]:
-                best = (found, place, separator, names)
-    return best[1], best[2], best[3]
+                found = len({known[plain(name)] for name in names if plain(name) in known})
+                if found > best[0]:
+                    best = (found, place, separator, names)
+    return best[1:]
 
 
-def _found_columns(
+def _name_columns(
     path: Path,
     names: Sequence[str],
     known: Mapping[str, str],
@@ -206,49 +194,47 @@ def _found_columns(
     optional: Collection[str],
 ) -> dict[str, str]:
     """Return what the file calls each of our columns."""
-    given: dict[str, list[str]] = {}
-    for name in names:
-        if plain(name) in known:
-            given.setdefault(known[plain(name)], []).append(name)
-    twice = [" and ".join(map(repr, found)) for found in given.values() if len(found) > 1]
-    missing = [ours for ours in columns if ours not in given and ours not in optional]
-    if twice or missing:
+    given = [(known[plain(name)], name) for name in names if plain(name) in known]
+    header = dict(given)
+    missing = [ours for ours in columns if ours not in header and ours not in optional]
+    if missing or len(header) < len(given):
         unknown = [name for name in names if name and plain(name) not in known]
         meant = (f"{ours}{nearest(ours, unknown)}" for ours in missing)
         wanted = ("/".join(called) for ours, called in columns.items() if ours not in optional)
         raise BenchmarkError(
-            f"columns that mean the same: {'; '.join(twice)}"
-            if twice
-            else f"lacks the columns {', '.join(meant)}; it has {', '.join(names)[:300]!r}",
+            f"lacks the columns {', '.join(meant)}; it has {', '.join(names)[:300]!r}"
+            if missing
+            else f"has two columns of one meaning: {', '.join(repr(name) for _, name in given)}",
             where=path,
             expected=f"a first line with {', '.join(wanted)}, each once",
             fix="name the columns so, or download the table again",
         )
-    return {ours: found[0] for ours, found in given.items()}
+    return header
 
 
 def read_lines(path: Path, columns: Sequence[str]) -> Table:
     """Read lines of values separated by blanks, without a line that names them."""
-    text = read_native_text(path)
-    numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1)]
+    numbered = enumerate(map(str.strip, read_native_text(path).splitlines()), 1)
     kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
     rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]
-    odd = next(((i, row) for i, row in rows if len(row) != len(columns)), None)
-    if odd is not None or not rows:
-        raise BenchmarkError(
-            "is empty" if odd is None else f"has {counted(len(odd[1]), 'value')}",
-            where=path if odd is None else f"{path}, line {odd[0]}",
-            expected=f"{len(columns)} values in a line, separated by blanks: {' '.join(columns)}",
-        )
-    header = {name: name for name in columns}
-    lines = tuple(line for line, _ in rows)
-    return Table(path, header, tuple(columns), tuple(tuple(row) for _, row in rows), lines)
+    for number, row in rows or [(1, [])]:
+        if len(row) != len(columns):
+            raise BenchmarkError(
+                f"has {counted(len(row), 'value')}" if rows else "is empty",
+                where=f"{path}, line {number}",
+                expected=f"{len(columns)} values in a line, separated by blanks: "
+                f"{' '.join(columns)}",
+            )
+    texts = dict(zip(columns, zip(*(row for _, row in rows), strict=True), strict=True))
+    names = {name: name for name in columns}
+    return Table(path, names, tuple(columns), texts, tuple(line for line, _ in rows))
 
 
 def _number(text: str, comma: bool) -> float:
     if comma and _DECIMAL_COMMA.fullmatch(text):
         text = text.replace(",", ".")
     try:
+        # Python's own grouping of digits is no number here.
         return math.nan if "_" in text else float(text)
     except ValueError:
         return math.nan
@@ -268,29 +254,22 @@ def read_matrix(path: Path) -> Floats | None:
 
 def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> dict[str, str]:
     """Find the photo that each name means: as it stands, whatever its case, path or ending."""
-    names, there = list(given), list(photos)
-    tables = [_unique(form, there) for form in range(4)]
-    found = {}
-    for name in names:
-        hits = (table.get(_form(name, form)) for form, table in enumerate(tables))
-        photo = next((hit for hit in hits if hit is not None), None)
-        if photo is not None:
-            found[name] = photo
-    if not found:
-        raise BenchmarkError(
-            f"none of its {counted(len(names), 'name')} is among {counted(len(there), 'photo')}",
-            where=where,
-            expected=f"names such as {min(there, default='')!r}",
-            fix=f"it has names such as {names[0]!r}: rename one or the other" if names else None,
-        )
+    names, there, found = list(given), list(photos), {}
+    for form in range(3, -1, -1):  # the strictest that finds one holds
+        counts = Counter(_form(photo, form) for photo in there)
+        known = {_form(photo, form): photo for photo in there if counts[_form(photo, form)] == 1}
+        found |= {name: known[_form(name, form)] for name in names if _form(name, form) in known}
     twice = [photo for photo, count in Counter(found.values()).items() if count > 1]
-    if twice:
+    if twice or not found:
         raise BenchmarkError(
-            f"more than one name means {first_of(twice, len(there))}",
+            f"more than one name means {first_of(twice, len(there))}"
+            if twice
+            else f"none of its {counted(len(names), 'name')} is among "
+            f"{counted(len(there), 'photo')}: it has names such as {first_of(names, shown=1)}",
             where=where,
-            expected="each photo once",
+            expected=f"names such as {min(there, default='')!r}, each photo once",
         )
-    return found
+    return {name: found[name] for name in names if name in found}
 
 
 def _form(name: str, form: int) -> str:
@@ -298,11 +277,6 @@ def _form(name: str, form: int) -> str:
     path = name.replace("\\", "/").casefold()
     base = path.rpartition("/")[2]
     return (name, path, base, base.rpartition(".")[0] or base)[form]
-
-
-def _unique(form: int, photos: Sequence[str]) -> dict[str, str]:
-    counts = Counter(_form(photo, form) for photo in photos)
-    return {_form(photo, form): photo for photo in photos if counts[_form(photo, form)] == 1}
 
 
 def values_by_scene(

@@ -54,20 +54,17 @@ class BenchmarkProtocols:
     @property
     def retrieval(self) -> RetrievalProtocol | None:
         """The first protocol of the retrieval track."""
-        return self._first(RetrievalProtocol)
+        return next((one for one in self.every if isinstance(one, RetrievalProtocol)), None)
 
     @property
     def matching(self) -> MatchingProtocol | None:
         """The first protocol of the matching track."""
-        return self._first(MatchingProtocol)
+        return next((one for one in self.every if isinstance(one, MatchingProtocol)), None)
 
     @property
     def reconstruction(self) -> ReconstructionProtocol | None:
         """The first protocol of the reconstruction track."""
-        return self._first(ReconstructionProtocol)
-
-    def _first(self, kind: type[P]) -> P | None:
-        return next((one for one in self.every if isinstance(one, kind)), None)
+        return next((one for one in self.every if isinstance(one, ReconstructionProtocol)), None)
 
     def of_scene(self, scene: str) -> BenchmarkProtocols:
         """Leave out the protocols that do not name a scene."""
