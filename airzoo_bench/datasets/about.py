@@ -15,12 +15,12 @@ class About:
     """What users want to know of a dataset before they have it.
 
     `summary` (a sentence, then what else there is to say) and `example` (what stands behind
-    ``airzoo-bench prepare``) are for the help; `page` tells where to get the data, `licence` is as a
-    published benchmark states it, empty for own data. `repository` is an id on Hugging Face, `links`
-    the addresses of files. `assumptions` is a sentence for each value that the truth rests on and
-    that is not stated, `unverified` for each part of the layout that has not been seen.
-    `without_truth` says why a track may have no truth; `scene_files` are patterns (`fnmatch`) of
-    the paths in the repository that are of one scene alone.
+    ``airzoo-bench prepare``) are for the help. `page` tells where to get the data, `licence` is as
+    stated, empty for own data; `repository` is an id on Hugging Face, `links` are addresses of
+    files. `assumptions` has a sentence for each value that the truth rests on and that is not
+    stated, `unverified` for each part of the layout that has not been seen. `without_truth` says
+    why a track may have no truth; `scene_files` are patterns (`fnmatch`) of the paths in the
+    repository that are of one scene alone.
     """
 
     title: str

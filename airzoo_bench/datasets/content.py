@@ -65,7 +65,7 @@ _FOOT_M = 0.3048
 
 @dataclass(frozen=True, eq=False)
 class SceneContent:
-    """A scene with its truth; `files` are photos, maps and clouds by their keys in benchmark.toml."""
+    """A scene with its truth; `files` are photos, maps and clouds as benchmark.toml names them."""
 
     inputs: SceneInputs
     truths: SceneTruths
