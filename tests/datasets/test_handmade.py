@@ -12,7 +12,6 @@ import pytest
 import tomli_w
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.files import sha256_of
 from tests.datasets.tagged import NAMES, tag
 from tests.support import make_place, run_main, write_raster
 
@@ -88,33 +87,6 @@ def test_a_condition_called_as_another_column_of_the_records(
     assert run_main("manifest", folder, "--force") == 0
 
 
-def test_eval_refuses_such_a_condition_too(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "template.npz"
-    assert run_main("template", "park-retrieval", "--data", folder, "--out", out) == 0
-    table = folder / "scenes" / "park" / "queries.csv"
-    pd.read_csv(table).assign(map=0.0).to_csv(table, index=False)
-    values = tomllib.loads((folder / "benchmark.toml").read_text())
-    values["checksums"]["scenes/park/queries.csv"] = sha256_of(table)
-    (folder / "benchmark.toml").write_text(tomli_w.dumps(values))
-    assert run_main("eval", "retrieval", out, "--data", folder) == 2
-    assert "queries.csv: conditions" in capsys.readouterr().err
-
-
-def test_footprints_far_from_all_tiles_are_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    place = folder / "scenes" / "park" / "retrieval" / "footprints.csv"
-    table = pd.read_csv(place)
-    columns = ["footprint_lon", "footprint_lat"]
-    table[columns] = table[columns[::-1]].to_numpy()
-    table.to_csv(place, index=False)
-    assert run_main("manifest", folder, "--force") == 2
-    said = capsys.readouterr().err
-    assert "footprints.csv" in said
-
-
 def test_a_scene_without_its_files_is_refused(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -173,20 +145,6 @@ def test_what_eval_refuses_gets_no_checksums(
     assert message in said
     assert f"then run `airzoo-bench manifest {folder} --force`" in said or "without" in what
     assert (folder / "benchmark.toml").read_bytes() == before
-
-
-def test_eval_says_what_fits_a_folder_made_by_hand(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table = folder / "scenes" / "park" / "queries.csv"
-    change(folder, "checksums")
-    assert run_main("manifest", folder) == 0
-    table.write_text(table.read_text().replace("64", "65"))
-    command = ("baseline", "retrieval", "park-retrieval", "--data", folder, "-o", "x.npz")
-    assert run_main(*command) == 2
-    said = capsys.readouterr().err
-    assert "prepare the benchmark again" not in said
-    assert f"then run `airzoo-bench manifest {folder} --force`" in said
 
 
 def test_the_page_names_every_column(folder: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from airzoo_bench.core.errors import BenchmarkError, CameraError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from tests.datasets.xmp import packet
@@ -69,14 +69,6 @@ def assert_near(found: PhotoPrior, expected: PhotoPrior) -> None:
 
 def test_everything_a_photo_says(photo: Any) -> None:
     assert_near(read_prior(photo(GPS, packet(ANGLES))), PRIOR)
-
-
-def test_elements_say_the_same_as_attributes(photo: Any) -> None:
-    elements = "".join(
-        f"<drone-dji:{name}> {value}\n</drone-dji:{name}>"
-        for name, value in (part.split("=") for part in ANGLES.replace("drone-dji:", "").split())
-    ).replace('"', "")
-    assert_near(read_prior(photo(GPS, packet(elements=elements))), PRIOR)
 
 
 @pytest.mark.parametrize("name", ["GpsLongitude", "GpsLongtitude"])
@@ -147,11 +139,6 @@ def test_damaged_metadata_is_named(
     assert str(caught.value).startswith(str(path))
 
 
-def test_a_deep_packet_is_only_long(photo: Any) -> None:
-    deep = "<a>" * 9000 + "</a>" * 9000
-    assert read_prior(photo(None, packet(ANGLES, deep))).yaw_deg == 45.0
-
-
 def test_files_that_are_no_photos(tmp_path: Path) -> None:
     path = tmp_path / "a.JPG"
     with pytest.raises(BenchmarkError, match="not a readable photo"):
@@ -163,12 +150,6 @@ def test_files_that_are_no_photos(tmp_path: Path) -> None:
 
 
 WHOLE = jpg(GPS, packet(ANGLES))
-
-
-def test_poses_need_a_grid() -> None:
-    with pytest.raises(CameraError, match="no grid"):
-        priors_to_poses({"a.jpg": PRIOR}, 4326)
-    assert len(priors_to_poses({}, 32615)) == 0
 
 
 def test_a_pose_worked_by_hand() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -79,14 +77,6 @@ def test_copied_data_travel_with_the_folder(tmp_path: Path) -> None:
     assert str(tmp_path) not in (tmp_path / "moved" / "benchmark.toml").read_text()
 
 
-def test_data_left_where_they_are(tmp_path: Path) -> None:
-    place = make_place(tmp_path / "sources")
-    prepared(place, tmp_path / "park")
-    benchmark = Benchmark.open(tmp_path / "park")
-    assert benchmark.resolve(benchmark.scene("park").images) == place.images.resolve()
-    assert not (tmp_path / "park" / "data").exists()
-
-
 def test_tiles_as_files_are_the_windows_of_the_map(tmp_path: Path) -> None:
     place = make_place(tmp_path)
     prepared(place, tmp_path / "park", tiles_on_disk=True)
@@ -106,54 +96,6 @@ def test_crops_as_files_are_those_of_the_queries(tmp_path: Path) -> None:
     out = tmp_path / "park"
     assert run_main(*place.arguments(priors=tmp_path / "priors.csv", crops="files", out=out)) == 0
     hold_crops(out / "scenes" / "park", load_benchmark(out).scenes[0])
-
-
-def test_from_a_colmap_model(tmp_path: Path) -> None:
-    import pycolmap
-
-    place = make_place(tmp_path)
-    prepared(place, tmp_path / "json")
-    made = pycolmap.Reconstruction()
-    made.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            model="SIMPLE_PINHOLE", width=64, height=48, params=[64, 32, 24], camera_id=1
-        )
-    )
-    for number, (name, image) in enumerate(place.read_poses()["images"].items(), start=1):
-        rotation, centre = np.array(image["R_w2c"]), np.array(image["center"])
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ centre)
-        made.add_image_with_trivial_frame(
-            pycolmap.Image(name=name, camera_id=1, image_id=number), pose
-        )
-    model = tmp_path / "model"
-    model.mkdir()
-    made.write_binary(str(model))
-    from_model = Place(place.images, model, place.dom, place.dsm, place.centres)
-    prepared(from_model, tmp_path / "colmap", crs="EPSG:32633")
-    one, other = truth_in(tmp_path / "json"), truth_in(tmp_path / "colmap")
-    for name in ("a", "b", "c", "sub/d"):
-        assert positives(other, name) == positives(one, name)
-    np.testing.assert_allclose(other.footprint_centres, one.footprint_centres, atol=1e-9)
-
-
-def test_the_crs_may_be_given_and_spelt_otherwise(tmp_path: Path) -> None:
-    place = make_place(tmp_path)
-    prepared(place, tmp_path / "one")
-    place.change_poses(crs="EPSG:32632")
-    prepared(place, tmp_path / "two", crs="+proj=utm +zone=33 +datum=WGS84 +units=m")
-    assert truth_in(tmp_path / "one").fingerprint == truth_in(tmp_path / "two").fingerprint
-
-
-def test_a_folder_is_replaced_when_asked(tmp_path: Path) -> None:
-    place = make_place(tmp_path / "sources")
-    prepared(place, tmp_path / "park", tiles_on_disk=True)
-    prepared(place, tmp_path / "park", replace=True)
-    assert files_below(tmp_path) - {f"sources/{f}" for f in files_below(tmp_path / "sources")} == {
-        "sources",
-        "park",
-        *(f"park/{name}" for name in files_below(tmp_path / "park")),
-    }
-    assert not (tmp_path / "park" / "scenes" / "park" / "retrieval" / "tiles").exists()
 
 
 def test_from_photos_to_a_score(
@@ -190,20 +132,6 @@ def test_the_protocol_in_the_folder_is_the_one_that_was_used(tmp_path: Path) -> 
             "retrieval/excluded.csv",
         )
     }
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="file names are bytes on Linux only")
-def test_a_file_name_that_is_no_text(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place = make_place(tmp_path)
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    name = os.fsdecode(b"\xff.jpg")
-    (place.images / "a.jpg").rename(place.images / name)
-    assert run_main(*place.arguments()) == 0
-    said = capsys.readouterr()
-    assert "photos without a pose, which no track asks: 1 ('\\udcff.jpg')" in said.err
-    assert "retrieval       3 queries" in said.out
 
 
 def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:

@@ -66,11 +66,6 @@ def test_what_stands_in_an_image_goes_before_the_top(tmp_path: Path) -> None:
     )
 
 
-def test_poses_of_other_photos_and_photos_without_pose_are_left_aside(tmp_path: Path) -> None:
-    photos = read_poses(json_file(tmp_path), {"a.jpg": (64, 48), "c.jpg": (64, 48)})
-    assert photos.names == ("a.jpg",)
-
-
 def test_rotations_rounded_in_the_file_become_exact(tmp_path: Path) -> None:
     images = {"a.jpg": {"R_w2c": tilted().round(5).tolist(), "center": [1, 2, 3]}}
     rotation = read_poses(json_file(tmp_path, images=images), SIZES).poses.rotation[0]
@@ -87,13 +82,6 @@ def test_a_key_that_stands_twice(key: str, tmp_path: Path) -> None:
     path.write_text(text.replace(f'"{key}": ', f'"{key}": 0, "{key}": ', 1))
     with pytest.raises(CameraError, match=f"key '{key}' stands twice"):
         read_poses(path, SIZES)
-
-
-@pytest.mark.parametrize("number", ["1e5", "12", True])
-def test_numbers_that_are_none(number: object, tmp_path: Path) -> None:
-    images = {name: {"R_w2c": DOWN, "center": [number, 2, 3]} for name in CENTRES}
-    with pytest.raises(CameraError, match=r"images\.a\.jpg\.center\.0"):
-        read_poses(json_file(tmp_path, images=images), SIZES)
 
 
 def colmap(

@@ -14,7 +14,7 @@ from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.datasets.geometry_checks.report import OUTPUT_NAMES
 from tests.support import BRIGHTON, run_main
 
-from .analytic import FOCAL, Flight, names, orbit, scene, write_depths, write_photos
+from .analytic import Flight, orbit, scene, write_depths, write_photos
 
 FLIGHT = orbit(10)
 
@@ -71,25 +71,6 @@ def test_a_scaled_depth_fails_and_is_named(
     text = capsys.readouterr().out
     assert "f004.png" in text
     assert "fails" in text
-
-
-def test_a_stricter_limit_fails(photos: tuple[Path, Path]) -> None:
-    assert run_main(*arguments(photos, "--median-below", 1e-12)) == 1
-
-
-def test_without_depth_the_frame_chain_is_checked_and_it_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main(*arguments(write_photos(tmp_path, FLIGHT))) == 0
-    assert "depth not checked" in capsys.readouterr().out
-
-
-def test_a_bad_lens_fails(photos: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    content = json.loads(photos[1].read_text())
-    content["images"]["f003.png"] |= {"K": content["K"], "distortion": [-0.9, 0, 0, 0]}
-    photos[1].write_text(json.dumps(content))
-    assert run_main(*arguments(photos)) == 1
-    assert "range of the lens model" in capsys.readouterr().out
 
 
 def test_a_benchmark_folder_with_depth_beside_its_photos(
@@ -151,11 +132,6 @@ def test_the_real_scene(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["photos"] == 18
     assert found["frame_chain"]["closure_m"] < 1e-6
     assert "depth not checked" in found["notes"][0]
-
-
-def test_names_and_focal_length_are_as_the_tests_say() -> None:
-    assert names(2) == ("f000.png", "f001.png")
-    assert scene(FLIGHT).cameras.focal[0, 0] == FOCAL
 
 
 def test_web_mercator_is_no_metres(

@@ -25,7 +25,6 @@ from airzoo_bench.datasets.scenes import NativeScene
 
 PIXEL_DEG = 360 / 2**27
 HEADER = "num,filename,date,lat,lon,height,Omega,Kappa,Phi1,Phi2"
-RANGE_HEADER = "mapname,LT_lat_map,LT_lon_map,RB_lat_map,RB_lon_map,region"
 PHOTO_SIZE = (60, 40)
 EARTH = Geod(ellps="WGS84")
 FOV_DEG = (52.0, 36.0)
@@ -36,18 +35,11 @@ class Flight:
     """Where its map and photos are; photos are (lon, lat, height, phi) each, phi by the compass."""
 
     name: str
-    region: str
     corner: tuple[float, float]
     size: tuple[int, int]
     photos: tuple[tuple[float, float, float, float], ...]
     cuts: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
     columns: int = 10
-
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Left, top, right, bottom in degrees."""
-        (left, top), (width, height) = self.corner, self.size
-        return left, top, left + width * PIXEL_DEG, top - height * PIXEL_DEG
 
     def photo(self, index: int) -> str:
         return f"{self.name}_{index + 1:04d}.JPG"
@@ -67,14 +59,12 @@ FLIGHTS = {
     for flight in (
         Flight(
             "01",
-            "Changjiang-20",
             (115.97, 29.77),
             (6000, 3000),
             along((115.9733, 29.7660), 405.0, (165.0, 30.0, -100.0, 80.0, 10.0), 200.0),
         ),
         Flight(
             "07",
-            "Donghuayuan",
             (115.791182, 40.345),
             (5000, 2600),
             along((115.7953, 40.3416), 300.0, (-1.5,) * 3, 150.0),
@@ -82,7 +72,6 @@ FLIGHTS = {
         ),
         Flight(
             "09",
-            "Huzhou-6",
             (120.03, 30.99),
             (5000, 4000),
             along((120.0340, 30.9846), 450.0, (-50.0, 20.0, 135.0, 60.0), 200.0),
@@ -93,18 +82,9 @@ FLIGHTS = {
 
 
 def make_tree(root: Path, flights: Mapping[str, Flight] = FLIGHTS, *, photos: bool = True) -> Path:
-    """Write the tree, with the blank in the range table's name."""
-    root.mkdir(parents=True, exist_ok=True)
-    rows = []
+    """Write the tree."""
     for flight in flights.values():
-        left, top, right, bottom = flight.bounds
-        rows.append(
-            f"satellite{flight.name}.tif,{top:.9f},{left:.9f},{bottom:.9f},{right:.9f},"
-            f"{flight.region}"
-        )
         write_flight(root / flight.name, flight, photos=photos)
-    table = root / "satellite_ coordinates_range.csv"
-    table.write_text("\n".join([RANGE_HEADER, *rows, ""]))
     return root
 
 
@@ -199,13 +179,6 @@ def answers(flight: Flight, index: int, tiles: Mapping[str, Sequence[float]]) ->
 def read(source: Path, flight: str, **options: Any) -> NativeScene:
     """Read a flight of a tree."""
     return UAV_VISLOC.read(UavVisLocOptions(source, **options), flight, silent)
-
-
-def rewrite(path: Path, old: str, new: str, count: int = -1) -> None:
-    """Replace a text in a file, all of it or the first few."""
-    text = path.read_bytes().decode()
-    assert old in text
-    path.write_bytes(text.replace(old, new, count).encode())
 
 
 if __name__ == "__main__":
