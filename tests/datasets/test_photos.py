@@ -19,7 +19,6 @@ from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
-from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 from tests.datasets.parts import hold_crops, hold_tiles
 from tests.reconstruction.shard_support import write_laz
 from tests.support import (
@@ -40,15 +39,6 @@ def prepared(place: Place, folder: Path, **options: Any) -> Prepared:
     sources = (place.images, place.poses, place.dom)
     chosen = PhotoOptions("park", *sources, dsm=place.dsm, tile_size=[64], **given)
     return PHOTOS.prepare(chosen, PrepareSettings(folder, folder.parent, **options))
-
-
-def truth_in(folder: Path) -> RetrievalTruth:
-    return read_truth(Benchmark.open(folder).scene_folder("park"), "park")
-
-
-def positives(truth: RetrievalTruth, query: str) -> set[str]:
-    number = truth.queries["id"].tolist().index(f"park/{query}")
-    return {truth.tiles["id"][t].split("/")[1] for t in truth.positives.of(number)}
 
 
 def test_the_same_sources_give_the_same_bytes(tmp_path: Path) -> None:

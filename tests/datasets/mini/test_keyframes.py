@@ -8,7 +8,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.flights import (
     Airspace,
     Trajectory,
@@ -85,16 +84,6 @@ def test_the_range_cuts_by_depth() -> None:
     )
 
 
-@pytest.mark.parametrize("reach", [99.0, 100.1])
-def test_the_ground_out_of_range_is_not_seen(reach: float) -> None:
-    assert footprint(posed((0.0, 0.0, 150.0), 0.0, -90.0), reach).is_empty == (reach < 100.0)
-
-
-@pytest.mark.parametrize(("height", "pitch"), [(150.0, 40.0), (50.0, -90.0), (40.0, -90.0)])
-def test_who_sees_no_ground_has_no_footprint(height: float, pitch: float) -> None:
-    assert footprint(posed((0.0, 0.0, height), 0.0, pitch)).is_empty
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     yaw=st.floats(-180, 180),
@@ -147,29 +136,6 @@ def test_key_frames_of_a_straight_line_by_hand(overlap: float, step: int) -> Non
     assert keys.tolist() == list(range(0, 401, step))
 
 
-def test_the_nearer_of_two_frames_is_taken() -> None:
-    # Frames 35 m apart share 1 - 0.175 k of their ground: 0.65 and 0.475 around a half.
-    assert key_frames(line_flight(10, 35.0), CAMERA, 50.0, 0.5).tolist() == [0, 3, 6, 9]
-    assert key_frames(line_flight(10, 35.0), CAMERA, 50.0, 0.6).tolist() == [0, 2, 4, 6, 8]
-    # Frames too far apart for the overlap are all taken.
-    assert key_frames(line_flight(5, 150.0), CAMERA, 50.0, 0.75).tolist() == [0, 1, 2, 3, 4]
-
-
-def test_frames_without_ground_are_passed_over() -> None:
-    flight = line_flight(101, 1.0)
-    flight.pitch_deg[:10] = 80.0
-    flight.pitch_deg[60] = 80.0
-    keys = key_frames(flight, CAMERA, 50.0, 0.75)
-    # 59 and 61 share 0.755 and 0.745 with 10, but for the last bits.
-    assert keys.tolist() in ([10, 59], [10, 61])
-    flight.pitch_deg[:] = 80.0
-    assert key_frames(flight, CAMERA, 50.0, 0.75).tolist() == []
-
-
-def test_a_flight_that_stands_has_one_key_frame() -> None:
-    assert key_frames(line_flight(200, 0.0), CAMERA, 50.0, 0.9).tolist() == [0]
-
-
 FLIGHTS = {
     "barrel": barrel_roll(AIR, 1, rounds=1),
     "survey": survey(AIR, side_m=160.0),
@@ -188,16 +154,3 @@ def test_neighbours_overlap_as_asked(name: str, overlap: float) -> None:
     poses = trajectory_poses(flight.take(keys))
     seen = footprints(CAMERA, poses, AIR.ground_m, FAR)
     assert np.abs(overlaps(seen[:-1], seen[1:]) - overlap).max() < 0.02
-
-
-def test_more_overlap_is_more_key_frames() -> None:
-    flight = FLIGHTS["survey"]
-    counts = [len(key_frames(flight, CAMERA, 50.0, o)) for o in (0.1, 0.3, 0.5, 0.75)]
-    assert counts == sorted(counts)
-    assert counts[0] < counts[-1] / 3
-
-
-@pytest.mark.parametrize("overlap", [0.0, 1.0, np.nan])
-def test_what_cannot_be_asked_is_refused(overlap: float) -> None:
-    with pytest.raises(UsageError, match="above 0 and below 1"):
-        key_frames(line_flight(2, 1.0), CAMERA, 50.0, overlap)

@@ -7,11 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.rendering import renderer as rendering
-from airzoo_bench.datasets.mini.rendering import sensor
-from airzoo_bench.datasets.mini.rendering.renderer import Renderer, default_camera, edge_pixels
-from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS, conditions
+from airzoo_bench.datasets.mini.rendering.renderer import Renderer
+from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from tests.datasets.mini.small_world import BLOCK, SIDE_M, small_world
@@ -97,28 +95,6 @@ def test_the_same_input_gives_the_same_bytes(renderer: Renderer) -> None:
     assert np.abs(first.astype(int) - other).mean() < 6.0
 
 
-@pytest.mark.parametrize("pixels", [160, 1000, 1 << 20])
-def test_blocks_do_not_show(
-    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, pixels: int
-) -> None:
-    usual = renderer.render(camera(bent=True), HORIZON, "sunny", "sunset", 7)
-    monkeypatch.setattr(sensor, "BLOCK_PIXELS", pixels)
-    monkeypatch.setattr(rendering, "BLOCK_PIXELS", pixels)
-    monkeypatch.setattr(rendering, "_KEPT_RAYS", 0)
-    other = renderer.render(camera(bent=True), HORIZON, "sunny", "sunset", 7)
-    np.testing.assert_array_equal(usual.rgb, other.rgb)
-    np.testing.assert_array_equal(usual.depth, other.depth)
-
-
-def test_edges() -> None:
-    keys = np.array([4, 4, 9, -1], np.int32)
-    triangle = np.array([[0, 1, 2], [0, 0, 2], [0, 0, -1]], np.int32)
-    pixel, towards = edge_pixels(triangle, keys)
-    # Triangles 0 and 1 are one surface; 2 is another, and so is nothing.
-    assert pixel.tolist() == [1, 2, 4, 5, 7, 8]
-    assert towards.T.tolist() == [[1, 0], [-1, 0], [1, 0], [-1, 1], [1, 0], [-1, -1]]
-
-
 def test_edges_are_blended(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """A small photo with blended edges is nearer to the mean of a large one than without."""
     large = renderer.render(camera(640, 480), OBLIQUE, "cloudy", "day", 1).rgb.astype(float)
@@ -132,14 +108,3 @@ def test_edges_are_blended(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) 
     assert differ.sum() > 100
     error = [np.abs(photo[differ] - mean[differ]).mean() for photo in (blended, sharp)]
     assert error[0] < 0.85 * error[1]
-
-
-def test_faults(renderer: Renderer) -> None:
-    with pytest.raises(UsageError, match=r"unknown weather 'hail'(.|\n)*sunny, cloudy, rainy"):
-        conditions("hail", "day")
-    with pytest.raises(UsageError, match="unknown time of day 'noon'"):
-        renderer.render(camera(), NADIR, "sunny", "noon", 1)
-    with pytest.raises(UsageError, match=r"20000 x 15000(.|\n)*at most 64,000,000"):
-        renderer.render(default_camera(20_000, 15_000), NADIR, "sunny", "day", 1)
-    with pytest.raises(UsageError, match="0 cameras and 1 poses"):
-        renderer.render(camera().take([]), NADIR, "sunny", "day", 1)

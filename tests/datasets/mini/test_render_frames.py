@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.datasets.mini.frames import (
     FrameList,
     RenderCounts,
@@ -179,27 +176,6 @@ def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path) -> None:
     assert photos[0] == photos[1]
 
 
-def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
-    def stop_after_two(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
-        assert (label, total) == ("rendering", 4)
-        for number, item in enumerate(items):
-            if number == 2:
-                raise KeyboardInterrupt
-            yield item
-
-    frames = frame_list()
-    with pytest.raises(KeyboardInterrupt):
-        render_frames(frames, small_world, tmp_path / "a", progress=stop_after_two)
-    left = contents(tmp_path / "a")
-    assert not any(name.endswith(".csv") or "colmap" in name or "/." in name for name in left)
-    before = len(left) // 2
-    assert 2 <= before <= 3
-    done = render_frames(frames, small_world, tmp_path / "a")
-    assert done == RenderCounts(rendered=4 - before, kept=before)
-    render_frames(frames, small_world, tmp_path / "b")
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-
-
 def test_only_what_is_missing_or_damaged_is_made_again(tmp_path: Path) -> None:
     frames = frame_list()
     render_frames(frames, small_world, tmp_path)
@@ -234,38 +210,3 @@ def test_what_a_frame_is_made_from_decides_whether_it_is_kept(tmp_path: Path) ->
     other = replace(small_world(), ground_albedo=albedo)
     assert world_key(other) != world_key(small_world())
     assert again(frames, other) == 4
-
-
-def test_tables_of_other_frames_do_not_outlive_them(tmp_path: Path) -> None:
-    def stop(items: Iterable[Any], label: str, total: int) -> Iterator[Any]:
-        raise KeyboardInterrupt
-        yield
-
-    frames = frame_list()
-    render_frames(frames, small_world, tmp_path)
-    with pytest.raises(KeyboardInterrupt):
-        render_frames(replace(frames, seed=9), small_world, tmp_path, progress=stop)
-    assert (tmp_path / "frames.csv").is_file()  # it says nothing of the seed
-    fewer = FrameList(
-        frames.names[:2], frames.camera, frames.poses.take([0, 1]), WEATHER[:2], TIME[:2], 9
-    )
-    with pytest.raises(KeyboardInterrupt):
-        render_frames(fewer, small_world, tmp_path, progress=stop)
-    assert not (tmp_path / "frames.csv").exists()
-    assert not (tmp_path / "colmap" / "images.txt").exists()
-
-
-def test_lists_that_cannot_be_rendered() -> None:
-    frames = frame_list()
-    with pytest.raises(UsageError, match="unknown weather 'hail'"):
-        replace(frames, weather=("sunny", "hail", "sunny", "sunny"))
-    with pytest.raises(UsageError, match="would not fit memory"):
-        replace(frames, camera=camera(40_000, 30_000))
-    with pytest.raises(CameraError):
-        Poses.from_centres(np.eye(3)[None] * 2, np.zeros((1, 3)))
-
-
-def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
-    (tmp_path / "out").write_text("here first")
-    with pytest.raises(UsageError, match="a file, not a folder"):
-        render_frames(frame_list(), small_world, tmp_path / "out")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 import rasterio
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.world import store
 from airzoo_bench.datasets.mini.world.model import Buildings, Mesh, Region, World
 from airzoo_bench.datasets.mini.world.store import (
@@ -98,14 +96,6 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     assert same(load_world(tmp_path / "w"), world)
 
 
-def test_large_arrays_are_mapped_and_cannot_be_written(tmp_path: Path) -> None:
-    save_world(tmp_path / "w", made_world())
-    vertices = load_world(tmp_path / "w").mesh.vertices
-    assert isinstance(vertices.base, np.memmap)
-    with pytest.raises(ValueError, match="read-only"):
-        vertices[0] = 0.0
-
-
 def test_the_same_world_gives_the_same_bytes(tmp_path: Path) -> None:
     folders = tmp_path / "a", tmp_path / "b"
     for folder in folders:
@@ -140,12 +130,6 @@ def test_a_world_is_built_once(tmp_path: Path) -> None:
     assert not leftovers(tmp_path)
 
 
-def test_seeds_are_kept_apart(tmp_path: Path) -> None:
-    builder = Builder()
-    assert not same(builder.cached(tmp_path, 7), builder.cached(tmp_path, 8))
-    assert builder.built == [("yard", 7), ("yard", 8)]
-
-
 def flip(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
@@ -176,19 +160,6 @@ def test_a_damaged_world_is_made_again(tmp_path: Path, damage: str) -> None:
     assert not leftovers(tmp_path)
 
 
-def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
-    folder = world_folder(tmp_path, REGION, 7)
-    folder.mkdir(parents=True)
-    (folder / "thesis.tex").write_text("irreplaceable")
-    builder = Builder()
-    with pytest.raises(UsageError, match="not replaced"):
-        builder.cached(tmp_path)
-    assert not builder.built
-    with pytest.raises(UsageError, match="not replaced"):
-        save_world(folder, made_world())
-    assert (folder / "thesis.tex").read_text() == "irreplaceable"
-
-
 def test_an_interrupt_leaves_nothing_half_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,13 +170,3 @@ def test_an_interrupt_leaves_nothing_half_made(
     with pytest.raises(KeyboardInterrupt):
         save_world(tmp_path / "worlds" / "w", made_world())
     assert not list((tmp_path / "worlds").iterdir())
-
-
-def test_processes_at_once_do_not_harm_each_other(tmp_path: Path) -> None:
-    builder = Builder()
-    with ThreadPoolExecutor(4) as pool:
-        worlds = list(pool.map(lambda _: builder.cached(tmp_path), range(8)))
-    assert all(same(world, made_world()) for world in worlds)
-    assert len(builder.built) == 1
-    assert not builder.notes
-    assert not leftovers(tmp_path)

@@ -19,13 +19,6 @@ from tests.datasets.mini.views import poses_trajectory
 TO_GRID = Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
 
 
-def test_frames_are_taken() -> None:
-    flight = over_city([1.0, 2.0, 3.0], [1.0, 1.0, 1.0], [1.0, 2.0, 3.0])
-    some = flight.take(np.array((2, 0)))
-    assert some.names == ("f2", "f0")
-    assert some.altitude_m.tolist() == [3.0, 1.0]
-
-
 # Poses
 
 

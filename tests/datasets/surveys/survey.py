@@ -126,19 +126,6 @@ def local_frame(made: Made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return matrix4, made.rotation @ turn, centres
 
 
-def prior_file(made: Made, east_deg: float) -> Path:
-    """Write the truth as priors, some way east of it."""
-    path = made.folder / "priors.csv"
-    rows = zip(NAMES, made.lonlat, made.centres[:, 2], made.gimbal(), strict=True)
-    lines = [
-        f"{name},{lon + east_deg:.10f},{lat:.10f},{z},{','.join(map(str, angles))}"
-        for name, (lon, lat), z, angles in rows
-    ]
-    header = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
-    path.write_text("\n".join([header, *lines]))
-    return path
-
-
 def options_of(arguments: list[object]) -> tuple[Any, Any]:
     """Return the dataset and its options, without the command line."""
     dataset = DATASETS.get(str(arguments[0]))
