@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -34,7 +35,6 @@ __all__ = ["Cameras3D", "SceneFacts", "fact_lines", "often_lowest", "scene_facts
 _FAR_M = 1e6
 _NEAREST_OF_PX = 1_000_000
 _GRID = 65
-_SAME_M = 0.001
 _LOWEST_SHARE, _FAR_BELOW_M = 0.01, 10.0
 
 
@@ -63,30 +63,24 @@ class Cameras3D:
     @classmethod
     def measure(cls, inputs: SceneInputs, metadata: Mapping[str, PhotoPrior]) -> Cameras3D:
         """Measure cameras above the surface model, or else above the plane z0."""
-        photos = inputs.photos
-        relative = [
-            metadata.get(name, PhotoPrior()).relative_altitude_m for name in photos["image"]
-        ]
-        centres = poses_of(photos).centres
-        if inputs.dsm is None:
-            plane = math.nan if inputs.plane_height_m is None else inputs.plane_height_m
-            surface = np.full(len(centres), plane)
-        else:
+        stated = [metadata.get(name, PhotoPrior()) for name in inputs.photos["image"]]
+        centres = poses_of(inputs.photos).centres
+        plane = math.nan if inputs.plane_height_m is None else inputs.plane_height_m
+        surface: Floats = np.full(len(centres), plane)
+        if inputs.dsm is not None:
             with blocked_heights(inputs.dsm) as field:
                 surface = field.sample(centres[:, :2])
                 gap = np.isnan(surface)
                 if gap.any():
-                    nearest = nearest_heights(field, _NEAREST_OF_PX)
-                    surface[gap] = nearest(centres[gap, :2])
-        return cls(centres[:, 2] - surface, surface, np.array(relative, dtype=np.float64))
+                    surface[gap] = nearest_heights(field, _NEAREST_OF_PX)(centres[gap, :2])
+        relative = np.array([one.relative_altitude_m for one in stated], dtype=np.float64)
+        return cls(centres[:, 2] - surface, surface, relative)
 
 
-@dataclass(frozen=True)
-class GpsFacts:
-    """Medians of poses less the photos' own GPS.
+class GpsFacts(NamedTuple):
+    """Medians of poses less the photos' own GPS, of which so many `photos` have a position.
 
-    `photos` have a position; `offset_m` is to the east and north; `height_m` is NaN without
-    altitudes.
+    `offset_m` is to the east and north; `height_m` is NaN without altitudes.
     """
 
     photos: int
@@ -95,8 +89,7 @@ class GpsFacts:
     offset_m: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class PriorFacts:
+class PriorFacts(NamedTuple):
     """Medians of the priors' errors, and the angle (N,) by which each prior is turned."""
 
     ids: tuple[str, ...]
@@ -186,7 +179,7 @@ def scene_facts(
     )
 
 
-def _gps_facts(inputs: SceneInputs, stated: Iterable[PhotoPrior]) -> GpsFacts | None:
+def _gps_facts(inputs: SceneInputs, stated: Sequence[PhotoPrior]) -> GpsFacts | None:
     rows = [(one.lon, one.lat, one.altitude_m) for one in stated]
     values = np.array(rows, np.float64).reshape(-1, 3)
     placed = np.isfinite(values[:, 0])
@@ -230,19 +223,20 @@ def _with_prior(photos: pd.DataFrame) -> Bools:
 
 
 def _without_prior(
-    photos: pd.DataFrame, stated: Iterable[PhotoPrior] | None
+    photos: pd.DataFrame, stated: Sequence[PhotoPrior] | None
 ) -> dict[str, tuple[str, ...]]:
     """Return the photos that have no prior, by the first that each lacks."""
-    lacking: dict[str, list[str]] = {}
-    without = ~_with_prior(photos)
+    lacking: dict[str, tuple[str, ...]] = {}
+    has_prior = _with_prior(photos)
     for row, one in enumerate(stated or [PhotoPrior()] * len(photos)):
-        if without[row] and not one.is_complete:
-            what = "GPS position" if one.lon is None else "gimbal angles"
-            if one.lon is not None and one.altitude_m is None:
-                what = "altitude"
-            what = what if stated is not None else "whole row in --priors"
-            lacking.setdefault(what, []).append(photos["id"].iloc[row])
-    return {what: tuple(ids) for what, ids in lacking.items()}
+        if has_prior[row] or one.is_complete:
+            continue
+        what = "GPS position" if one.lon is None else "gimbal angles"
+        if one.lon is not None and one.altitude_m is None:
+            what = "altitude"
+        what = what if stated is not None else "whole row in --priors"
+        lacking[what] = (*lacking.get(what, ()), photos["id"].iloc[row])
+    return lacking
 
 
 def _nearest_missed(truth: RetrievalTruth | None) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify, write_benchmark_file
@@ -14,9 +14,6 @@ from airzoo_bench.evaluation.opening import read_truth
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.protocol.model import Protocol
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["complete_manifest"]
 
@@ -68,8 +65,7 @@ def _fill_in(values: dict[str, Any], protocols: list[Protocol]) -> list[str]:
         "checksums": {},
     }
     said = [key for key in missing if key not in values]
-    for key in said:
-        values[key] = missing[key]
+    values |= {key: missing[key] for key in said}
     return said
 
 
@@ -85,20 +81,17 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
         )
     with benchmark.fixes():
         truth = read_truth(benchmark, protocol, scene)
-    for table in ("queries", "tiles"):
-        _check_ids(getattr(truth, table, None), table, scene, home)
-
-
-def _check_ids(table: pd.DataFrame | None, name: str, scene: str, home: Path) -> None:
-    ids = [] if table is None else table["id"].tolist()
-    without = [one for one in ids if not one.startswith(f"{scene}/")]
-    if without:
-        raise BenchmarkError(
-            f"ids of {name} lack their scene: {first_of(without, len(ids))}",
-            where=home,
-            expected=f"ids that begin with the scene, such as {scene}/{without[0]}",
-            fix="write them so in all tables, then run `airzoo-bench manifest` again",
-        )
+    for name in ("queries", "tiles"):
+        table = getattr(truth, name, None)
+        ids = [] if table is None else table["id"].tolist()
+        without = [one for one in ids if not one.startswith(f"{scene}/")]
+        if without:
+            raise BenchmarkError(
+                f"ids of {name} lack their scene: {first_of(without, len(ids))}",
+                where=home,
+                expected=f"ids that begin with the scene, such as {scene}/{without[0]}",
+                fix="write them so in all tables, then run `airzoo-bench manifest` again",
+            )
 
 
 def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bool) -> SceneFile:
