@@ -79,7 +79,7 @@ class _PrepareGroup(BuiltGroup):
         ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),
-            *("tile_size", "tile_size_m", "rule", "iou_above", "plane_height"),
+            *("tile_size", "rule", "iou_above", "plane_height"),
         ),
         "Output": ("out", "tiles", "crops", "copy", "force"),
         "Resources": ("jobs", "engine", "scheduler", "show_progress"),

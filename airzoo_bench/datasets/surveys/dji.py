@@ -18,7 +18,6 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes, utm_zone
-from airzoo_bench.datasets.heights import surface_altitudes
 from airzoo_bench.datasets.lenses import (
     are_alike,
     cameras_of_lenses,
@@ -36,7 +35,12 @@ from airzoo_bench.datasets.metadata import (
     read_prior_file,
 )
 from airzoo_bench.datasets.scenes import NativeScene
-from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, stated_crs
+from airzoo_bench.datasets.surveys.survey import (
+    Survey,
+    SurveyOptions,
+    stated_crs,
+    surface_altitudes,
+)
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.cameras import Cameras

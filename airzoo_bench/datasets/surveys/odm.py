@@ -70,17 +70,6 @@ class OdmProjects(Survey[OdmOptions]):
     about = about_of("odm")
     options = OdmOptions
 
-    def map_of(self, options: OdmOptions) -> Path | None:
-        """Return the map that was given, or the project's."""
-        path = options.dom or options.source / _ORTHOPHOTO
-        if not path.is_file() and options.dom is None:
-            raise BenchmarkError(
-                f"has no {_ORTHOPHOTO}",
-                where=options.source,
-                fix="name the project's own folder, give --dom, or let OpenDroneMap make it",
-            )
-        return path
-
     def read(self, options: OdmOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a project, whose submodels are one scene."""
         project, images = options.source, options.images or options.source / "images"
@@ -90,17 +79,19 @@ class OdmProjects(Survey[OdmOptions]):
         left = _control_points(project, notes)
         surface = project / _SURFACE
         dsm = options.dsm or (surface if surface.is_file() else None)
-        if dsm is None and options.plane_height is None:
+        lacking = [] if options.dom or (project / _ORTHOPHOTO).is_file() else [_ORTHOPHOTO]
+        lacking += [_SURFACE] * (dsm is None and options.plane_height is None)
+        if lacking:
             raise BenchmarkError(
-                f"has no {_SURFACE}",
+                f"has no {' and no '.join(map(str, lacking))}",
                 where=project,
-                fix="give --dsm or --plane-height, or run OpenDroneMap with --dsm",
+                fix="give --dom, and --dsm or --plane-height; or run OpenDroneMap with --dsm",
             )
         cloud = next((project / path for path in _CLOUDS if (project / path).is_file()), None)
         if cloud is not None and options.cloud is None:
             notes.append(f"it serves reconstruction too with its own cloud: --cloud {cloud}")
         accuracy = round(max(apart, left), 4) or None
-        dom, poses_from = self.map_of(options), folders[0] / _RECONSTRUCTION
+        dom, poses_from = options.dom or project / _ORTHOPHOTO, folders[0] / _RECONSTRUCTION
         photos_of = (images, sizes, photos, poses_from)
         return posed_scene(
             options, scene, *photos_of, progress, dom=dom, dsm=dsm, notes=notes, accuracy_m=accuracy

@@ -1,37 +1,44 @@
-"""What all own photos have in common: options, protocols, and a scene of posed photos."""
+"""What own photos have in common: options, protocols, a scene of posed photos, its heights."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
+import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import CameraError, UsageError
+from airzoo_bench.core.errors import CameraError, UsageError, UserError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.content import check_names, metric_crs
 from airzoo_bench.datasets.dataset import Dataset, path_options
-from airzoo_bench.datasets.heights import surface_altitudes, surface_centres
-from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
+from airzoo_bench.datasets.metadata import PhotoPrior, metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
+from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
-from airzoo_bench.geometry.rasters import gsd_m, open_info
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, to_lonlat
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.vertical import (
+    changed_heights,
+    heights_crs,
+    stated_heights_crs,
+    vertical_m,
+)
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["SceneOptions", "Survey", "SurveyOptions", "posed_scene"]
+__all__ = ["SceneOptions", "Survey", "SurveyOptions", "posed_scene", "surface_altitudes"]
 
 _LONGEST_NAME = 48  # of which more names are made
+_SAME_M = 1e-6  # one vertical datum in two units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,9 +82,6 @@ class SceneOptions:
     ] = "photos-reconstruction"
     tile_size: Annotated[
         list[int] | None, Option("tile-size", "Side of a tile in map pixels; repeat it.")
-    ] = None
-    tile_size_m: Annotated[
-        list[float] | None, Option("tile-size-m", "Side of a tile in metres instead; repeat it.")
     ] = None
     rule: Annotated[
         Literal["plane", "dsm", "iou"] | None,
@@ -136,11 +140,6 @@ class Survey(Dataset[OptionsT]):
             )
         return {self.benchmark(options): path_options(options)}
 
-    def map_of(self, options: Any) -> Path | None:
-        """Return the map that tiles are cut from."""
-        dom: Path | None = options.dom
-        return dom
-
     def benchmark_protocols(self, options: Any, root: Path) -> BenchmarkProtocols:
         """Return the protocols of own photos, as changed by the options."""
         name = self.benchmark(options)
@@ -149,7 +148,7 @@ class Survey(Dataset[OptionsT]):
         reconstruction = protocol_of_track(
             options.reconstruction_protocol, root, ReconstructionProtocol
         )
-        truth, sizes = retrieval.map_rules()[1], self._tile_sizes_px(options)
+        truth, sizes = retrieval.map_rules()[1], tuple(options.tile_size or ())
         rule, above = options.rule or truth.rule, options.iou_above
         if above is None and rule == "iou":
             above = truth.iou_above
@@ -164,29 +163,6 @@ class Survey(Dataset[OptionsT]):
                 protocol_for(reconstruction, name, {}),
             )
         )
-
-    def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
-        """Make the folder, and say which sides tiles have that were asked for in metres."""
-        sizes = self._tile_sizes_px(options)
-        for side, size in zip(options.tile_size_m or (), sizes, strict=False):
-            settings.note(f"tiles of {side:g} m are {size} px of the map")
-        return super().prepare(options, settings)
-
-    def _tile_sizes_px(self, options: SceneOptions) -> tuple[int, ...]:
-        """Return the sides of tiles that were asked for, in pixels of the map; none by default."""
-        sides, dom = options.tile_size_m, self.map_of(options)
-        if not sides:
-            return tuple(options.tile_size or ())
-        if options.tile_size or dom is None:
-            raise UsageError("--tile-size-m needs a map (--dom), and no --tile-size beside it")
-        pixel = math.sqrt(math.prod(gsd_m(open_info(dom))))
-        sizes = tuple(round(max(side, 0.0) / pixel) for side in sides)
-        if min(sizes) < 1:
-            raise UsageError(
-                f"--tile-size-m {min(sides):g} is less than a pixel of the map",
-                expected=f"more than {pixel:.3g} m",
-            )
-        return sizes
 
 
 def stated_crs(options: SceneOptions) -> CRS | None:
@@ -259,3 +235,91 @@ def posed_scene(
         poses_from=poses_from,
         crs_from=place,
     )
+
+
+def surface_centres(
+    centres: Floats,
+    named: str,
+    crs: str,
+    vertical: str | None,
+    dsm: Path | None,
+    dsm_vertical: str | None,
+    place: str,
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return camera centres in metres, with heights as the surface model has them, and a note.
+
+    Centres are in the CRS `named`, of which `crs` is the horizontal part, and heights in its
+    vertical CRS or in `vertical`; `place` is what states the CRS, for messages.
+    """
+    where = f"--vertical-crs {vertical}" if vertical else f"{place}, heights of {named}"
+    stated = _named(vertical, where) if vertical else stated_heights_crs(CRS(named))
+    unit = vertical_m(CRS.from_user_input(vertical or named)) or 1.0
+    in_metres: Floats = centres * (1.0, 1.0, unit)
+    surface = _of_surface(dsm, dsm_vertical)
+    if stated is None or (vertical is None and surface is None):
+        return in_metres, ()
+    lonlat, what = to_lonlat(crs, in_metres[:, :2]), "heights of the poses"
+    heights, note = _changed(in_metres[:, 2], lonlat, stated, surface, where, what)
+    return np.column_stack((in_metres[:, :2], heights)), note
+
+
+def surface_altitudes(
+    metadata: dict[str, PhotoPrior],
+    named: str | None,
+    option: str,
+    dsm: Path | None,
+    dsm_vertical: str | None,
+    what: str = "altitudes of the photos",
+) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
+    """Return priors with altitudes as the surface model has heights, and a note."""
+    if named is None:
+        return metadata, ()
+    rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
+    values = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    place, surface = f"{option} {named}", _of_surface(dsm, dsm_vertical)
+    source = _named(named, place)
+    heights, note = _changed(values[:, 2], values[:, :2], source, surface, place, what)
+    found = {
+        name: prior if prior.altitude_m is None else replace(prior, altitude_m=float(height))
+        for (name, prior), height in zip(metadata.items(), heights, strict=True)
+    }
+    return found, note
+
+
+def _of_surface(dsm: Path | None, named: str | None) -> CRS | None:
+    """Return the vertical CRS of a surface model: the one named, else its own compound CRS's."""
+    if named is None:
+        return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
+    return _named(named, f"--dsm-vertical {named}")
+
+
+def _named(named: str, option: str) -> CRS:
+    try:
+        return heights_crs(named)
+    except UserError as error:
+        raise error.inside(option) from error
+
+
+def _changed(
+    heights_m: Floats, lonlat: Floats, source: CRS, surface: CRS | None, option: str, what: str
+) -> tuple[Floats, tuple[str, ...]]:
+    """Take heights to the vertical CRS of the surface model."""
+    if surface is None:
+        raise UsageError(
+            "the vertical CRS of the surface model is not known",
+            where=option,
+            expected="what heights are to be converted to",
+            fix="give --dsm-vertical, such as EPSG:5773 (EGM96), or leave this option out",
+        )
+    if source.equals(surface):
+        return heights_m, ()
+    try:
+        changed, operation = changed_heights(heights_m, lonlat, source, surface)
+    except UserError as error:
+        raise error.inside(option) from error
+    by = changed - heights_m
+    by = by[np.isfinite(by)]
+    if not (np.abs(by) > _SAME_M).any():
+        return heights_m, ()
+    note = f"{what} are converted to the surface model's, by {float(np.median(by)):+.2f} m (median)"
+    return changed, (f"{note}, by PROJ's {operation}",)
