@@ -108,7 +108,7 @@ def photo_metadata(
     progress: Progress,
 ) -> dict[str, PhotoPrior]:
     """Read what photos state; a table of priors goes before that."""
-    given = read_prior_file(priors, photos) if priors is not None else {}
+    given = {} if priors is None else read_prior_file(priors, photos)
     shown = progress(names, "metadata", len(names))
     return {name: replace(read_prior(images / name), **given.get(name, {})) for name in shown}
 

@@ -17,7 +17,6 @@ from pyproj.exceptions import CRSError
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import atomic_write, fingerprint, temporary_folder
 from airzoo_bench.datasets.published.places import missing
-from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
 from airzoo_bench.geometry.rasters import opened, pixel_to_world, world_to_pixel
 
@@ -29,42 +28,6 @@ _COLOUR_TYPES = ("uint8", "uint16")
 _HEIGHT_TYPES = ("float32", "float64", "int16", "int32")
 
 
-def join_maps(paths: Sequence[Path], target: Path) -> None:
-    """Write a virtual raster (VRT) over the tiles of one grid; none of their pixels is copied."""
-    tiles = [_tile(path) for path in paths]
-    first = tiles[0]
-    origins = np.array([(tile.transform.c, tile.transform.f) for tile in tiles])
-    places = world_to_pixel(first.transform, origins)
-    corners = np.rint(places).astype(np.int64)
-    corners -= corners.min(axis=0)
-    sizes = np.array([(tile.width, tile.height) for tile in tiles], dtype=np.int64)
-    width, height = (corners + sizes).max(axis=0).tolist()
-    on_grid = np.abs(places - np.rint(places)).max() <= _OFF_GRID_PX
-    alike = all((tile.crs, tile.bands, tile.nodata) == first[2:5] for tile in tiles)
-    # Tiles of one grid that do not overlap fill their rectangle where their areas do.
-    if not (on_grid and alike) or sizes.prod(axis=1).sum() < width * height:
-        raise RasterError(
-            "the tiles of the map differ in CRS, bands or grid, or do not fill its "
-            f"{width} x {height} px: {', '.join(path.name for path in paths)}",
-            where=target.parent,
-            expected="tiles of one grid that fill a rectangle",
-            fix="download the missing tile, or join the tiles with gdalwarp",
-        )
-    a, b, _, d, e, _ = first.transform[:6]
-    left, top = pixel_to_world(first.transform, -(corners[0])).tolist()
-    root = ET.Element("VRTDataset", rasterXSize=str(width), rasterYSize=str(height))
-    ET.SubElement(root, "SRS").text = CRS.from_user_input(first.crs).to_wkt()
-    transform = Affine(a, b, left, d, e, top)
-    ET.SubElement(root, "GeoTransform").text = ", ".join(map(repr, transform.to_gdal()))
-    for band in range(len(first.bands)):
-        _add_band(root, band, tiles, corners, target.parent)
-    ET.indent(root)
-    content: bytes = ET.tostring(root, encoding="utf-8")
-    if not (target.is_file() and target.read_bytes() == content):
-        with atomic_write(target) as stream:
-            stream.write(content)
-
-
 class _Tile(NamedTuple):
     """The header of a tile; `bands` are the types of pixels and their colours."""
 
@@ -73,59 +36,71 @@ class _Tile(NamedTuple):
     crs: str
     bands: tuple[tuple[str, str], ...]
     nodata: float | None
-    width: int
-    height: int
-    block: tuple[int, int]
+    size: tuple[int, int]
 
 
 def _tile(path: Path) -> _Tile:
     with opened(path) as dataset:
-        if dataset.transform.is_identity or not dataset.crs or set(dataset.dtypes) - set(_TYPES):
-            raise RasterError(
-                f"a tile of {', '.join(sorted(set(dataset.dtypes)))}, with CRS {dataset.crs}",
-                where=path,
-                expected=f"a georeferenced GeoTIFF of {', '.join(_TYPES)}",
-                fix="download it again, or gdal_translate -a_srs EPSG:4326 -a_ullr LEFT TOP RIGHT "
-                "BOTTOM",
-            )
-        return _Tile(
-            path,
-            dataset.transform,
-            dataset.crs.to_wkt(),
-            tuple(zip(dataset.dtypes, (c.name for c in dataset.colorinterp), strict=True)),
-            dataset.nodata,
-            dataset.width,
-            dataset.height,
-            dataset.block_shapes[0],
+        bands = zip(dataset.dtypes, (c.name for c in dataset.colorinterp), strict=True)
+        crs = dataset.crs.to_wkt() if dataset.crs else ""
+        size = dataset.width, dataset.height
+        return _Tile(path, dataset.transform, crs, tuple(bands), dataset.nodata, size)
+
+
+def join_maps(paths: Sequence[Path], target: Path) -> None:
+    """Write a virtual raster (VRT) over the tiles of one grid; none of their pixels is copied."""
+    tiles = [_tile(path) for path in paths]
+    first = tiles[0]
+    origins = np.array([(tile.transform.c, tile.transform.f) for tile in tiles])
+    places = world_to_pixel(first.transform, origins)
+    corners = np.rint(places).astype(np.int64)
+    corners -= corners.min(axis=0)
+    sizes = np.array([tile.size for tile in tiles], dtype=np.int64)
+    width, height = (corners + sizes).max(axis=0).tolist()
+    on_grid = np.abs(places - np.rint(places)).max() <= _OFF_GRID_PX
+    alike = all(tile[2:5] == first[2:5] for tile in tiles)
+    known = bool(first.crs) and {dtype for dtype, _ in first.bands} <= set(_TYPES)
+    # Tiles of one grid that do not overlap fill their rectangle where their areas do.
+    if not (on_grid and alike and known) or sizes.prod(axis=1).sum() < width * height:
+        raise RasterError(
+            "the tiles of the map lack a georeference, differ in CRS, bands or grid, or do not "
+            f"fill its {width} x {height} px: {', '.join(path.name for path in paths)}",
+            where=target.parent,
+            expected=f"GeoTIFFs of {', '.join(_TYPES)}, of one grid, that fill a rectangle",
+            fix="download the missing tile, or join the tiles with gdalwarp",
         )
+    a, b, _, d, e, _ = first.transform[:6]
+    left, top = pixel_to_world(first.transform, -corners[0]).tolist()
+    root = ET.Element("VRTDataset", rasterXSize=str(width), rasterYSize=str(height))
+    ET.SubElement(root, "SRS").text = CRS.from_user_input(first.crs).to_wkt()
+    transform = Affine(a, b, left, d, e, top).to_gdal()
+    ET.SubElement(root, "GeoTransform").text = ", ".join(map(repr, transform))
+    for number, (dtype, colour) in enumerate(first.bands, start=1):
+        of_band = {"dataType": _TYPES[dtype], "band": str(number)}
+        band = ET.SubElement(root, "VRTRasterBand", of_band)
+        ET.SubElement(band, "ColorInterp").text = colour.capitalize()
+        if first.nodata is not None:
+            ET.SubElement(band, "NoDataValue").text = repr(first.nodata)
+        for tile, corner in zip(tiles, corners.tolist(), strict=True):
+            _add_source(band, number, tile, corner, target.parent)
+    ET.indent(root)
+    content: bytes = ET.tostring(root, encoding="utf-8")
+    if not (target.is_file() and target.read_bytes() == content):
+        with atomic_write(target) as stream:
+            stream.write(content)
 
 
-def _add_band(
-    root: ET.Element, band: int, tiles: Sequence[_Tile], corners: Ints, folder: Path
+def _add_source(
+    band: ET.Element, number: int, tile: _Tile, corner: Sequence[int], home: Path
 ) -> None:
-    dtype, colour = tiles[0].bands[band]
-    element = ET.SubElement(root, "VRTRasterBand", dataType=_TYPES[dtype], band=str(band + 1))
-    ET.SubElement(element, "ColorInterp").text = colour.capitalize()
-    if tiles[0].nodata is not None:
-        ET.SubElement(element, "NoDataValue").text = repr(tiles[0].nodata)
-    for tile, (left, top) in zip(tiles, corners.tolist(), strict=True):
-        source = ET.SubElement(element, "SimpleSource")
-        inside = tile.path.resolve().parent == folder.resolve()
-        file = ET.SubElement(source, "SourceFilename", relativeToVRT=str(int(inside)))
-        file.text = tile.path.name if inside else str(tile.path.resolve())
-        ET.SubElement(source, "SourceBand").text = str(band + 1)
-        # With these GDAL opens a tile when it is read, not when the map is opened.
-        properties = {
-            "RasterXSize": str(tile.width),
-            "RasterYSize": str(tile.height),
-            "DataType": _TYPES[dtype],
-            "BlockXSize": str(tile.block[1]),
-            "BlockYSize": str(tile.block[0]),
-        }
-        ET.SubElement(source, "SourceProperties", properties)
-        for name, (x, y) in {"SrcRect": (0, 0), "DstRect": (left, top)}.items():
-            window = {"xOff": x, "yOff": y, "xSize": tile.width, "ySize": tile.height}
-            ET.SubElement(source, name, {key: str(value) for key, value in window.items()})
+    source = ET.SubElement(band, "SimpleSource")
+    inside = tile.path.resolve().parent == home.resolve()
+    file = ET.SubElement(source, "SourceFilename", relativeToVRT=str(int(inside)))
+    file.text = tile.path.name if inside else str(tile.path.resolve())
+    ET.SubElement(source, "SourceBand").text = str(number)
+    size = {"xSize": str(tile.size[0]), "ySize": str(tile.size[1])}
+    ET.SubElement(source, "SrcRect", {"xOff": "0", "yOff": "0", **size})
+    ET.SubElement(source, "DstRect", {"xOff": str(corner[0]), "yOff": str(corner[1]), **size})
 
 
 def find_maps(folder: Path) -> tuple[list[Path], list[Path]]:

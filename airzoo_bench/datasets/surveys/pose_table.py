@@ -15,7 +15,6 @@ from pyproj import CRS
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
-from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
 from airzoo_bench.datasets.content import photo_sizes
@@ -149,27 +148,17 @@ def _read(path: Path) -> tuple[Table, list[str]]:
     estimated = "height" in has and ({"x", "y"} <= has or {"lat", "lon"} <= has)
     columns = {**(found if estimated else _POSE), **_OTHERS}
     table = read_table(path, columns, optional=set(columns), blanks=True)
-    lacking = [name for name in ("image", "height") if not table.has(name)]
-    if not (table.has("lat", "lon") or table.has("x", "y")):
-        lacking.append("latitude and longitude, or easting and northing")
-    if not (table.has(*_YAW) or table.has(*_OMEGA)):
-        lacking.append("yaw, pitch and roll, or omega, phi and kappa")
-    if lacking:
-        unknown = [name for name in table.names if name not in table.header.values()]
+    placed = table.has("lat", "lon") or table.has("x", "y")
+    turned = table.has(*_YAW) or table.has(*_OMEGA)
+    odd = [name for name in table.header.values() if _OTHER_UNITS.search(name)]
+    if not (table.has("image", "height") and placed and turned) or odd:
         raise BenchmarkError(
-            f"lacks {'; '.join(lacking)}{nearest(lacking[-1].split(',')[0], unknown)}; its columns "
-            f"are {', '.join(table.names)[:300]!r}",
+            f"columns in other units: {', '.join(map(repr, odd))}"
+            if odd
+            else f"its columns are {', '.join(table.names)[:300]!r}, which name no pose",
             where=path,
             expected=_EXPECTED,
-            fix="write a first line that names the columns so",
-        )
-    odd = [name for name in table.header.values() if _OTHER_UNITS.search(name)]
-    if odd:
-        raise BenchmarkError(
-            f"columns in other units: {', '.join(map(repr, odd))}",
-            where=path,
-            expected="lengths in metres, angles in degrees or radians",
-            fix="convert them, and name the columns by the new unit",
+            fix="name the columns so, of metres and of degrees or radians",
         )
     table.require_unique("image")
     what = "poses that the program found" if estimated else "poses"
