@@ -176,9 +176,8 @@ def _whole_rows(table: Table, found: Mapping[str, str], notes: list[str]) -> lis
     ]
     if not whole:
         raise BenchmarkError("no photo has a whole pose", where=table.path)
-    left_out = [name for row, name in enumerate(names) if row not in set(whole)]
-    if left_out:
-        listed = first_of(left_out, len(table))
+    if len(whole) < len(table):
+        listed = first_of(sorted({*names} - {names[row] for row in whole}), len(table))
         notes.append(f"rows without a photo, a position or angles: {listed}")
     return whole
 
