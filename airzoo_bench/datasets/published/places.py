@@ -34,11 +34,10 @@ _ENDING = re.compile("|".join(rf"\{suffix}$" for suffix in PHOTO_SUFFIXES), re.I
 def missing(what: str, folder: Path, layout: str, fix: str | None = None) -> BenchmarkError:
     """Make the error of a part that is not there, or there twice; it says what is there."""
     if not folder.is_dir():
-        there = "there is no such folder"
-    else:
-        names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
-        packed = [name for name in names if name.lower().endswith(_PACKED)]
-        there = f"there are {first_of(packed or names, shown=6)}" if names else "it is empty"
+        return BenchmarkError("no such folder", where=folder, expected=layout, fix=fix)
+    names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
+    packed = [name for name in names if name.lower().endswith(_PACKED)]
+    there = f"there are {first_of(packed or names, shown=6)}" if names else "it is empty"
     return BenchmarkError(
         f"{what}: {there}",
         where=folder,
