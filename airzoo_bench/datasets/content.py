@@ -25,7 +25,7 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.clouds import check_cloud
-from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, often_lowest, scene_facts
+from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, scene_facts
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
 from airzoo_bench.geometry.crs import (
@@ -298,10 +298,6 @@ def _nothing_to_ask(
     found = f"; cameras are about ({x:.0f}, {y:.0f}, {z:.0f})"
     if survey is not None:
         found += f", the surface model is {survey.low:.1f} to {survey.high:.1f} m high"
-        if often_lowest(survey):
-            fixes.insert(
-                0, f"where {survey.low:.10g} m means no height, tag it (gdal_edit.py -a_nodata)"
-            )
     return BenchmarkError(
         f"no photo has a tile that answers it ({'; '.join(reasons)}){found}",
         where=native.pose_source,

@@ -45,7 +45,6 @@ from airzoo_bench.geometry.poses import (
     angles_to_rotations,
     depth_to_points,
     quaternion_to_matrix,
-    rotation_angle_deg,
 )
 from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
 from airzoo_bench.protocol.model import ProtocolScene
@@ -61,8 +60,6 @@ _LENS = ("width", "height", "fx", "fy", "cx", "cy")
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 _CONDITIONS = ("weather", "time_of_day")
 _OPTIONAL = (*PLACE_COLUMNS, *ECEF_COLUMNS, *_DISTORTION, *_CONDITIONS)
-# Two statements of one pose that are farther apart are of other frames or axes.
-_APART_M, _APART_DEG = 1.0, 1.0
 _DECIMALS = 4
 
 
@@ -204,34 +201,21 @@ def _cameras(table: Table, rows: Sequence[int], sizes: Sequence[tuple[int, int]]
 
 
 def _ecef_poses(table: Table) -> tuple[Floats, Floats]:
-    """Return centres (N, 3) and rotations (N, 3, 3) from ECEF, as the table states them."""
-    found = []
+    """Return centres (N, 3) and rotations (N, 3, 3) from ECEF, or as WGS84 states them."""
     if table.has(*ECEF_COLUMNS):
         values = table.columns(ECEF_COLUMNS)
-        found.append((values[:, :3], quaternion_to_matrix(values[:, 3:], table.texts("name"))))
-    if table.has(*PLACE_COLUMNS):
-        limits = {"longitude": 180.0, "latitude": 90.0}
-        stated = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in PLACE_COLUMNS]
-        place, (roll, pitch, yaw) = np.stack(stated[:3], axis=1), stated[3:]
-        local = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
-        ecef_to_enu = np.swapaxes(enu_axes(place[:, :2]), -1, -2)
-        found.append((geodetic_to_ecef(place), multiply(local, ecef_to_enu)))
-    if not found:
+        return values[:, :3], quaternion_to_matrix(values[:, 3:], table.texts("name"))
+    if not table.has(*PLACE_COLUMNS):
         raise CameraError(
             f"has the columns {', '.join(table.names)}",
             expected=f"{', '.join(ECEF_COLUMNS)}; or {', '.join(PLACE_COLUMNS)}",
         )
-    (centres, rotations), (other_centres, other_rotations) = found[0], found[-1]
-    apart = np.sqrt(((centres - other_centres) ** 2).sum(axis=1)).max()
-    turned = rotation_angle_deg(rotations, other_rotations).max()
-    if apart > _APART_M or turned > _APART_DEG:
-        raise CameraError(
-            f"poses in ECEF and in WGS84 contradict: they are up to {apart:.1f} m and "
-            f"{turned:.1f} degrees apart",
-            expected="one pose, world-to-camera with OpenCV axes, and DJI's yaw, pitch and roll",
-            fix="correct one of them, or leave out its columns",
-        )
-    return centres, rotations
+    limits = {"longitude": 180.0, "latitude": 90.0}
+    stated = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in PLACE_COLUMNS]
+    place, (roll, pitch, yaw) = np.stack(stated[:3], axis=1), stated[3:]
+    local = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
+    ecef_to_enu = np.swapaxes(enu_axes(place[:, :2]), -1, -2)
+    return geodetic_to_ecef(place), multiply(local, ecef_to_enu)
 
 
 def _local(

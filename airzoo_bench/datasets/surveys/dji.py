@@ -92,16 +92,6 @@ class DjiFolders(Survey[DjiOptions]):
     options = DjiOptions
     needs = ("dom",)
 
-    def reasons(self, options: DjiOptions) -> Mapping[str, str]:
-        """Return why a track may have no truth, without asking for what was given."""
-        stated = self.about.without_truth
-        if options.dsm is not None:
-            return stated
-        lacking = "no surface model was given (--dsm)"
-        if options.priors is None:
-            lacking = f"{stated['matching']}, and --dsm"
-        return {**stated, "matching": lacking}
-
     def benchmark_protocols(self, options: DjiOptions, root: Path) -> BenchmarkProtocols:
         """Return the protocols of own photos; orientations are not trusted."""
         kept = []
