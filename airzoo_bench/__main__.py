@@ -1,7 +1,9 @@
 """Runs the command line, as ``airzoo-bench`` or as ``python -m airzoo_bench``."""
 
 import os
+import signal
 import sys
+import time
 from threading import Event, Lock, Thread
 
 __all__ = ["main"]
@@ -21,7 +23,9 @@ _LEAVING = Lock()
 def main() -> None:
     """Import the command line and run it; Ctrl-C while it is imported is no fault either."""
     try:
-        _open_closed_streams()
+        for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+            if getattr(sys, name) is None:  # closed: what is said there goes nowhere
+                setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
         _obey_signals()
         from airzoo_bench.cli.main import main as run
 
@@ -36,8 +40,6 @@ def main() -> None:
 
 def _obey_signals() -> None:
     """Unwind at SIGTERM as at Ctrl-C, and end a run that does neither in time."""
-    import signal
-
     signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _terminate)
     if sys.platform == "win32":
@@ -59,9 +61,6 @@ def _terminate(*_: object) -> None:
 
 
 def _end_in_time(ear: int) -> None:
-    import signal
-    import time
-
     codes = {signal.SIGINT: _STOPPED, signal.SIGTERM: _TERMINATED}
     code = None
     while code is None:
@@ -69,16 +68,6 @@ def _end_in_time(ear: int) -> None:
     if _HEARD.wait(_HEARING_S):
         time.sleep(_UNWINDING_S)
     _stop(code)
-
-
-def _open_closed_streams() -> None:
-    """Let what is said to a closed stream go nowhere."""
-    from pathlib import Path
-
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115 - to the end
-            setattr(sys, name, stream)
 
 
 def _stop(code: int) -> None:
@@ -93,7 +82,6 @@ def _stop(code: int) -> None:
     from airzoo_bench.core.files import remove_own
 
     remove_own()
-
     workers = active_children()
     for process in workers:
         process.terminate()

@@ -1,27 +1,53 @@
-"""Opening a benchmark for a method that is to be scored on it: all it may know, and no truth."""
+"""Benchmarks from Python: all that a method may know of one, and nothing of its truth."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import SupportsIndex, overload
+from typing import Any, TypeVar
 
-from airzoo_bench.api.arrays import path_of
-from airzoo_bench.api.scene import BlindScene
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from rasterio import Affine
+
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark, needed
+from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
 from airzoo_bench.benchmark.mirrored import data_here
+from airzoo_bench.benchmark.queries import (
+    CAMERA_COLUMNS,
+    PRIOR_COLUMNS,
+    cameras_of,
+    conditions_of,
+    poses_of,
+    read_excluded,
+    read_queries,
+)
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import Cameras, back_project
+from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
+from airzoo_bench.matching.lifting import lift
+from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.retrieval.truth import boxes_of, read_tiles
 from airzoo_bench.storage.urls import is_url
 
 __all__ = ["BlindBenchmark", "load_benchmark"]
+
+T = TypeVar("T")
+Image = NDArray[np.uint8]
+Window = tuple[int, int, int, int]
+
+_POINTS = 1 << 19  # of a crop that are lifted at a time
 
 
 def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> BlindBenchmark:
     """Open a benchmark for a method that is to be scored on it.
 
-    What comes back leads to all that a method may know, and to nothing of the truth: no positives,
-    no true pose, no true cloud.
+    It leads to all that a method may know, and to nothing of the truth: no positives, no true
+    pose, no true cloud.
 
     Parameters
     ----------
@@ -48,38 +74,31 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     Traceback (most recent call last):
     ...
     airzoo_bench.core.errors.BenchmarkError: ...benchmark nowhere is not there...
-
-    With one that is there::
-
-        for scene in load_benchmark("airzoo-mini").scenes:
-            gallery = [(tile.id, tile.image) for tile in scene.tiles()]
-            photos = [(photo.id, photo.image) for photo in scene.queries()]
     """
-    if is_url(name_or_path):
-        return BlindBenchmark.of(Benchmark.open(data_here(name_or_path), sealed=True))
-    folder = path_of("name_or_path", name_or_path)
-    if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
-        return BlindBenchmark.of(Benchmark.open(folder, sealed=True))
-    root = data_here(data if data is None or is_url(data) else path_of("data", data))
-    return BlindBenchmark.of(find_benchmark(str(name_or_path), root, sealed=True))
+    folder = data_here(name_or_path)
+    is_folder = is_url(name_or_path) or (folder / "benchmark.toml").is_file()
+    if is_folder or len(folder.parts) > 1:
+        return blinded(Benchmark.open(folder, sealed=True))
+    return blinded(find_benchmark(str(name_or_path), data_here(data), sealed=True))
 
 
-class BlindScenes(tuple[BlindScene, ...]):
-    """Scenes in their order, of which ``scenes["city"]`` is the one of that id."""
+def blinded(benchmark: Benchmark) -> BlindBenchmark:
+    """Leave the truth out: the manifest does not name the true cloud."""
+    nothing = {"cloud": None, "cloud_sha256": None}
+    scenes = tuple(scene.model_copy(update=nothing) for scene in benchmark.file.scenes)
+    file = benchmark.file.model_copy(update={"scenes": scenes, "checksums": {}})
+    return BlindBenchmark(Benchmark(benchmark.folder, file))
 
-    __slots__ = ()
 
-    @overload
-    def __getitem__(self, key: str | SupportsIndex) -> BlindScene: ...
-    @overload
-    def __getitem__(self, key: slice) -> tuple[BlindScene, ...]: ...
-    def __getitem__(self, key: str | SupportsIndex | slice) -> BlindScene | tuple[BlindScene, ...]:
-        if not isinstance(key, str):
-            return super().__getitem__(key)
-        for scene in self:
-            if scene.id == key:
-                return scene
-        raise BenchmarkError(f"has no scene {key!r}", expected=", ".join(one.id for one in self))
+class Items(tuple[T, ...]):
+    """Scenes, photos, tiles or crops, which are shown as their number."""
+
+    def __repr__(self) -> str:
+        return (
+            f"<{len(self):,} {type(self[0]).__name__.removeprefix('Blind').lower()}s>"
+            if self
+            else "<none>"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,22 +106,6 @@ class BlindBenchmark:
     """A benchmark without its truth, as `load_benchmark` opens it."""
 
     _source: Benchmark
-
-    @classmethod
-    def of(cls, benchmark: Benchmark) -> BlindBenchmark:
-        """Leave the truth out of an opened benchmark folder.
-
-        Parameters
-        ----------
-        benchmark : Benchmark
-            With its truth.
-
-        Returns
-        -------
-        BlindBenchmark
-            Which leads to nothing of it.
-        """
-        return cls(_without_truth(benchmark))
 
     @property
     def name(self) -> str:
@@ -120,9 +123,9 @@ class BlindBenchmark:
         return tuple(self._source.file.tracks)
 
     @property
-    def scenes(self) -> BlindScenes:
-        """All scenes, by number or by id: ``scenes[0]``, ``scenes["city"]``."""
-        return BlindScenes(BlindScene(self._source, one.id) for one in self._source.file.scenes)
+    def scenes(self) -> Items[BlindScene]:
+        """All scenes, in their order."""
+        return Items(BlindScene(self._source, one.id) for one in self._source.file.scenes)
 
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id.
@@ -142,40 +145,276 @@ class BlindBenchmark:
         BenchmarkError
             There is none of that id.
         """
-        try:
-            return self.scenes[scene_id]
-        except BenchmarkError as error:
-            raise error.inside(self.folder) from error
+        found = [scene for scene in self.scenes if scene.id == scene_id]
+        if not found:
+            known = ", ".join(scene.id for scene in self.scenes)
+            what = f"has no scene {scene_id!r}"
+            raise BenchmarkError(what, where=self.folder, expected=known)
+        return found[0]
 
-    def scenes_of(self, protocol: Protocol) -> tuple[BlindScene, ...]:
-        """Return the scenes of a protocol.
-
-        Parameters
-        ----------
-        protocol : Protocol
-            Of this benchmark.
-
-        Returns
-        -------
-        tuple of BlindScene
-            In the protocol's order.
-
-        Raises
-        ------
-        BenchmarkError
-            The benchmark was not prepared for it.
-        """
+    def _scenes_of(self, protocol: Protocol) -> Items[BlindScene]:
+        """Return the scenes of a protocol, in its order."""
         self._source.check_fits(protocol)
-        return tuple(self.scene(scene.id) for scene in protocol.scenes)
+        return Items(self.scene(scene.id) for scene in protocol.scenes)
 
     def __repr__(self) -> str:
         scenes = ", ".join(scene.id for scene in self.scenes)
         return f"BlindBenchmark({self.name!r}: {', '.join(self.tracks)}; scenes {scenes})"
 
 
-def _without_truth(benchmark: Benchmark) -> Benchmark:
-    """Return a benchmark folder whose manifest does not name the true cloud."""
-    nothing = {"cloud": None, "cloud_sha256": None}
-    scenes = tuple(scene.model_copy(update=nothing) for scene in benchmark.file.scenes)
-    file = benchmark.file.model_copy(update={"scenes": scenes, "checksums": {}})
-    return Benchmark(benchmark.folder, file)
+@dataclass(frozen=True, eq=False, repr=False)
+class BlindScene:
+    """A scene without its truth; pictures are read when they are asked for."""
+
+    _source: Benchmark
+    id: str
+
+    @property
+    def title(self) -> str:
+        """The scene's name in tables."""
+        return self._source.scene(self.id).title
+
+    @property
+    def crs(self) -> str | None:
+        """The projected CRS of poses, surface model and clouds, in metres."""
+        return self._source.scene(self.id).crs
+
+    @property
+    def plane_height_m(self) -> float | None:
+        """Median height of the surface model, or of the ground by the dataset's word, in metres."""
+        return self._source.scene(self.id).plane_height_m
+
+    def queries(self) -> Items[Photo]:
+        """Return the queries of retrieval, sorted by id."""
+        return self._photos("retrieval")
+
+    def photos(self) -> Items[Photo]:
+        """Return the photos for a reconstruction, sorted by id."""
+        return self._photos("reconstruction")
+
+    def tiles(self) -> Items[Tile]:
+        """Return the tiles of the gallery, sorted by id."""
+        table, entry = read_tiles(self._home("retrieval")), self._source.scene(self.id)
+        if "image" in table.columns:
+            folder = self._source.resolve(needed(entry.gallery, "gallery", self.id))
+            pairs = zip(table["id"], table["image"], strict=True)
+            return Items(Tile(name, folder / image) for name, image in pairs)
+        gallery = self._source.resolve(needed(entry.gallery or entry.dom, "map", self.id))
+        windows = table[["x", "y", "width", "height"]].to_numpy(np.int64).tolist()
+        sizes, boxes = table["size_m"].astype(float), boxes_of(table).tolist()
+        rows = zip(table["id"], windows, boxes, sizes, strict=True)
+        return Items(
+            Tile(name, gallery, tuple(window), tuple(box), size) for name, window, box, size in rows
+        )
+
+    def crops(self) -> Items[Crop]:
+        """Return the crop of each query of matching, sorted by the photo's id."""
+        photos, truth = self._photos("matching"), read_matching_truth(self._source, self.id)
+        rows = zip(photos, map(tuple, truth.crops.tolist()), strict=True)
+        maps = [truth.map_of(row) for row in range(len(photos))]
+        return Items(
+            Crop(photo, window, one.dom, one.dsm)
+            for (photo, window), one in zip(rows, maps, strict=True)
+        )
+
+    def _photos(self, track: str) -> Items[Photo]:
+        self._home(track)
+        excluded = read_excluded(self._source, self.id, track)
+        table = read_queries(self._source.scene_folder(self.id), excluded)
+        return photos_of(table, self._source.resolve(self._source.scene(self.id).images))
+
+    def _home(self, track: str) -> Path:
+        if track not in self._source.file.tracks:
+            raise BenchmarkError(
+                f"benchmark {self._source.name} does not serve {track}",
+                where=self._source.folder,
+                expected=", ".join(self._source.file.tracks),
+            )
+        return self._source.scene_folder(self.id) / track
+
+    def __repr__(self) -> str:
+        return f"BlindScene({self.id!r}, {self.crs})"
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """The camera of a photo; the image's corner is (0, 0), the first pixel's centre (0.5, 0.5).
+
+    `K` is (3, 3) in pixels, `distortion` (5,) is k1 k2 p1 p2 k3, as OpenCV has them.
+    """
+
+    width: int
+    height: int
+    K: Floats
+    distortion: Floats
+
+    def scaled(self, width: int, height: int) -> Camera:
+        """Return the camera of the photo resized to `width` x `height` pixels."""
+        scale = np.array([[width / self.width], [height / self.height], [1.0]])
+        return Camera(width, height, self.K * scale, self.distortion)
+
+    def rays(self, xy: ArrayLike) -> Floats:
+        """Return the rays (M, 3) of pixels (M, 2): unit vectors of the camera frame."""
+        lens = self.distortion[None]
+        batch = Cameras.from_matrices(self.K[None], self.width, self.height, lens)
+        found: Floats = back_project(batch, np.asarray(xy, np.float64)[None])[0]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The place of a camera in the scene's CRS: x_cam = R (X - C), R (3, 3), C (3,) in metres."""
+
+    rotation: Floats
+    centre: Floats
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Photo:
+    """A photo as a method may know it: its prior is what its own GPS and gimbal say.
+
+    The id is ``scene/name``. Conditions that are numbers, such as altitude, are left out: they
+    come from the true pose.
+    """
+
+    id: str
+    name: str
+    path: Path
+    prior: Pose | None
+    conditions: Mapping[str, str]
+    _camera: Camera | None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the photo at its full size."""
+        if self._camera is None:
+            raise BenchmarkError(f"the camera of {self.id} is not known", where=self.path)
+        return self._camera
+
+    @property
+    def image(self) -> Image:
+        """The photo (H, W, 3) at full size, read now."""
+        return self.read()
+
+    def read(self, long_side_px: int | None = None) -> Image:
+        """Read the photo in colour, made smaller where a long side is given."""
+        size, camera = photo_size(self.path), self._camera
+        if camera is not None and size != (camera.width, camera.height):
+            raise BenchmarkError(
+                f"the photo is {size[0]} x {size[1]} px",
+                where=self.path,
+                expected=f"{camera.width} x {camera.height} px, the size of its camera",
+            )
+        return read_rgb_photo(self.path, long_side_px or max(size))
+
+    def __repr__(self) -> str:
+        return f"Photo({self.id!r})"
+
+
+def photos_of(table: pd.DataFrame, folder: Path) -> Items[Photo]:
+    """Make photos of a scene's table, without its columns of true poses."""
+    shown = conditions_of(table).select_dtypes(exclude="number").astype(str)
+    conditions: list[dict[Any, str]] = shown.to_dict("records")
+    priors: dict[int, Pose] = {}
+    if set(PRIOR_COLUMNS) <= set(table.columns):
+        there = np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+        poses = poses_of(table[there], PRIOR_COLUMNS)
+        made = map(Pose, poses.rotation.copy(), poses.centres.copy())
+        priors = dict(zip(np.flatnonzero(there).tolist(), made, strict=True))
+    camera: Callable[[int], Camera | None] = lambda row: None  # noqa: E731
+    if set(CAMERA_COLUMNS) <= set(table.columns):
+        batch = cameras_of(table)
+
+        def camera(row: int) -> Camera | None:
+            size = int(batch.width[row]), int(batch.height[row])
+            return Camera(*size, batch.matrices[row], batch.distortion[row])
+
+    rows = enumerate(zip(table["id"], table["image"], strict=True))
+    return Items(
+        Photo(one, name, folder / name, priors.get(row), conditions[row], camera(row))
+        for row, (one, name) in rows
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tile:
+    """A tile of a gallery: a window (x, y, width, height) of a map, or an image.
+
+    `box` is lon_min, lat_min, lon_max, lat_max in degrees, `size_m` the mean side on the ground;
+    window, box and size are None for an image.
+    """
+
+    id: str
+    map: Path
+    window: Window | None = None
+    box: tuple[float, float, float, float] | None = None
+    size_m: float | None = None
+
+    @property
+    def image(self) -> Image:
+        """The tile (H, W, 3), read now."""
+        if self.window is None:
+            return read_rgb_photo(self.map, max(photo_size(self.map)))
+        return read_rgb(self.map, self.window)
+
+    def __repr__(self) -> str:
+        return f"Tile({self.id!r})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Crop:
+    """The window (x, y, width, height) of an orthophoto that a query is matched with.
+
+    It is chosen by the query's prior; `surface` is the surface model, on a grid of its own.
+    """
+
+    query: Photo
+    window: Window
+    map: RasterInfo
+    surface: Path
+
+    @property
+    def crs(self) -> str:
+        """CRS of the map, such as ``EPSG:32615``, or its WKT where it has no code."""
+        code = self.map.crs.to_epsg()
+        return self.map.crs.to_wkt() if code is None else f"EPSG:{code}"
+
+    @property
+    def transform(self) -> Affine:
+        """Affine transform from pixels of the crop (column, row) to coordinates of `crs`."""
+        a, b, _, d, e, _ = self.map.transform[:6]
+        c, f = self.to_world([[0, 0]])[0].tolist()
+        return Affine(a, b, c, d, e, f)
+
+    @property
+    def image(self) -> Image:
+        """The crop of the orthophoto (H, W, 3), read now."""
+        return read_rgb(self.map.path, self.window)
+
+    @property
+    def heights(self) -> NDArray[np.float32]:
+        """Heights (H, W) of the surface at the crop's pixel centres in metres; NaN without any."""
+        _, _, width, height = self.window
+        heights = np.empty((height, width), np.float32)
+        step = max(1, _POINTS // width)
+        for top in range(0, height, step):
+            part = heights[top : top + step]
+            row, column = np.indices(part.shape, np.float64)
+            xy = np.stack((column + 0.5, row + 0.5 + top), axis=-1).reshape(-1, 2)
+            part[...] = self.to_points(xy)[:, 2].reshape(part.shape)
+        return heights
+
+    def to_map(self, xy: ArrayLike) -> Floats:
+        """Take pixels (M, 2) of the crop to pixels of the whole map, as predictions have them."""
+        return np.asarray(xy, np.float64) + self.window[:2]
+
+    def to_world(self, xy: ArrayLike) -> Floats:
+        """Take pixels (M, 2) of the crop to coordinates of `crs`, x before y."""
+        return pixel_to_world(self.map.transform, self.to_map(xy))
+
+    def to_points(self, xy: ArrayLike) -> Floats:
+        """Lift pixels (M, 2) of the crop onto the surface: (M, 3) in the scene's CRS, or NaN."""
+        return lift(self.to_map(xy), self.map, self.surface, jobs=1).points
+
+    def __repr__(self) -> str:
+        return f"Crop({self.query.id!r}, {self.window})"

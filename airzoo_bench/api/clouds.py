@@ -1,17 +1,15 @@
-"""Scores of point clouds."""
+"""Clouds from Python: Chamfer distance, precision, recall and F1."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, numbers, positive, refused, whole
-from airzoo_bench.api.labels import same_columns
-from airzoo_bench.core.errors import ArgumentError, counted
+from airzoo_bench.api import arguments as arg
+from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import InMemoryCloud, finite_rows
@@ -22,15 +20,12 @@ from airzoo_bench.reconstruction.settings import Preparation
 
 __all__ = ["CloudComparison", "cloud_scores"]
 
-# What the shipped protocols state for a threshold of 10 m, as shares of it.
 _MOST_THREADS = 256  # of more, OpenMP ends the process where memory is short
-_VOXELS, _CELLS, _CLIP = 1 / 20, 1 / 2, 10.0
-_UNUSED = 1.0  # values of the region that photos observe
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CloudComparison(Shown):
-    """What came of comparing a predicted cloud with the true one.
+    """The scores of a predicted cloud against the true one.
 
     Attributes
     ----------
@@ -59,17 +54,12 @@ class CloudComparison(Shown):
     not_finite: int
     outside: int
     thinned: int
-    to_truth: Floats = field(repr=False)
-    to_prediction: Floats = field(repr=False)
+    to_truth: Floats
+    to_prediction: Floats
 
     def _shown(self) -> Mapping[str, object]:
-        scores = ("precision", "recall", "f1", "chamfer", "accuracy", "completeness")
-        counts = ("predicted_points", "true_points", "not_finite", "outside", "thinned")
-        return {
-            "threshold": f"{self.threshold:g}",
-            **{name: number(getattr(self, name)) for name in scores},
-            **{name: getattr(self, name) for name in counts},
-        }
+        values = {field.name: getattr(self, field.name) for field in fields(self)[:-2]}
+        return {n: number(v) if isinstance(v, float) else v for n, v in values.items()}
 
 
 def cloud_scores(
@@ -77,16 +67,14 @@ def cloud_scores(
     true: ArrayLike,
     threshold: float = 10.0,
     *,
-    voxel: float | Literal["auto"] | None = "auto",
-    crop: Literal["covered", "box"] | None = "covered",
-    max_distance: float | Literal["auto"] | None = "auto",
+    plain: bool = False,
     jobs: int = 1,
 ) -> CloudComparison:
     """Score a predicted cloud: Chamfer distance, precision, recall, F1.
 
-    What the reconstruction track does once a prediction is aligned, with recall over all true
-    points (``region = "all"``). Other evaluations compare clouds as they are; so does this one
-    with ``voxel=None, crop=None, max_distance=None``.
+    The reconstruction track does the same once a prediction is aligned, with recall over all true
+    points (``region = "all"``): both clouds are cropped to the columns that the truth covers,
+    grown by the threshold, and thinned by voxels of a twentieth of it.
 
     Parameters
     ----------
@@ -97,15 +85,9 @@ def cloud_scores(
         In units of the threshold.
     threshold : float
         A point counts as right nearer than this, strictly; in units of the clouds.
-    voxel : float, "auto" or None
-        Side of the voxels that both clouds are thinned by, to the mean of the points in each;
-        a twentieth of the threshold where left out.
-    crop : {"covered", "box"} or None
-        What of both clouds counts: columns that the true cloud covers, or its box, grown by the
-        threshold.
-    max_distance : float, "auto" or None
-        What a larger distance counts as in Chamfer distance, accuracy and completeness; ten times
-        the threshold where left out.
+    plain : bool
+        Compare the clouds as they are instead, as other evaluations do. Otherwise distances count
+        as at most ten times the threshold.
     jobs : int
         Threads; the scores do not depend on it.
 
@@ -131,104 +113,58 @@ def cloud_scores(
     --------
     >>> true = [[0.0, 0, 0], [4, 0, 0], [8, 0, 0], [12, 0, 0]]
     >>> found = cloud_scores([[0.0, 0, 1], [4, 0, 1], [8, 0, 5]], true, threshold=2)
-    >>> found
-    CloudComparison
-      threshold         2
-      precision         1.0000
-      recall            0.5000
-      f1                0.6667
-      chamfer           2.2732
-      accuracy          1.0000
-      completeness      3.5463
-      predicted_points  2
-      true_points       4
-      not_finite        0
-      outside           1
-      thinned           0
+    >>> found.precision, found.recall, round(found.chamfer, 4), found.outside
+    (1.0, 0.5, 2.2732, 1)
     """
-    same_columns({"predicted": predicted, "true": true}, may_be_renamed=True)
-    limit = positive("threshold", threshold)
-    clip = _length("max_distance", max_distance, limit * _CLIP)
-    settings = _preparation(limit, _length("voxel", voxel, limit * _VOXELS), crop)
-    given, truth = (
-        InMemoryCloud(_points(name, values, limit))
-        for name, values in (("predicted", predicted), ("true", true))
+    limit = arg.positive("threshold", threshold)
+    # The settings of the shipped protocols, as shares of the threshold.
+    settings = Preparation(
+        crop="none" if plain else "covered",
+        crop_margin_m=limit,
+        crop_cell_m=limit / 2,
+        region="all",
+        observed_photos=1,  # of regions that photos observe, as is the rest
+        observed_cell_m=1.0,
+        hidden_beyond_m=1.0,
+        voxel_m="none" if plain else limit / 20,
     )
+    given, truth = (_cloud("predicted", predicted, limit), _cloud("true", true, limit))
     if given.count and not finite_rows(given.points).any():
-        raise ArgumentError(
-            f"none of {counted(given.count, 'point')} is finite",
-            where="predicted",
-            expected="finite numbers",
-        )
+        raise ArgumentError("no point is finite", where="predicted", expected="finite numbers")
     block = max(given.count, truth.count, 1)
-    with refused("true"):
+    with arg.refused("true"):
         region = cropped_region(truth, box_of(truth), settings, block)
         kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in (given, truth))
-        distances = cloud_distances(
-            kept.source,
-            known.source,
-            block_points=block,
-            jobs=min(whole("jobs", jobs), _MOST_THREADS),
-        )
+        threads = min(arg.whole("jobs", jobs), _MOST_THREADS)
+        found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     scores = score_distances(
-        distances.to_truth,
-        distances.to_prediction,
+        found.to_truth,
+        found.to_prediction,
         thresholds=np.array([limit]),
-        max_distance=clip,
+        max_distance=None if plain else 10 * limit,
     )
-    at = scores.curve
     return CloudComparison(
         threshold=limit,
-        precision=float(at.precision[0]),
-        recall=float(at.recall[0]),
-        f1=float(at.f1[0]),
+        precision=float(scores.curve.precision[0]),
+        recall=float(scores.curve.recall[0]),
+        f1=float(scores.curve.f1[0]),
         chamfer=scores.chamfer,
         accuracy=scores.accuracy,
         completeness=scores.completeness,
-        predicted_points=len(distances.to_truth),
-        true_points=len(distances.to_prediction),
+        predicted_points=len(found.to_truth),
+        true_points=len(found.to_prediction),
         not_finite=kept.not_finite,
         outside=kept.outside,
         thinned=kept.thinned,
-        to_truth=distances.to_truth,
-        to_prediction=distances.to_prediction,
+        to_truth=found.to_truth,
+        to_prediction=found.to_prediction,
     )
 
 
-def _points(name: str, values: ArrayLike, limit: float) -> Floats:
+def _cloud(name: str, values: ArrayLike, limit: float) -> InMemoryCloud:
     """Return points (N, 3), finite or not, whose type keeps a twentieth of the threshold."""
-    given = numbers(name, values, (None, 3))
+    given = arg.numbers(name, values, (None, 3))
     points = given.astype(np.float64)
     if given.dtype.kind == "f" and given.dtype.itemsize < points.dtype.itemsize:
-        largest = np.abs(points[np.isfinite(points)]).max(initial=0.0)
-        step = float(np.spacing(given.dtype.type(largest)))
-        if step > limit / 20.0:
-            raise ArgumentError(
-                f"is {given.dtype}, which keeps coordinates such as {largest:.0f} to {step:.2g} "
-                "only, next to the threshold",
-                where=name,
-                expected="float64, or coordinates from a local origin",
-            )
-    return points
-
-
-def _length(name: str, value: float | Literal["auto"] | None, automatic: float) -> float | None:
-    if value is None:
-        return None
-    return automatic if isinstance(value, str) and value == "auto" else positive(name, value)
-
-
-def _preparation(
-    threshold: float, voxel: float | None, crop: Literal["covered", "box"] | None
-) -> Preparation:
-    choice("crop", crop, ("covered", "box", None))
-    return Preparation(
-        crop="none" if crop is None else crop,
-        crop_margin_m=threshold,
-        crop_cell_m=threshold * _CELLS,
-        region="all",
-        observed_photos=1,
-        observed_cell_m=_UNUSED,
-        hidden_beyond_m=_UNUSED,
-        voxel_m="none" if voxel is None else voxel,
-    )
+        arg.check_digits(name, points[np.isfinite(points)], given.dtype.type, limit / 20)
+    return InMemoryCloud(points)

@@ -1,29 +1,28 @@
-"""Confidence intervals of columns of per-query values."""
+"""Confidence intervals from Python, of columns of per-query values."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import choice, finite, floats, in_order, positive, whole
-from airzoo_bench.api.labels import same_index
-from airzoo_bench.core.errors import ArgumentError, first_of
+from airzoo_bench.api import arguments as arg
+from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
-from airzoo_bench.statistics.samples import Method, ResamplingConfig, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
-__all__ = ["ConfidenceInterval", "Statistic", "bootstrap_ci"]
+__all__ = ["ConfidenceInterval", "bootstrap_ci"]
 
 Statistic = Literal["share", "mean", "median"]
 
-_LEAST_RESAMPLES, _MOST_RESAMPLES = 100, 1_000_000
 _MOST_CONFIDENCE = 0.999999  # limits of more are those of rounding
-_LARGEST = 1e100  # third powers of what is larger overflow
+_LARGEST = 1e100  # third powers of larger values overflow
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +56,7 @@ class ConfidenceInterval(Shown):
         return iter((self.low, self.high))
 
     def _shown(self) -> Mapping[str, object]:
-        parts = {str(name): part._written() for name, part in self.scenes.items()}
+        parts = {name: part._written() for name, part in self.scenes.items()}
         return {"all scenes" if parts else "value": self._written(), **parts}
 
     def _written(self) -> str:
@@ -73,11 +72,9 @@ def bootstrap_ci(
     *,
     statistic: Statistic,
     confidence: float = 0.95,
-    interval: Method = "bca",
-    resamples: int = 10_000,
     seed: int = 0,
 ) -> ConfidenceInterval:
-    """Take the confidence interval of an average, by the method that docs/statistics.md gives it.
+    """Return the confidence interval of an average, by the method that docs/statistics.md gives it.
 
     Parameters
     ----------
@@ -87,24 +84,18 @@ def bootstrap_ci(
         The scene of each query. The average is then the unweighted mean of the scenes' averages,
         and queries are resampled within scenes.
     statistic : {"share", "mean", "median"}
-        What is averaged. The mean of shares from 0 to 1, such as hits and AP, needs no resamples:
-        Wilson's interval, over scenes that of MOVER. Other means and medians are bootstrapped.
-        It has no default: a column of errors below 1 m looks like one of shares.
+        The mean of shares from 0 to 1, such as hits and AP, needs no resamples: Wilson's interval,
+        over scenes that of MOVER. Other means and medians are bootstrapped.
     confidence : float
         Between 0 and 1.
-    interval : {"bca", "percentile"}
-        Taken from resamples; percentile also where BCa does not exist.
-    resamples : int
-        100 to 1,000,000.
     seed : int
-        Of the resamples.
+        Of the 10,000 resamples.
 
     Returns
     -------
     ConfidenceInterval
-        The same for the same values in the same order, whatever the machine. There is no interval,
-        and `reason` says so, where a scene has fewer than 5 queries, or all that is resampled is
-        alike.
+        The same for the same values in the same order, whatever the machine. There is none, and
+        `reason` says so, where a scene has fewer than 5 queries, or all resampled values are alike.
 
     Raises
     ------
@@ -121,14 +112,12 @@ def bootstrap_ci(
     >>> bootstrap_ci([1, 1, 0, 1, 1, 0, 1, 1, 1, 1], statistic="share")
     ConfidenceInterval
       value  0.8000 [0.4902, 0.9433] 95% wilson
-    >>> low, high = bootstrap_ci([0.4, 1.2, 2.5, 0.8, 3.1, float("inf")], statistic="median")
-    >>> high
-    inf
     """
-    choice("statistic", statistic, get_args(Statistic))
-    same_index({"values": values, "scenes": scenes})
+    arg.choice("statistic", statistic, get_args(Statistic))
+    share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
+    plan = ResamplingConfig(seed=arg.whole("seed", seed, 0), confidence=share)
+    arg.same_index(values=values, scenes=scenes)
     given = _values(values, statistic)
-    plan = _checked_plan(interval, resamples, seed, confidence)
     groups = {"": given} if scenes is None else _by_scene(given, scenes)
     sample = Sample(
         "query",
@@ -138,40 +127,28 @@ def bootstrap_ci(
         np.array([statistic == "share"]),
     )
     found = sample_intervals(sample, plan, groups=scenes is not None)
-    averages = {name: _average(part, statistic) for name, part in groups.items()}
-    parts = {name: _made(averages[name], part[0], plan, {}) for name, part in found.groups.items()}
-    return _made(float(np.mean(list(averages.values()))), found.overall[0], plan, parts)
+    average = np.median if statistic == "median" else np.mean
+    averages = {name: float(average(part)) for name, part in groups.items()}
 
+    def named(
+        value: float, one: Interval, parts: dict[str, ConfidenceInterval]
+    ) -> ConfidenceInterval:
+        return ConfidenceInterval(value, one.low, one.high, share, one.method, one.reason, parts)
 
-def _checked_plan(
-    interval: Method, resamples: int, seed: int, confidence: float
-) -> ResamplingConfig:
-    """Return how intervals and tests are made; settings out of range are refused."""
-    choice("interval", interval, get_args(Method))
-    if whole("resamples", resamples, _LEAST_RESAMPLES) > _MOST_RESAMPLES:
-        raise ArgumentError(
-            f"is {resamples}", where="resamples", expected=f"at most {_MOST_RESAMPLES:,}"
-        )
-    if positive("confidence", confidence) > _MOST_CONFIDENCE:
-        raise ArgumentError(
-            f"is {confidence!r}", where="confidence", expected="a share, such as 0.95"
-        )
-    return ResamplingConfig(int(resamples), whole("seed", seed, 0), interval, float(confidence))
+    parts = {name: named(averages[name], part[0], {}) for name, part in found.groups.items()}
+    return named(float(np.mean(list(averages.values()))), found.overall[0], parts)
 
 
 def _values(values: ArrayLike, statistic: Statistic) -> Floats:
-    array = np.asarray(in_order("values", values))
-    given = floats("values", array.astype(np.int64) if array.dtype == np.bool_ else array, (None,))
+    array = arg.array_of("values", values)
+    given = arg.floats(
+        "values", array.astype(np.int64) if array.dtype == np.bool_ else array, (None,)
+    )
+    bad = np.isnan(given) | np.isneginf(given) | (np.isfinite(given) & (np.abs(given) > _LARGEST))
+    expected = "a number a query; a failure is the worst value, such as infinity for errors"
+    arg.refuse_rows("values", bad, "NaN, -inf or too large a number", expected)
     if len(given) == 0:
-        raise ArgumentError("holds no value", where="values", expected="a value a query")
-    bad = np.flatnonzero(np.isnan(given) | np.isneginf(given))
-    if bad.size:
-        raise ArgumentError(
-            f"NaN or -inf in {first_of(bad.tolist(), len(given), noun='row')}",
-            where="values",
-            expected="numbers; a failure is the worst value, such as infinity for errors",
-        )
-    finite("values", given[np.isfinite(given)], _LARGEST)
+        raise ArgumentError("holds no value", where="values", expected=expected)
     if statistic == "share" and not ((given >= 0.0) & (given <= 1.0)).all():
         raise ArgumentError(
             f"run from {given.min():g} to {given.max():g}",
@@ -182,27 +159,11 @@ def _values(values: ArrayLike, statistic: Statistic) -> Floats:
     return given
 
 
-def _by_scene(values: Floats, scenes: Any) -> dict[str, Floats]:
-    import pandas as pd
-
-    named = np.asarray(in_order("scenes", scenes), dtype=object)
+def _by_scene(values: Floats, scenes: ArrayLike) -> dict[str, Floats]:
+    named = arg.array_of("scenes", scenes).astype(object)
     if named.shape != values.shape or pd.isna(named).any():
-        raise ArgumentError(
-            f"has shape {named.shape}, or names that are missing",
-            where="scenes",
-            expected=f"({len(values)},), the scene of each value",
-        )
+        found = f"has shape {named.shape}, or names that are missing"
+        expected = f"({len(values)},), the scene of each value"
+        raise ArgumentError(found, where="scenes", expected=expected)
     rows, names = pd.factorize(named.astype(str))
     return {str(name): values[rows == place] for place, name in enumerate(names)}
-
-
-def _average(values: Floats, statistic: Statistic) -> float:
-    return float(np.median(values) if statistic == "median" else np.mean(values))
-
-
-def _made(
-    estimate: float, found: Interval, plan: ResamplingConfig, parts: dict[str, ConfidenceInterval]
-) -> ConfidenceInterval:
-    return ConfidenceInterval(
-        estimate, found.low, found.high, plan.confidence, found.method, found.reason, parts
-    )

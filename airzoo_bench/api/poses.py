@@ -1,32 +1,35 @@
-"""Errors and scores of camera poses."""
+"""Poses from Python: errors, scores, the solver, and the alignment of cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
-from airzoo_bench.api.arrays import coordinates, floats, listed, positive
-from airzoo_bench.api.labels import same_index
-from airzoo_bench.api.pose_arrays import are_centres, pose_rows
-from airzoo_bench.api.scores import QueryScores
-from airzoo_bench.core.errors import ArgumentError, first_of
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matching import metrics
-from airzoo_bench.matching.metrics import (
-    PoseErrors,
-    matching_scores,
-    pose_columns,
-    translation_column,
+from airzoo_bench.api import arguments as arg
+from airzoo_bench.api.retrieval import QueryScores
+from airzoo_bench.core.errors import ArgumentError
+from airzoo_bench.core.shown import Shown, number
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.matching import metrics, solving
+from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
+from airzoo_bench.matching.settings import MatchingScores, Solver, SolverName
+from airzoo_bench.matching.solving import PoseEstimate
+from airzoo_bench.reconstruction.alignment import (
+    LEAST_CAMERAS,
+    PosedCameras,
+    RansacSettings,
+    fit_cameras,
 )
-from airzoo_bench.matching.settings import MatchingScores
+from airzoo_bench.reconstruction.similarity import Similarity, umeyama
 from airzoo_bench.results.scores import summarise
 
-__all__ = ["pose_errors", "pose_scores"]
-
-_MOST_THRESHOLDS = 16
+__all__ = ["CameraAlignment", "align_cameras", "pose_errors", "pose_scores", "solve_pose"]
 
 
 def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
@@ -36,7 +39,7 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     ----------
     predicted : (N, 3, 4) or (N, 4, 4) array-like
         World-to-camera poses [R | t], x_cam = R X + t, in metres; OpenCV axes (x right, y down, z
-        forward). NaN in all of a pose says that there is none: its errors are infinite.
+        forward). A pose that is all NaN is missing: its errors are infinite.
     true : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
         The same, of the same N queries; or camera centres, where orientations are not known.
 
@@ -50,9 +53,8 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     Raises
     ------
     ArgumentError
-        Arrays of other shapes or of different lengths; matrices that are no poses; poses that are
-        NaN in part, or not known for the truth; too few digits to place a camera to a centimetre,
-        as float32 has for projected coordinates.
+        Arrays of other shapes or lengths; matrices that are no poses; a truth with NaN; too few
+        digits to place a camera to a centimetre, as float32 has for projected coordinates.
 
     References
     ----------
@@ -70,20 +72,11 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     >>> errors.translation_m.tolist(), errors.rotation_deg.tolist()
     ([3.0, inf], [0.0, inf])
     """
-    _, given = pose_rows("predicted", predicted, missing=True)
-    rotation: Floats | None = None
-    if are_centres("true", true):
-        centres = coordinates("true", true)
-    else:
-        _, known = pose_rows("true", true, missing=False)
-        rotation, centres = known.rotation, known.centres
-    if len(given) != len(centres):
-        raise ArgumentError(
-            f"have {len(given)} and {len(centres)} poses",
-            where="predicted, true",
-            expected="the same queries in the same order, NaN where there is no pose",
-        )
-    return metrics.pose_errors(given.rotation, given.centres, rotation, centres)
+    given, known = _cameras("predicted", predicted, may_be_missing=True), _cameras("true", true)
+    arg.same_length("predicted", given.centres, "true", known.centres)
+    if given.rotation is None:
+        raise ArgumentError("are centres", where="predicted", expected="poses of shape (N, 3, 4)")
+    return metrics.pose_errors(given.rotation, given.centres, known.rotation, known.centres)
 
 
 def pose_scores(
@@ -108,13 +101,13 @@ def pose_scores(
     QueryScores
         ``error_m`` and ``rotation_deg``, the medians; ``within_5m_1deg``, pose recall;
         ``within_5m``, translation recall; ``auc_5m``, the area under the recall curve from 0 to 5
-        m as a share of the best possible, exact for the steps. Without orientations no angles.
+        m as a share of the best possible, exact for the steps.
 
     Raises
     ------
     ArgumentError
         Errors that are NaN, negative or of different lengths, no query; thresholds that are not
-        above 0, more than 16, or none.
+        above 0, or none.
 
     References
     ----------
@@ -123,36 +116,29 @@ def pose_scores(
 
     Examples
     --------
-    >>> pose_scores(([0.5, 4.0, float("inf")], [0.2, 1.5, float("inf")]), [(5, 1), (5, 2)])
-    QueryScores
-      queries         3
-      failures        1
-      error_m         4.0000
-      within_5m       0.6667
-      within_5m_1deg  0.3333
-      within_5m_2deg  0.6667
-      rotation_deg    1.5000
-      auc_5m          0.3667
+    >>> found = pose_scores(([0.5, 4.0, float("inf")], [0.2, 1.5, float("inf")]), [(5, 1)])
+    >>> found["within_5m_1deg"], found["error_m"], found.counts["failures"]
+    (0.3333333333333333, 4.0, 1)
     """
-    import pandas as pd
-
     found = errors if isinstance(errors, PoseErrors) else _errors(errors)
-    pairs = _thresholds(thresholds)
+    if len(found.translation_m) == 0:
+        raise ArgumentError("hold no query", where="errors", expected="at least one")
+    rows = arg.floats("thresholds", arg.listed("thresholds", thresholds), (None, 2)).tolist()
+    pairs = sorted(
+        {(arg.positive("thresholds", m), arg.positive("thresholds", deg)) for m, deg in rows}
+    )
     metres = tuple(sorted({limit for limit, _ in pairs}))
-    if len({translation_column(limit) for limit in metres}) < len(metres):
-        raise ArgumentError(
-            "are so near that their names are the same", where="thresholds", expected="6 digits"
-        )
-    settings = MatchingScores(
+    if not pairs or len({f"{limit:g}" for limit in metres}) < len(metres):
+        expected = "pairs of metres and degrees, such as (5, 1), that differ in 6 digits"
+        raise ArgumentError(f"are {rows}", where="thresholds", expected=expected)
+    settings = MatchingScores.model_construct(
         orientation_is_trusted=found.rotation_deg is not None,
         failed_rotation_deg="infinite",
         translation_below_m=metres,
-        pose_below_m_deg=pairs,
+        pose_below_m_deg=tuple(pairs),
         auc_up_to_m=metres,
     )
-    if len(found.translation_m) == 0:
-        raise ArgumentError("hold no query", where="errors", expected="at least one")
-    # Of a pair of errors there are no parts.
+    # Of a pair of errors there are no horizontal and vertical parts.
     columns = {
         name: values
         for name, values in pose_columns(found, settings).items()
@@ -168,52 +154,262 @@ def pose_scores(
     )
 
 
-def _errors(errors: tuple[ArrayLike, ArrayLike | None]) -> PoseErrors:
+def _errors(errors: Any) -> PoseErrors:
     if not isinstance(errors, Sequence) or len(errors) != 2:
-        raise ArgumentError(
-            f"is {type(errors).__name__}",
-            where="errors",
-            expected="what pose_errors returns, or a pair: metres, and degrees or None",
-        )
-    translation, rotation = errors
-    same_index({"errors[0]": translation, "errors[1]": rotation})
-    metres = _error_row("errors[0]", translation)
-    degrees = None if rotation is None else _error_row("errors[1]", rotation)
-    if degrees is not None and (np.isfinite(degrees) & (degrees > 180.0)).any():
-        raise ArgumentError(
-            "holds angles beyond 180",
-            where="errors[1]",
-            expected="the angle between two rotations, 0 to 180 degrees, or infinite",
-        )
-    if degrees is not None and len(degrees) != len(metres):
-        raise ArgumentError(
-            f"have {len(metres)} and {len(degrees)} numbers",
-            where="errors",
-            expected="an error in metres and one in degrees for each query",
-        )
+        expected = "the result of pose_errors, or a pair: metres, and degrees or None"
+        raise ArgumentError(f"is {type(errors).__name__}", where="errors", expected=expected)
+    arg.same_index(**{"errors[0]": errors[0], "errors[1]": errors[1]})
+    metres = _error_row("errors[0]", errors[0], np.inf)
+    degrees = None if errors[1] is None else _error_row("errors[1]", errors[1], 180.0)
+    arg.same_length("errors[0]", metres, "errors[1]", metres if degrees is None else degrees)
     unknown = np.full(len(metres), np.nan)
     return PoseErrors(metres, unknown, unknown, degrees)
 
 
-def _error_row(name: str, values: ArrayLike) -> Floats:
-    errors = floats(name, values, (None,))
-    bad = np.flatnonzero(~(errors >= 0.0))
-    if bad.size:
-        raise ArgumentError(
-            f"is NaN or negative for queries {first_of(bad.tolist(), len(errors))}",
-            where=name,
-            expected="0 or more; infinite for a failure",
-        )
+def _error_row(name: str, values: ArrayLike, most: float) -> Floats:
+    errors = arg.floats(name, values, (None,))
+    good = (errors >= 0.0) & ((errors <= most) | np.isinf(errors))
+    expected = f"0 to {most:g}; infinite for a failure"
+    arg.refuse_rows(name, ~good, "NaN, or a number out of range,", expected, noun="query")
     return errors
 
 
-def _thresholds(thresholds: Iterable[Any]) -> tuple[tuple[float, float], ...]:
-    rows = floats("thresholds", listed("thresholds", thresholds), (None, 2)).tolist()
-    if not 0 < len(rows) <= _MOST_THRESHOLDS:
-        raise ArgumentError(
-            f"has {len(rows)} pairs",
-            where="thresholds",
-            expected=f"1 to {_MOST_THRESHOLDS} pairs of metres and degrees, such as (5, 1)",
-        )
-    pairs = {(positive("thresholds", m), positive("thresholds", deg)) for m, deg in rows}
-    return tuple(sorted(pairs))
+def solve_pose(
+    pixels: ArrayLike,
+    points3d: ArrayLike,
+    camera: ArrayLike,
+    *,
+    distortion: ArrayLike | None = None,
+    solver: SolverName = "colmap",
+    max_error_px: float = 5.0,
+    max_trials: int = 100_000,
+    seed: int = 0,
+) -> PoseEstimate:
+    """Find a camera's pose from 2D-3D matches, as the matching track does.
+
+    The defaults are those of all shipped protocols: LO-RANSAC of COLMAP, without refinement.
+
+    Parameters
+    ----------
+    pixels : (M, 2) array-like
+        In the image at its full size; its corner is (0, 0), so that the first pixel's centre is
+        (0.5, 0.5). OpenCV's and most matchers' keypoints need 0.5 added.
+    points3d : (M, 3) array-like
+        In metres, of any frame with orthogonal axes of one scale.
+    camera : (3, 3) array-like
+        K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels of the same image.
+    distortion : (4,) or (5,) array-like, optional
+        k1 k2 p1 p2 and k3, as OpenCV has them.
+    solver : {"colmap", "colmap+refine", "poselib"}
+    max_error_px : float
+        Largest reprojection error of an inlier.
+    max_trials : int
+        The most samples, of at least 1,000.
+    seed : int
+        The answer depends on the arguments alone, and not on the order of the matches.
+
+    Returns
+    -------
+    PoseEstimate
+        ``status``, ``matrix`` (3, 4) world-to-camera, ``rotation``, ``centre`` and ``inliers``
+        (M,). With fewer than four different matches, or where no pose explains them, the pose is
+        NaN and `status` says why: that is a result and no error.
+
+    Raises
+    ------
+    ArgumentError
+        Shapes that do not fit, NaN, a K that is none, settings out of range; float32 points in
+        projected coordinates.
+    UsageError
+        PoseLib is asked for and not installed.
+
+    References
+    ----------
+    Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schönberger, Frahm,
+    Structure-from-motion revisited, CVPR 2016. Larsson and contributors, PoseLib, 2020.
+
+    Examples
+    --------
+    >>> K = [[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]
+    >>> points = [[-1.0, -1, 4], [1, -1, 5], [1, 1, 6], [-1, 1, 7], [0, 0, 5], [0.5, -0.5, 4]]
+    >>> pixels = [[320 + 500 * x / z, 240 + 500 * y / z] for x, y, z in points]
+    >>> found = solve_pose(pixels, points, K)
+    >>> found.status.value, int(found.inliers.sum()), found.centre.round(6).tolist() == [0, 0, 0]
+    ('solved', 6, True)
+    """
+    arg.choice("solver", solver, get_args(SolverName))
+    arg.same_index(pixels=pixels, points3d=points3d)
+    at = arg.finite("pixels", arg.floats("pixels", pixels, (None, 2)))
+    points = arg.coordinates("points3d", points3d)
+    arg.same_length("pixels", at, "points3d", points)
+    settings = Solver.model_construct(
+        name=solver,
+        max_error_px=arg.positive("max_error_px", max_error_px),
+        min_inlier_ratio=0.01,
+        min_trials=1_000,
+        max_trials=arg.whole("max_trials", max_trials, 1_000),
+        confidence=0.9999,
+        seed=arg.whole("seed", seed, 0),
+        least_matches=solving.MIN_MATCHES,
+        max_matches=20_000,
+        max_trials_times_matches=500_000_000,
+    )
+    K = arg.floats("camera", camera, (3, 3))
+    lens = None if distortion is None else arg.floats("distortion", distortion, (None,))[None]
+    # The size of the image is no part of the problem; solvers only carry it along.
+    width, height = np.maximum(1.0, np.ceil(2.0 * np.nan_to_num(K[:2, 2])))
+    with arg.refused("camera"):
+        cameras = Cameras.from_matrices(K[None], width, height, lens)
+    return solving.solve_pose(cameras, at, points, settings)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraAlignment(Shown):
+    """The similarity y = scale * rotation x + translation from a prediction to the truth.
+
+    Attributes
+    ----------
+    transform : Similarity
+        With ``scale``, ``rotation`` (3, 3) and ``matrix`` (4, 4).
+    inliers : (N,) bool
+        Cameras to which it is fitted.
+    residuals : (N,) float64
+        Distances of the moved centres from the true ones, infinite for cameras without a pose.
+    used_orientations : bool
+        The centres lie on a line: orientations gave the turn about it.
+    """
+
+    transform: Similarity
+    inliers: Bools
+    residuals: Floats
+    used_orientations: bool
+
+    @property
+    def scale(self) -> float:
+        """The scale, above 0."""
+        return self.transform.scale
+
+    @property
+    def matrix(self) -> Floats:
+        """The transform as a (4, 4) matrix."""
+        return self.transform.matrix
+
+    def apply(self, points: ArrayLike) -> Floats:
+        """Move points into the frame of the truth.
+
+        Parameters
+        ----------
+        points : (N, 3) array-like
+            In the frame of the prediction.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            In the frame of the truth.
+        """
+        return self.transform.apply(arg.floats("points", points, (None, 3)))
+
+    def _shown(self) -> Mapping[str, object]:
+        inliers = self.residuals[self.inliers]
+        return {
+            "cameras": len(self.residuals),
+            "without_pose": int(np.isinf(self.residuals).sum()),
+            "inliers": int(self.inliers.sum()),
+            "scale": f"{self.scale:.6g}",
+            "rms_of_inliers": number(float(np.sqrt((inliers * inliers).mean()))),
+            "used_orientations": self.used_orientations,
+        }
+
+
+def align_cameras(
+    predicted: ArrayLike,
+    true: ArrayLike,
+    *,
+    robust: bool = True,
+    with_scale: bool = True,
+    inlier_m: float = 5.0,
+    seed: int = 0,
+) -> CameraAlignment:
+    """Find the similarity that brings predicted camera centres to the true ones.
+
+    Parameters
+    ----------
+    predicted : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
+        World-to-camera poses [R | t], or camera centres, in any frame and scale; NaN where there
+        is none.
+    true : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
+        Of the same cameras, in metres.
+    robust : bool
+        Find outliers by the reconstruction track's RANSAC and fit to the others; otherwise fit to
+        all, by plain Umeyama.
+    with_scale : bool
+        Whether to fit the scale, which is 1 otherwise; without it only plain.
+    inlier_m : float
+        Inliers are nearer.
+    seed : int
+        Of RANSAC's samples.
+
+    Returns
+    -------
+    CameraAlignment
+        The transform, inliers and residuals.
+
+    Raises
+    ------
+    ArgumentError
+        Fewer than 3 cameras; centres at one point, or on a line without orientations; arrays that
+        do not fit; a truth with NaN.
+
+    References
+    ----------
+    Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+    PAMI 13(4), 1991. Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003.
+
+    Examples
+    --------
+    >>> true = [[0.0, 0, 50], [40, 0, 50], [40, 30, 60], [0, 30, 55], [20, 15, 52]]
+    >>> predicted = [[x / 10, y / 10, z / 10] for x, y, z in true]
+    >>> predicted[4] = [90.0, 0, 0]  # an outlier
+    >>> found = align_cameras(predicted, true)
+    >>> round(found.scale, 9), found.inliers.tolist()
+    (10.0, [True, True, True, True, False])
+    """
+    arg.same_index(predicted=predicted, true=true)
+    given, known = _cameras("predicted", predicted, may_be_missing=True), _cameras("true", true)
+    arg.same_length("predicted", given.names, "true", known.names)
+    if robust and not with_scale:
+        fix = "leave it at True, or choose robust=False"
+        raise ArgumentError("needs robust=False", where="with_scale", fix=fix)
+    rows = np.flatnonzero(np.isfinite(given.centres).all(axis=1))
+    if len(rows) < LEAST_CAMERAS:
+        found = f"has {len(rows)} cameras with a pose"
+        expected = f"at least {LEAST_CAMERAS}, which a similarity needs"
+        raise ArgumentError(found, where="predicted", expected=expected)
+    source, target = given.take(rows), known.take(rows)
+    limit = arg.positive("inlier_m", inlier_m)
+    settings = RansacSettings(inlier_limit=limit, seed=arg.whole("seed", seed, 0))
+    inliers = np.zeros(len(known.names), np.bool_)
+    with arg.refused("predicted, true"):
+        if robust:
+            fit = fit_cameras(source, target, settings)
+            transform, inliers[rows], turned = fit.transform, fit.inliers, fit.used_orientations
+        else:
+            transform = umeyama(source.centres, target.centres, with_scale=with_scale)
+            inliers[rows], turned = True, False
+    residuals = np.full(len(inliers), np.inf)
+    offsets = transform.apply(source.centres) - target.centres
+    residuals[rows] = np.sqrt((offsets * offsets).sum(axis=1))
+    return CameraAlignment(transform, inliers, residuals, turned)
+
+
+def _cameras(name: str, values: ArrayLike, *, may_be_missing: bool = False) -> PosedCameras:
+    """Return cameras of poses, or of centres (N, 3) alone."""
+    if arg.array_of(name, values, "poses (N, 3, 4) or centres (N, 3)").ndim != 2:
+        poses = arg.pose_rows(name, values, may_be_missing=may_be_missing)
+        centres, rotation = poses.centres, poses.rotation
+    elif may_be_missing:
+        centres, rotation = arg.floats(name, values, (None, 3)), None
+        arg.finite(name, centres[~np.isnan(centres).all(axis=1)])
+    else:
+        centres, rotation = arg.coordinates(name, values), None
+    return PosedCameras(tuple(map(str, range(len(centres)))), centres, rotation)

@@ -1,45 +1,61 @@
-"""Results of evaluations, read back."""
+"""Results from Python: predictions scored and checked, results read back, drawn and compared."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.api.arrays import path_of
-from airzoo_bench.results.files import results_here
-from airzoo_bench.results.records import Scored, read_scored
-from airzoo_bench.storage.urls import is_url
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airzoo_bench.api import arguments as arg
+from airzoo_bench.benchmark.mirrored import data_here
+from airzoo_bench.core.errors import ArgumentError, UserError, first_of
+from airzoo_bench.evaluation.evaluate import check as find_errors
+from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
+from airzoo_bench.evaluation.opening import ReadBy
+from airzoo_bench.evaluation.queries import write_predictions
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.results import comparison
+from airzoo_bench.results.comparable import (
+    check_same_queries,
+    choose_scores,
+    find_scene,
+    score_keys,
+)
+from airzoo_bench.results.files import result_paths, results_here
+from airzoo_bench.results.records import Scored, checked_records, read_scored, write_csv
+from airzoo_bench.results.result import ScoreColumn, read_result, write_result
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.storage.mirror import here
+from airzoo_bench.tables.comparison import comparison_table, verdict
+from airzoo_bench.tables.intervals import intervals_table
 from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.model import Table
 from airzoo_bench.tables.render import render
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from matplotlib.figure import Figure
 
-__all__ = ["Result", "Tabular", "load_result"]
+__all__ = ["Check", "Comparison", "Result", "check", "compare", "evaluate", "load_result"]
+
+Predictions = str | Path | Mapping[str, Any]
+
+KINDS = ("recall", "errors", "thresholds", "intervals", "scenes", "condition")
+"""Kinds of plots."""
 
 _WIDTH = 120
 
 
-class Tabular(ABC):
-    """Shows itself as a table: of text in a terminal, of HTML in a notebook."""
-
-    @abstractmethod
-    def _laid_out(self) -> Table:
-        """Return the table."""
-
-    def __repr__(self) -> str:
-        return render(self._laid_out(), "terminal", width=_WIDTH).rstrip("\n")
-
-    def _repr_html_(self) -> str:
-        return render(self._laid_out(), "html")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(Tabular, Scored):
-    """A method's result with its records.
+class Result(Scored):
+    """A method's result with its records; it shows itself as the table that ``eval`` prints.
 
     Attributes
     ----------
@@ -64,15 +80,99 @@ class Result(Tabular, Scored):
         DataFrame
             By the id of the scene and the key of the score; shares are 0 to 1.
         """
-        import pandas as pd
-
         result = self.result
         rows = {**result.scenes, "overall": result.overall, "pooled": result.pooled}
         frame = pd.DataFrame.from_dict(rows, orient="index")
         return frame[[column.key for column in result.columns]].rename_axis("scene")
 
-    def _laid_out(self) -> Table:
-        return scenes_table(self.result, floors=True)
+    def table(self, form: str = "terminal") -> str:
+        """Return the table of scenes as ``airzoo-bench table`` writes it.
+
+        Parameters
+        ----------
+        form : {"terminal", "latex", "markdown", "csv", "json", "html"}
+
+        Returns
+        -------
+        str
+            Text that ends with a line break.
+        """
+        return render(scenes_table(self.result, floors=True), form, width=_WIDTH)
+
+    def plot(self, kind: str, *others: Scored, score: str | None = None, **options: Any) -> Figure:
+        """Draw this result, and others beside it, as ``airzoo-bench plot`` does.
+
+        Parameters
+        ----------
+        kind : {"recall", "errors", "thresholds", "intervals", "scenes", "condition"}
+        *others : Result
+            Of the same protocol and truth.
+        score : str, optional
+            Key or title; by default the first that fits.
+        **options
+            Of the kind: ``by`` and ``bins`` of "condition", ``up_to`` of "recall".
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            To show, or to save by ``savefig``.
+        """
+        from airzoo_bench.report import draw  # Matplotlib takes a second to load
+
+        arg.choice("kind", kind, KINDS)
+        methods = [self, *others]
+        check_same_queries(methods)
+        chosen = draw.choose_score(methods, score, of_errors=kind == "errors")
+        of = [] if kind in ("recall", "thresholds") else [chosen]
+        figure: Figure = getattr(draw, kind)(methods, *of, **options)
+        return figure
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``result.json`` and ``records.csv``, which other commands read.
+
+        Parameters
+        ----------
+        folder : path
+            Made where it is not there.
+
+        Returns
+        -------
+        Path
+            Of the result.
+        """
+        path = Path(folder, "result.json")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        checksum = write_csv(self.records, path.with_name("records.csv"))
+        write_result(path, self.result.with_records(checksum))
+        return path
+
+    def report(self, path: str | Path, data: str | Path | None = None) -> Path:
+        """Write the report of this result, one HTML file, as ``airzoo-bench report`` does.
+
+        Parameters
+        ----------
+        path : path
+            The ``.html`` to write.
+        data : path, optional
+            See `evaluate`; maps and pictures are added where the benchmark folder is there.
+
+        Returns
+        -------
+        Path
+            Of the file.
+        """
+        from airzoo_bench.report.page import make_report  # Matplotlib takes a second to load
+
+        with TemporaryDirectory() as folder:
+            page = make_report([self.save(folder)], data=data_here(data)).page
+        Path(path).write_text(page, encoding="utf-8")
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return self.table().rstrip("\n")
+
+    def _repr_html_(self) -> str:
+        return self.table("html")
 
 
 def load_result(path: str | Path, *, name: str | None = None) -> Result:
@@ -81,14 +181,14 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     Parameters
     ----------
     path : path
-        Of ``result.json``, or of the folder that holds it.
+        Of ``result.json``, or of the folder that holds it; or a URL.
     name : str, optional
-        What to call the method, instead of its own name.
+        A name of the method instead of its own.
 
     Returns
     -------
     Result
-        It shows itself as the table that ``eval`` prints; see `Result.to_frame` and `records`.
+        It shows itself as the table that ``eval`` prints.
 
     Raises
     ------
@@ -102,5 +202,341 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     ...
     airzoo_bench.core.errors.ResultError: ...
     """
-    (found,) = read_scored(results_here([path if is_url(path) else path_of("path", path)]))
+    (found,) = read_scored(results_here([path]))
     return Result(found.name if name is None else name, found.result, found.records)
+
+
+def evaluate(
+    predictions: Predictions,
+    *,
+    protocol: str | None = None,
+    data: str | Path | None = None,
+    method: str | None = None,
+    reader: str | None = None,
+    names: str | Path | None = None,
+    jobs: int = 2,
+    max_memory: int = 2 << 30,
+) -> Result:
+    """Score predictions on a benchmark folder, as ``airzoo-bench eval`` does.
+
+    Parameters
+    ----------
+    predictions : path or mapping of str to array-like
+        A prediction file, folder or archive; or the fields of one (docs/predictions.md).
+    protocol, method : str, optional
+        Name or path of a protocol, and a name in tables; by default the predictions' own.
+    data : path, optional
+        The benchmark folder, or the one that holds it; by default ``AIRZOO_BENCH_DATA``, else a
+        cache folder.
+    reader : str, optional
+        The reader of files as a method writes them, by name; by default found from their content.
+    names : path, optional
+        A list of images, a line each, in the order in which the method saw them.
+    jobs, max_memory : int
+        Threads, and bytes for the predictions; the numbers do not depend on them.
+
+    Returns
+    -------
+    Result
+        Scores by scene and overall, with `records`; it shows itself as a table.
+
+    Raises
+    ------
+    UserError
+        The predictions, the protocol or the benchmark folder are not as they must be.
+
+    Examples
+    --------
+    >>> evaluate("nowhere.npz")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    airzoo_bench.core.errors.UnreadableError: nowhere.npz: no such prediction file...
+    """
+    with _as_path(predictions, protocol) as path:
+        done = score_predictions(
+            path,
+            data=data_here(data),
+            protocol=protocol,
+            method=method,
+            run=Run(memory_bytes=max_memory, jobs=jobs),
+            read_by=ReadBy(reader, None if names is None else Path(names)),
+        )
+    records = done.records
+    if "query" not in records:
+        records = records.assign(query=records["scene"])
+    name = done.result.predictions.method
+    return Result(name, done.result, checked_records(records, done.result, name))
+
+
+@dataclass(frozen=True)
+class Check:
+    """The errors of predictions, and notes on them.
+
+    Attributes
+    ----------
+    errors : tuple of UserError
+        Errors that `evaluate` would raise.
+    notes : tuple of str
+    """
+
+    errors: tuple[UserError, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.errors
+
+    def __repr__(self) -> str:
+        said = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
+        return "\n".join(said) or "nothing wrong was found"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+def check(
+    predictions: Predictions,
+    *,
+    protocol: str | None = None,
+    data: str | Path | None = None,
+    reader: str | None = None,
+    names: str | Path | None = None,
+    max_memory: int = 2 << 30,
+) -> Check:
+    """Find all errors of predictions, without scoring them.
+
+    Parameters
+    ----------
+    predictions, protocol, data, reader, names, max_memory : optional
+        See `evaluate`. Without the benchmark folder, all is done that can be.
+
+    Returns
+    -------
+    Check
+        It shows itself as a list of sentences.
+
+    Raises
+    ------
+    UserError
+        There is nothing to check: no such file, or no known protocol.
+
+    Examples
+    --------
+    >>> check({"query_ids": ["city/1"]})  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    airzoo_bench.core.errors.ArgumentError: predictions as arrays do not say...
+    """
+    with _as_path(predictions, protocol) as path:
+        found = find_errors(
+            path,
+            data=data_here(data),
+            protocol=protocol,
+            run=Run(memory_bytes=max_memory),
+            read_by=ReadBy(reader, None if names is None else Path(names)),
+        )
+    return Check(tuple(found.errors), tuple(found.notes))
+
+
+@contextmanager
+def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
+    """Yield the path of predictions; arrays are written to a file first, as a user would."""
+    if not isinstance(predictions, Mapping):
+        yield here(predictions)
+        return
+    is_gallery = {name: name.startswith("gallery") for name in predictions}
+    for part in (False, True):
+        arg.same_index(
+            **{name: predictions[name] for name in predictions if is_gallery[name] is part}
+        )
+    fields = {name: _field(name, values) for name, values in predictions.items()}
+    named = protocol or fields.pop("protocol", None)
+    if named is None:
+        raise ArgumentError(
+            "predictions as arrays do not say which protocol they are for",
+            expected="protocol=, or a field 'protocol', with the name of one",
+            fix="`airzoo-bench protocols` lists them",
+        )
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "predictions.npz")
+        write_predictions(path, str(named), fields)
+        yield path
+
+
+def _field(name: str, values: Any) -> NDArray[Any]:
+    """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
+    array = arg.array_of(f"field {name!r}", values)
+    if array.dtype != np.dtype(object):
+        return array
+    if not all(isinstance(value, str) for value in array.ravel()):
+        raise ArgumentError(
+            f"field {name!r} holds Python objects, or lists of different lengths",
+            expected="an array of numbers or text",
+            fix="np.array(values, dtype=str) for ids; fill shorter lists with empty ids",
+        )
+    return array.astype(str)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """A comparison of results; it shows itself as the table that ``compare`` prints.
+
+    Attributes
+    ----------
+    table : Table
+        The table of ``airzoo-bench compare``.
+    frame : DataFrame
+        The numbers; see `compare`.
+    """
+
+    table: Table
+    frame: pd.DataFrame
+
+    def __repr__(self) -> str:
+        return render(self.table, "terminal", width=_WIDTH).rstrip("\n")
+
+    def _repr_html_(self) -> str:
+        return render(self.table, "html")
+
+
+def compare(
+    results: str | Path | Scored | Iterable[str | Path | Scored],
+    scores: Sequence[str] = (),
+    *,
+    every: bool = False,
+    reference: str | None = None,
+    method: str | None = None,
+    scene: str | None = None,
+) -> Comparison:
+    """Compare results query by query: differences, intervals, tests, a verdict in words.
+
+    Parameters
+    ----------
+    results : path, Result, or several of them
+        Of one protocol and one truth. A single result gives its intervals.
+    scores : sequence of str
+        Keys or titles; by default the headline ones.
+    every : bool
+        Every score instead.
+    reference : str, optional
+        The method to compare all others with, or "best"; by default the first.
+    method : str, optional
+        Instead of a reference: differences, verdicts and wins are this method's.
+    scene : str, optional
+        This scene only, by id or title.
+
+    Returns
+    -------
+    Comparison
+        Its `frame` has a row a score and method: ``score``, ``method``, ``reference``, ``value``,
+        ``reference_value``, ``difference``, its ``low`` and ``high``, ``p``, ``p_holm``,
+        ``p_mcnemar``, ``wins``, ``ties``, ``losses`` and ``verdict``. A single result gives a row
+        a scene and score: ``scene`` (None for the average), ``score``, ``value``, ``low``,
+        ``high``, ``interval`` and ``reason``. Shares are 0 to 1.
+
+    Raises
+    ------
+    UserError
+        Results cannot be read or compared; there is no such score, method or scene.
+
+    References
+    ----------
+    docs/statistics.md says how each number is made.
+
+    Examples
+    --------
+    >>> compare([])
+    Traceback (most recent call last):
+    ...
+    airzoo_bench.core.errors.ArgumentError: results: holds nothing to compare
+      expected: results, or paths of result.json
+    """
+    methods, chosen = methods_of(results, scores, every=every)
+    if len(methods) == 1 and (reference or method):
+        expected = "several results"
+        raise ArgumentError("needs two results", where="reference, method", expected=expected)
+    chosen_scene = scene and find_scene(methods[0].result.truth.scene_titles, scene)
+    if len(methods) == 1:
+        return _intervals(methods[0], chosen, chosen_scene)
+    found = comparison.compare(
+        methods,
+        chosen,
+        reference=reference,
+        method=method,
+        scene=chosen_scene,
+        resampling=ResamplingConfig(),
+    )
+    return Comparison(comparison_table(found), pd.DataFrame([_row(pair) for pair in found.pairs]))
+
+
+def methods_of(
+    results: Any, scores: Sequence[str], *, every: bool = False, all_columns: bool = False
+) -> tuple[list[Scored], list[ScoreColumn]]:
+    """Return methods of the same queries, and the scores to compare them by."""
+    kinds = str | Path | Scored
+    given = [results] if isinstance(results, kinds) else arg.listed("results", results)
+    strange = [type(result).__name__ for result in given if not isinstance(result, kinds)]
+    if strange or not given:
+        what = f"holds {first_of(strange)}" if strange else "holds nothing to compare"
+        expected = "results, or paths of result.json"
+        raise ArgumentError(what, where="results", expected=expected)
+    if isinstance(scores, str) or (every and scores):
+        expected = "a list of scores, such as ['recall@1'], or every=True"
+        raise ArgumentError(f"is {scores!r}", where="scores, every", expected=expected)
+    paths = results_here([result for result in given if not isinstance(result, Scored)])
+    wanted = None
+    if paths and not all_columns:
+        wanted = score_keys(read_result(result_paths(paths)[0]), scores, every=every)
+    read = iter(read_scored(paths, wanted) if paths else [])
+    methods = [_rechecked(one) if isinstance(one, Scored) else next(read) for one in given]
+    names = [method.name for method in methods]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise ArgumentError(
+            f"several have the name {first_of(twice)}",
+            where="results",
+            expected="methods of different names",
+            fix="load_result(path, name=...)",
+        )
+    check_same_queries(methods)
+    return methods, choose_scores(methods, scores, every=every)
+
+
+def _rechecked(one: Scored) -> Scored:
+    """Check that nobody changed the records since they were read."""
+    return replace(one, records=checked_records(one.records, one.result, f"records of {one.name}"))
+
+
+def _intervals(method: Scored, scores: list[ScoreColumn], scene: str | None) -> Comparison:
+    plan, result = ResamplingConfig(), method.result
+    found = comparison.score_intervals(method, scores, plan, scene)
+    parts = [(name, result.scenes[name], spans) for name, spans in found.groups.items()]
+    overall = [] if scene else [(None, result.overall, found.overall)]
+    rows = [
+        {
+            "scene": name,
+            "score": score.key,
+            "value": values[score.key],
+            "low": span.low,
+            "high": span.high,
+            "interval": span.method,
+            "reason": span.reason,
+        }
+        for name, values, spans in [*parts, *overall]
+        for score, span in zip(scores, spans, strict=True)
+    ]
+    return Comparison(intervals_table(method, scores, found, plan, scene), pd.DataFrame(rows))
+
+
+def _row(pair: comparison.Pair) -> dict[str, Any]:
+    same = ("method", "reference", "value", "reference_value", "difference", "p_holm", "p_mcnemar")
+    return {
+        "score": pair.score.key,
+        **{name: getattr(pair, name) for name in same[:5]},
+        "low": pair.interval.low,
+        "high": pair.interval.high,
+        "p": pair.test.p_value,
+        **{name: getattr(pair, name) for name in (*same[5:], "wins", "ties", "losses")},
+        "verdict": verdict(pair),
+    }

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
-from airzoo_bench.cli.common import JobsOption, say
-from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
+from airzoo_bench.cli.common import say
+from airzoo_bench.cli.engines import choose_progress, engine_parameters
 from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.choose import EngineKind, open_engine
@@ -29,7 +29,6 @@ class _BaselineGroup(BuiltGroup):
     own_panel = "Method"
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Benchmark and predictions": ("data", "out"),
-        "Run": ("jobs", "engine", "scheduler", "show_progress"),
     }
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -49,10 +48,7 @@ class _BaselineGroup(BuiltGroup):
             parameter("out", out, Path(baseline.out)),
             parameter("data", DataOption, None),
             *option_parameters(type(baseline.settings)),
-            parameter("jobs", JobsOption, 2),
-            parameter("engine", EngineOption, EngineKind.LOCAL),
-            parameter("scheduler", SchedulerOption, None),
-            parameter("show_progress", ProgressOption, False),
+            *engine_parameters(2),
         ]
         command = with_parameters(partial(_predict, thing), parameters, baseline.summary)
         return command, f"baseline {thing.name} {baseline.example}"

@@ -6,20 +6,21 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from inspect import Parameter, Signature
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
 from airzoo_bench.cli.common import LightGroup, examples, in_panels
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import Option, Registry
 
-__all__ = ["BuiltGroup", "option_parameters", "parameter", "with_parameters"]
-
-
-_OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
+__all__ = [
+    "BuiltGroup",
+    "field_parameters",
+    "option_parameters",
+    "parameter",
+    "with_parameters",
+]
 
 
 class BuiltGroup(LightGroup):
@@ -56,27 +57,8 @@ class BuiltGroup(LightGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the subcommand that is meant, or name what may be."""
-        names = self.list_commands(ctx)
-        if args and args[0] not in names:
-            self._refuse_unknown(ctx, args, names)
-        self.commands = dict.fromkeys(names)  # type: ignore[assignment]
+        self.commands = dict.fromkeys(self.list_commands(ctx))  # type: ignore[assignment]
         return super().resolve_command(ctx, args)
-
-    def _refuse_unknown(self, ctx: Any, args: list[str], names: list[str]) -> None:
-        """Refuse a path in place of the name, and a name that is not known."""
-        from airzoo_bench.core.validation import nearest
-
-        if Path(args[0]).exists() or Path(args[0]).suffix in _OF_FILES:
-            raise UsageError(
-                f"{args[0]} stands where the name of a command does",
-                expected=" or ".join(names),
-                fix=f"{ctx.command_path} {names[0]} {args[0]}",
-            )
-        if not args[0].startswith("-"):
-            raise UsageError(
-                f"{ctx.command_path} knows no {args[0]!r}{nearest(args[0], names, 1)}",
-                expected=", ".join(names),
-            )
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a subcommand."""
@@ -94,6 +76,12 @@ class BuiltGroup(LightGroup):
 def parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter:
     """Return a parameter of a command, required where it has no default."""
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+def field_parameters(options: type[Any]) -> list[Parameter]:
+    """Return a parameter for each field of a dataclass whose types carry options of typer."""
+    hints = get_type_hints(options, include_extras=True)
+    return [parameter(field.name, hints[field.name], field.default) for field in fields(options)]
 
 
 def option_parameters(settings: type[Any]) -> list[Parameter]:

@@ -8,41 +8,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from airzoo_bench.cli.common import (
-    Format,
-    FormatOption,
-    examples,
-    progress,
-    put,
-    say,
-    show,
-)
+from airzoo_bench.cli.common import Format, FormatOption, examples, progress, put, say, show
+from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
     from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 
-__all__ = [
-    "GEOMETRY_EXAMPLES",
-    "GEOMETRY_PANELS",
-    "SPLIT_EXAMPLES",
-    "check_geometry",
-    "check_split",
-]
+__all__ = ["GEOMETRY_EXAMPLES", "PANELS", "SPLIT_EXAMPLES", "check_geometry", "check_split"]
 
 SPLIT_EXAMPLES = examples("check-split training-set airzoo-mini --out overlaps.csv")
-
 GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --out geometry")
-
-GEOMETRY_PANELS = {
+PANELS = {
     "Cameras": ("scene", "poses", "images", "crs"),
     "Depth": ("depth", "depth_kind", "depth_scale", "samples", "seed", "median_below"),
     "Output": ("out", "form"),
 }
-
-DEPTH_FOLDER = "depth"
-
-DepthKinds = Literal["z", "ray"]
 
 
 def check_geometry(
@@ -62,15 +43,15 @@ def check_geometry(
         Path | None,
         typer.Option(
             help="Folder of the depth maps, or of one for each scene (default: depth/ next to the "
-            "folder of the photos).",
-            show_default=False,
+            "folder of the photos)."
         ),
     ] = None,
     depth_kind: Annotated[
-        DepthKinds, typer.Option(help="Depth along the optical axis, or along the pixel's ray.")
+        Literal["z", "ray"], typer.Option(help="Depth along the optical axis, or the pixel's ray.")
     ] = "z",
     depth_scale: Annotated[
-        float | None, typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG.")
+        float | None,
+        typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG."),
     ] = None,
     samples: Annotated[int, typer.Option(min=64, help="Pixels sampled of each frame.")] = 4096,
     seed: Annotated[int, typer.Option(min=0, help="Of the sampling.")] = 0,
@@ -78,23 +59,19 @@ def check_geometry(
         float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
     ] = 0.00066,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for geometry.json and photos.csv."),
+        Path | None, typer.Option("--out", "-o", help="Folder for geometry.json and photos.csv.")
     ] = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
     from airzoo_bench.core.files import check_output_folder
-    from airzoo_bench.datasets.geometry_checks.report import (
-        OUTPUT_NAMES,
-        geometry_table,
-        report_values,
-        save_report,
-    )
+    from airzoo_bench.datasets.geometry_checks import report
 
     if out is not None:
-        check_output_folder(out, OUTPUT_NAMES)
-    _check_scale(depth_scale)
+        check_output_folder(out, report.OUTPUT_NAMES)
+    if depth_scale is not None and not 0.0 < depth_scale < float("inf"):
+        what = f"--depth-scale {depth_scale} is not a scale"
+        raise UsageError(what, expected="metres of a unit")
     sampling = {
         "kind": depth_kind,
         "scale_m": depth_scale,
@@ -105,63 +82,24 @@ def check_geometry(
     scenes = _scenes(data, scene, poses, images, crs)
     checked = [_checked(one, depth, sampling) for one in scenes]
     if form is Format.JSON:
-        put(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
+        put(json.dumps(report.report_values(checked), indent=1, allow_nan=False) + "\n")
     else:
-        show(geometry_table(checked), form)
-    for path in save_report(checked, out) if out is not None else ():
+        show(report.geometry_table(checked), form)
+    for path in report.save_report(checked, out) if out is not None else ():
         say(f"wrote {path}")
     if any(one.failures for one in checked):
-        raise typer.Exit(1)
-
-
-def check_split(
-    train: Annotated[Path, typer.Argument(help="A benchmark folder, or a CSV of footprints.")],
-    test: Annotated[Path, typer.Argument(help="Another.")],
-    max_range: Annotated[
-        float, typer.Option(min=1.0, help="Rays to the ground are cut at this many metres.")
-    ] = 2000.0,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="CSV of all pairs that overlap.")
-    ] = None,
-    form: FormatOption = Format.TERMINAL,
-) -> None:
-    """Check that no photo of one set sees ground that a photo of another sees.
-
-    Exit code 1 where one does, with the pairs named.
-    """
-    from airzoo_bench.datasets.geometry_checks.splits import (
-        compare_splits,
-        read_footprints,
-        split_table,
-        split_values,
-    )
-
-    sets = [read_footprints(place, max_range) for place in (train, test)]
-    found = compare_splits(*sets, csv=out, progress=progress)
-    if form is Format.JSON:
-        put(json.dumps(split_values(found), indent=1, allow_nan=False) + "\n")
-    else:
-        show(split_table(found), form)
-    if out is not None:
-        say(f"wrote {out}")
-    if not found.passes:
         raise typer.Exit(1)
 
 
 def _scenes(
     data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
 ) -> list[PosedScene]:
-    from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.datasets.geometry_checks.scenes import (
-        open_benchmark,
-        scene_from_poses,
-        scenes_of_benchmark,
-    )
+    from airzoo_bench.datasets.geometry_checks import scenes
 
     if data is not None and (poses, images, crs) == (None, None, None):
-        return scenes_of_benchmark(open_benchmark(data), scene, measured=True)
+        return scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene, measured=True)
     if data is None and scene is None and poses is not None and images is not None:
-        return [scene_from_poses(poses, images, crs, progress)]
+        return [scenes.scene_from_poses(poses, images, crs, progress)]
     raise UsageError(
         "what is to be checked is not clear",
         expected="a benchmark folder DATA, perhaps with --scene; or --poses and --images, "
@@ -169,20 +107,12 @@ def _scenes(
     )
 
 
-def _check_scale(scale: float | None) -> None:
-    from airzoo_bench.core.errors import UsageError
-
-    if scale is not None and not 0.0 < scale < float("inf"):
-        raise UsageError(f"--depth-scale {scale} is not a scale", expected="metres of a unit")
-
-
 def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
-    from airzoo_bench.core.errors import UsageError
     from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
     from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 
-    folder = scene.folder.resolve().parent / DEPTH_FOLDER if depth is None else depth
+    folder = scene.folder.resolve().parent / "depth" if depth is None else depth
     if depth is not None and (depth / scene.name).is_dir():
         folder = depth / scene.name
     has_depth = depth is not None or folder.is_dir()
@@ -201,3 +131,32 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
             scene.ids, scene.cameras, scene.poses, paths, **sampling, progress=progress
         )
     return SceneGeometry(scene, chain, found)
+
+
+def check_split(
+    train: Annotated[Path, typer.Argument(help="A benchmark folder, or a CSV of footprints.")],
+    test: Annotated[Path, typer.Argument(help="Another.")],
+    max_range: Annotated[
+        float, typer.Option(min=1.0, help="Rays to the ground are cut at this many metres.")
+    ] = 2000.0,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="CSV of all pairs that overlap.")
+    ] = None,
+    form: FormatOption = Format.TERMINAL,
+) -> None:
+    """Check that no photo of one set sees ground that a photo of another sees.
+
+    Exit code 1 where one does, with the pairs named.
+    """
+    from airzoo_bench.datasets.geometry_checks import splits
+
+    sets = [splits.read_footprints(place, max_range) for place in (train, test)]
+    found = splits.compare_splits(*sets, csv=out, progress=progress)
+    if form is Format.JSON:
+        put(json.dumps(splits.split_values(found), indent=1, allow_nan=False) + "\n")
+    else:
+        show(splits.split_table(found), form)
+    if out is not None:
+        say(f"wrote {out}")
+    if not found.passes:
+        raise typer.Exit(1)

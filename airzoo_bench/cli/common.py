@@ -18,39 +18,18 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import report_progress
-from airzoo_bench.tables.model import Table
 
 if TYPE_CHECKING:
     from airzoo_bench.protocol.model import Protocol
     from airzoo_bench.results.result import ScoreColumn
-
-__all__ = [
-    "Format",
-    "FormatOption",
-    "JobsOption",
-    "LightGroup",
-    "MemoryOption",
-    "NamesOption",
-    "ProtocolOption",
-    "ReaderOption",
-    "UntrustedOption",
-    "check_output",
-    "examples",
-    "in_panels",
-    "memory_bytes",
-    "printable",
-    "progress",
-    "put",
-    "say",
-    "say_replaced",
-    "scores_of",
-    "show",
-    "working",
-]
+    from airzoo_bench.tables.model import Table
 
 T = TypeVar("T")
 
 MOST_JOBS = 1024
+_OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
+SCALE = "For scale"
+_FOR_SCALE = ("jobs", "max_memory", "untrusted", "engine", "scheduler", "resume", "show_progress")
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -67,7 +46,7 @@ class Format(StrEnum):
 
 
 class LightGroup(TyperGroup):
-    """A group of commands that shows its help without loading Pydantic."""
+    """A group of commands that shows its help without Pydantic, and names the near command."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments; typer's own flags have no default, and its types would be made."""
@@ -76,6 +55,20 @@ class LightGroup(TyperGroup):
                 one.default = False
         return super().parse_args(ctx, args)
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command of a name; refuse an unknown one, or a path in its place."""
+        names, given = self.list_commands(ctx), args[0]
+        if given in names or given.startswith("-"):
+            return super().resolve_command(ctx, args)
+        from airzoo_bench.core.validation import nearest
+
+        is_path = Path(given).exists() or Path(given).suffix in _OF_FILES
+        raise UsageError(
+            f"{ctx.command_path} knows no {given!r}{nearest(given, names, 1)}",
+            expected="one of " + ", ".join(names),
+            fix=f"{ctx.command_path} {names[0]} {given}" if is_path else None,
+        )
+
 
 FormatOption = Annotated[Format, typer.Option("--format", "-f", help="How to print the table.")]
 ProtocolOption = Annotated[
@@ -83,7 +76,11 @@ ProtocolOption = Annotated[
     typer.Option("--protocol", help="Name or .toml file (default: what the file itself names)."),
 ]
 MemoryOption = Annotated[
-    str, typer.Option("--max-memory", help="Memory for all of a file, such as 512M or 4G.")
+    str,
+    typer.Option(
+        "--max-memory",
+        help="Memory for all of a file, such as 512M or 4G; of a worker of Dask too.",
+    ),
 ]
 ReaderOption = Annotated[
     str | None,
@@ -121,8 +118,10 @@ ImageSizeOption = Annotated[
         show_default=False,
     ),
 ]
+AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 JobsOption = Annotated[
-    int, typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads to work with.")
+    int,
+    typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads or processes to work with."),
 ]
 
 
@@ -134,50 +133,35 @@ def examples(*calls: str) -> str:
 def in_panels(panels: Mapping[str, Sequence[str]], rest: str | None = None) -> type[TyperCommand]:
     """Return a command class whose help shows options in panels, each a list of parameters.
 
-    Other options stand in the panel `rest`, the second, where it has a name; arguments and --help
-    before all.
+    Other options stand in the panel `rest`, where it has a name. What is for scale is the last.
     """
-    panel_of = {name: panel for panel, names in panels.items() for name in names}
-    order = list(panel_of)
-    second = len(next(iter(panels.values()), ())) - 0.5
+    named = {**panels, **({rest: ()} if rest else {}), SCALE: _FOR_SCALE}
+    panel_of = {name: panel for panel, names in named.items() for name in names}
+    order = [*named]
 
-    def is_first(one: Any) -> bool:
-        return rest is None or one.name == "help" or one.param_type_name == "argument"
+    def panel(one: Any) -> str | None:
+        is_first = one.name == "help" or one.param_type_name == "argument"
+        return None if is_first else panel_of.get(one.name, rest)
 
-    def place(one: Any) -> float:
-        if one.name in panel_of:
-            return order.index(one.name)
-        return -1 if is_first(one) else second
+    def place(one: Any) -> tuple[int, int]:
+        found = panel(one)
+        names = [*named.get(found or "", ())]
+        inside = names.index(one.name) if one.name in names else 0
+        return (-1 if found is None else order.index(found), inside)
 
     class Grouped(TyperCommand):
         def __init__(self, *args: Any, **settings: Any) -> None:
             super().__init__(*args, **settings)
-            for parameter in self.params:
-                panel = panel_of.get(parameter.name, None if is_first(parameter) else rest)
-                if panel is not None:
-                    parameter.rich_help_panel = panel  # type: ignore[attr-defined]
+            for one in self.params:
+                if panel(one) is not None:
+                    one.rich_help_panel = panel(one)  # type: ignore[attr-defined]
             self.params.sort(key=place)
 
     return Grouped
 
 
 def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()) -> None:
-    """Refuse, before any work, a file that cannot be written or that would replace what is read.
-
-    Parameters
-    ----------
-    out : Path
-        The file to write.
-    results : iterable of Path
-        Results, or the folders that hold one; what belongs to them is kept too.
-    endings : iterable of str
-        Those that the file may have, such as ``.html``; any where there are none.
-
-    Raises
-    ------
-    UsageError
-        See `airzoo_bench.core.files.check_output_file`; or the ending is another.
-    """
+    """Refuse, before any work, a file that cannot be written or that would replace a result."""
     from airzoo_bench.core.files import check_output_file
     from airzoo_bench.results.files import records_path
 
@@ -200,13 +184,7 @@ def say_replaced(out: Path) -> None:
 
 
 def memory_bytes(text: str) -> int:
-    """Turn ``512M`` into bytes.
-
-    Raises
-    ------
-    UsageError
-        It is not a size.
-    """
+    """Turn ``512M`` into bytes."""
     found = re.fullmatch(r"(\d+)([KMGT]?)B?", text.strip().upper())
     if not found or int(found[1]) == 0:
         raise UsageError(f"--max-memory {text!r} is not a size", expected="such as 512M or 4G")

@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, examples, show
+from airzoo_bench.cli.locations import ResultsArgument
 from airzoo_bench.core.errors import UsageError
 
-if TYPE_CHECKING:
-    from airzoo_bench.tables.model import Table
-
-__all__ = ["EXAMPLES", "PANELS", "compare"]
+__all__ = ["EXAMPLES", "compare"]
 
 EXAMPLES = examples(
     "compare results/mine/result.json results/theirs/result.json",
     "compare results/*/result.json --method Mine",
 )
 
-PANELS = {
-    "What is compared": ("score", "every", "reference", "method", "scene", "most_different"),
-    "Output": ("form",),
-}
-
 
 def compare(
-    results: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="RESULTS",
-            help="Two or more result.json, or their folders; of one, its intervals are printed. "
-            "Paths or URLs.",
-        ),
-    ] = None,
+    results: ResultsArgument,
     form: FormatOption = Format.TERMINAL,
     score: Annotated[
         list[str] | None,
@@ -65,66 +50,38 @@ def compare(
         ),
     ] = None,
 ) -> None:
-    """Compare methods query by query: differences, intervals, tests, a verdict in words."""
+    """Compare methods query by query: differences, intervals, tests, a verdict in words.
+
+    Of one result, its intervals are printed.
+    """
+    from airzoo_bench.api import results as face
+    from airzoo_bench.results.comparable import find_scene
+    from airzoo_bench.results.comparison import find_one
     from airzoo_bench.results.files import results_here
+    from airzoo_bench.tables.comparison import differences_table
 
-    given, scores = results or [], score or []
-    _check(given, every and bool(scores), reference or method, most_different)
-    paths = results_here(given)
-    if most_different is not None:
-        asked = (paths, scores, every, reference, method, scene)
-        show(_differences(*asked, most_different), form)
-        return
-    from airzoo_bench.api import comparison
-
-    found = comparison.compare(
-        paths,
-        scores,
-        every=every,
-        reference=reference,
-        method=method,
-        scene=scene,
-    )
-    show(found.table, form)
-
-
-def _check(paths: list[str], twice: bool, named: str | None, most_different: int | None) -> None:
-    """Refuse options that exclude each other; `twice` is --all with --score."""
-    if not paths:
-        raise UsageError(
-            "nothing to compare",
-            expected="result files",
-            fix="airzoo-bench compare a/result.json b/result.json",
-        )
-    if twice:
+    paths, scores = results_here(results), score or []
+    if every and scores:
         raise UsageError("--all and --score exclude each other", fix="leave one of them out")
-    if len(paths) == 1 and (named or most_different):
+    if len(paths) == 1 and (reference or method or most_different):
         raise UsageError(
             "--reference, --method and --most-different need two or more results",
             fix="name another result, or leave the option out",
         )
-    if len(paths) > 2 and named and most_different:
+    if most_different is None:
+        found = face.compare(
+            paths, scores, every=every, reference=reference, method=method, scene=scene
+        )
+        show(found.table, form)
+        return
+    if len(paths) > 2 and (reference or method):
         raise UsageError(
             "--most-different of more than two results has no reference",
             expected="two results, or neither --reference nor --method: the best is then compared "
             "with the worst",
         )
-
-
-def _differences(
-    paths: list[Path],
-    scores: list[str],
-    every: bool,
-    reference: str | None,
-    method: str | None,
-    scene: str | None,
-    most: int,
-) -> Table:
-    from airzoo_bench.api.comparison import Request
-    from airzoo_bench.results.comparison import find_one
-    from airzoo_bench.tables.comparison import differences_table
-
-    asked = Request.of(paths, scores, every=every, scene=scene, every_column=True)
-    one = find_one(asked.methods, reference, method, asked.scores[0], asked.scene)
+    methods, chosen = face.methods_of(paths, scores, every=every, all_columns=True)
+    where = scene and find_scene(methods[0].result.truth.scene_titles, scene)
+    one = find_one(methods, reference, method, chosen[0], where)
     base = one if method is None else 1 - one
-    return differences_table(asked.methods, asked.scores, most, asked.scene, base=base)
+    show(differences_table(methods, chosen, most_different, where, base=base), form)

@@ -5,28 +5,20 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from airzoo_bench.cli.common import printable, progress, say
+from airzoo_bench.cli.built import parameter
+from airzoo_bench.cli.common import JobsOption, printable, progress, say
 from airzoo_bench.core.progress import Progress, report_progress
 from airzoo_bench.engines.choose import EngineKind
 
 if TYPE_CHECKING:
     from airzoo_bench.engines.engine import Engine
     from airzoo_bench.evaluation.scene_store import SceneStore
-
-__all__ = [
-    "EngineOption",
-    "ProgressOption",
-    "ResumeOption",
-    "SchedulerOption",
-    "choose_progress",
-    "keep_scenes",
-    "rated",
-]
 
 T = TypeVar("T")
 
@@ -68,6 +60,16 @@ ProgressOption = Annotated[
 ]
 
 
+def engine_parameters(jobs: int) -> list[Parameter]:
+    """Return the options of a command whose work may be done elsewhere."""
+    return [
+        parameter("jobs", JobsOption, jobs),
+        parameter("engine", EngineOption, EngineKind.LOCAL),
+        parameter("scheduler", SchedulerOption, None),
+        parameter("show_progress", ProgressOption, False),
+    ]
+
+
 @contextmanager
 def keep_scenes(beside: Path | None, *, resume: bool) -> Iterator[SceneStore | None]:
     """Open the store of scored scenes for ``--resume``; remove it when the block is done."""
@@ -91,14 +93,7 @@ def keep_scenes(beside: Path | None, *, resume: bool) -> Iterator[SceneStore | N
 
 
 def choose_progress(place: Engine, *, show_progress: bool) -> Progress:
-    """Return how the work of an engine is shown by who gives it tasks; say where its pages are.
-
-    Parameters
-    ----------
-    place : Engine
-    show_progress : bool
-        What ``--progress`` shows.
-    """
+    """Return how the work of an engine is shown; say where its dashboard is."""
     if show_progress and place.dashboard is not None:
         say(f"dashboard: {place.dashboard}")
     return rated if show_progress else progress

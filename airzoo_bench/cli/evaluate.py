@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -12,10 +12,11 @@ import typer
 
 from airzoo_bench.cli.built import BuiltGroup, parameter, with_parameters
 from airzoo_bench.cli.common import (
+    AllOption,
     Format,
     FormatOption,
     ImageSizeOption,
-    JobsOption,
+    MemoryOption,
     NamesOption,
     ProtocolOption,
     ReaderOption,
@@ -26,11 +27,9 @@ from airzoo_bench.cli.common import (
     show,
 )
 from airzoo_bench.cli.engines import (
-    EngineOption,
-    ProgressOption,
     ResumeOption,
-    SchedulerOption,
     choose_progress,
+    engine_parameters,
     keep_scenes,
 )
 from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
@@ -39,8 +38,8 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.engines.choose import EngineKind, open_engine
 
 if TYPE_CHECKING:
+    from airzoo_bench.evaluation.evaluate import Evaluation
     from airzoo_bench.evaluation.info import EvalOption, TrackInfo
-    from airzoo_bench.results.result import Result
 
 __all__ = ["app"]
 
@@ -58,15 +57,6 @@ MethodOption = Annotated[
     str | None,
     typer.Option(help="The method's name in tables (default: the name of --out, else the file's)."),
 ]
-_MemoryOption = Annotated[
-    str,
-    typer.Option(
-        "--max-memory",
-        help="Memory for all of a file, such as 512M or 4G; with --engine dask, the limit of each "
-        "worker too.",
-    ),
-]
-AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 
 
 class _EvalGroup(BuiltGroup):
@@ -75,20 +65,12 @@ class _EvalGroup(BuiltGroup):
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Predictions": ("protocol", "data", "reader", "names", "image_size"),
         "Output": ("out", "method", "form", "every_score"),
-        "Run": (
-            "jobs",
-            "max_memory",
-            "untrusted",
-            "engine",
-            "scheduler",
-            "resume",
-            "show_progress",
-        ),
     }
 
     def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str, str]:
+        about = typer.Argument(metavar="PREDICTIONS", help=f"{thing.argument} A path or a URL.")
         parameters = [
-            parameter("predictions", Annotated[str, _predictions(thing.argument)]),
+            parameter("predictions", Annotated[str, about]),
             parameter("protocol", ProtocolOption, None),
             parameter("data", DataOption, None),
             parameter("out", OutOption, None),
@@ -99,13 +81,10 @@ class _EvalGroup(BuiltGroup):
             parameter("form", FormatOption, Format.TERMINAL),
             parameter("every_score", AllOption, False),
             *(parameter(one.name, _kind(one), one.default) for one in thing.options),
-            parameter("jobs", JobsOption, thing.jobs),
-            parameter("max_memory", _MemoryOption, "2G"),
+            *engine_parameters(thing.jobs),
+            parameter("max_memory", MemoryOption, "2G"),
             parameter("untrusted", UntrustedOption, False),
-            parameter("engine", EngineOption, EngineKind.LOCAL),
-            parameter("scheduler", SchedulerOption, None),
             parameter("resume", ResumeOption, False),
-            parameter("show_progress", ProgressOption, False),
         ]
         command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
         call = f"eval {thing.name} {thing.example}"
@@ -120,10 +99,6 @@ app = typer.Typer(
 @app.callback()
 def _group() -> None:
     """Score predictions and print the per-scene table."""
-
-
-def _predictions(about: str) -> Any:
-    return typer.Argument(metavar="PREDICTIONS", help=f"{about} A path or a URL.")
 
 
 def _kind(one: EvalOption) -> Any:
@@ -153,18 +128,22 @@ def _evaluate(
     image_size: str | None = None,
     **extras: bool | int,
 ) -> None:
-    from airzoo_bench.core.registry import resolve
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.opening import ReadBy
-    from airzoo_bench.evaluation.run_files import local_place, only_run_at, run_folder, save
+    from airzoo_bench.evaluation.run_files import check_run_folder, local_place, only_run_at
     from airzoo_bench.evaluation.track import Run
 
-    asked = [one for one in track.options if extras[one.name] != one.default]
+    asked = {one: extras[one.name] for one in track.options if extras[one.name] != one.default}
     writing = [f"--{one.name}" for one in asked if one.needs_out]
-    _refuse_without_folder([*writing, *["--resume"] * resume], out)
-    inputs = [one for one in (predictions, protocol, data, names) if one is not None]
-    name = _named_after(out, method, inputs)
+    if out is None and (writing or resume):
+        what = " and ".join([*writing, *["--resume"] * resume])
+        raise UsageError(f"{what}: a folder to write into is needed", fix="add --out DIR")
+    name = method
+    if out is not None:
+        refuse_one_slash(out)
+        check_run_folder(out, [one for one in (predictions, protocol, data, names) if one])
+        name = method or _name_of(out)
     memory = memory_bytes(max_memory)
     with (
         only_run_at(out),
@@ -188,49 +167,25 @@ def _evaluate(
         )
         if evaluation.given.reader is not None:
             say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
-
-        def act(folder: Path | None) -> Iterator[str]:
-            for one in asked:
-                if one.needs_out == (folder is not None):
-                    yield from resolve(one.act)(evaluation, extras[one.name], folder, run)
-
-        written, lines = list[Path](), list[str]()
-        if out is not None:
-            with run_folder(out) as folder:
-
-                def draw(staged: Path) -> None:
-                    lines.extend(line.replace(str(staged), str(folder)) for line in act(staged))
-
-                written = save(evaluation, folder, draw)
-        for line in lines:
-            say(line)
-        _print_result(evaluation.result, form, every_score=every_score)
-        for line in act(None):
+        written = [] if out is None else _save(evaluation, out, partial(_act, asked, run))
+        _print_result(evaluation, form, every_score=every_score)
+        for line in _act(asked, run, evaluation, None):
             say(line)
     if method is None and name is not None:
         say(f"the method is called {name}, after --out; --method gives it another name")
-    _print_next(written)
+    if not written:
+        say("nothing was written; add --out DIR to keep the result and its records")
+        return
+    *others, last = map(str, written)
+    say(f"wrote {', '.join(others)} and {last}")
+    say(f"next: airzoo-bench table {written[0]} --format latex")
 
 
-def _refuse_without_folder(writing: list[str], out: str | None) -> None:
-    if writing and out is None:
-        needs = "needs" if len(writing) == 1 else "need"
-        raise UsageError(
-            f"{' and '.join(writing)} {needs} a folder to write into", fix="add --out DIR"
-        )
-
-
-def _named_after(out: str | None, method: str | None, inputs: Sequence[str | Path]) -> str | None:
-    """Check the output folder, and return the method's name: as given, or the folder's."""
-    from airzoo_bench.evaluation.run_files import check_run_folder
+def _name_of(out: str) -> str | None:
     from airzoo_bench.storage.urls import url_of
 
-    if out is None:
-        return method
-    refuse_one_slash(out)
-    check_run_folder(out, inputs)
     url = url_of(out)
-    return method or (Path(out).resolve() if url is None else url).name or None
+    return (Path(out).resolve() if url is None else url).name or None
 
 
 def _say_replaced(out: str | None) -> None:
@@ -242,20 +197,41 @@ def _say_replaced(out: str | None) -> None:
         say(replaced)
 
 
-def _print_result(result: Result, form: Format, *, every_score: bool) -> None:
+def _act(
+    asked: dict[EvalOption, Any], run: Any, done: Evaluation, folder: Path | None
+) -> Iterator[str]:
+    """Do what a track's own options ask for: within the run's folder, or without one."""
+    from airzoo_bench.core.registry import resolve
+
+    for one, value in asked.items():
+        if one.needs_out == (folder is not None):
+            yield from resolve(one.act)(done, value, folder, run)
+
+
+def _save(
+    evaluation: Evaluation, out: str, act: Callable[[Evaluation, Path], Iterator[str]]
+) -> list[Path]:
+    """Write the files of the run, and say what was drawn."""
+    from airzoo_bench.evaluation.run_files import run_folder, save
+
+    lines: list[str] = []
+    with run_folder(out) as folder:
+
+        def draw(staged: Path) -> None:
+            lines.extend(line.replace(str(staged), str(folder)) for line in act(evaluation, staged))
+
+        written = save(evaluation, folder, draw)
+    for line in lines:
+        say(line)
+    return written
+
+
+def _print_result(evaluation: Evaluation, form: Format, *, every_score: bool) -> None:
     from airzoo_bench.tables.layouts import scenes_table
 
+    result = evaluation.result
     if form is Format.JSON:
         content = json.loads(result.model_dump_json(by_alias=True))
         put(json.dumps(content, indent=1) + "\n")
     else:
         show(scenes_table(result, every_score=every_score, floors=True), form)
-
-
-def _print_next(written: list[Path]) -> None:
-    if written:
-        *others, last = map(str, written)
-        say(f"wrote {', '.join(others)} and {last}")
-        say(f"next: airzoo-bench table {written[0]} --format latex")
-    else:
-        say("nothing was written; add --out DIR to keep the result and its records")

@@ -13,15 +13,6 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import data_location, data_root
 from airzoo_bench.storage.urls import SCHEMES, is_url
 
-__all__ = [
-    "DataOption",
-    "ResultsArgument",
-    "predictions_here",
-    "refuse_one_slash",
-    "resolve_data",
-    "with_data",
-]
-
 DataOption = Annotated[
     str | None,
     typer.Option(
@@ -44,13 +35,7 @@ _ONE_SLASH = re.compile(rf"({'|'.join(SCHEMES)}):/(?!/)", re.IGNORECASE)
 
 
 def refuse_one_slash(location: str) -> None:
-    """Refuse what was meant as a URL and would be taken for a path.
-
-    Raises
-    ------
-    UsageError
-        It begins as ``s3:/`` does, and no such path is there.
-    """
+    """Refuse what begins as ``s3:/`` does: it was meant as a URL, and is taken for a path."""
     found = _ONE_SLASH.match(location)
     if found is not None and not Path(location).exists():
         raise UsageError(

@@ -1,4 +1,4 @@
-"""Entry point: exit codes and all commands.
+"""Entry point: all commands, each imported when it is chosen, and exit codes.
 
 0 done; 1 a check found something wrong; 2 the input is wrong; 70 a bug of the suite; 130 stopped.
 """
@@ -9,6 +9,8 @@ import io
 import re
 import sys
 import traceback
+from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -16,33 +18,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperOption
 
-from airzoo_bench.cli import (
-    audit,
-    baseline,
-    breakdown,
-    check,
-    check_geometry,
-    compare,
-    demo,
-    download,
-    evaluate,
-    leaderboard,
-    manifest,
-    mini,
-    plot,
-    prepare,
-    protocols,
-    readers,
-    report,
-    seal,
-    submit,
-    table,
-    template,
-)
 from airzoo_bench.cli.common import LightGroup, in_panels, say
 from airzoo_bench.cli.remedies import options_of, own_ways
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.core.version import __version__
 
 __all__ = ["app", "main"]
 
@@ -50,21 +28,102 @@ _INPUT_IS_WRONG = 2
 _BUG = 70
 _MOST_NEIGHBOURS = 10_000
 
-SCORE, RESULTS, DATA = "Score", "Results", "Data"
-CHECKS, MINI = "Checks", "AirZoo-Mini, which needs no data"
-LEADERBOARD = "Leaderboard"
-_PANELS = (SCORE, RESULTS, DATA, CHECKS, LEADERBOARD, MINI)
-_FIRST = ("eval", "table", "prepare", "submit", "leaderboard")
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a command is: a function or a group of commands in a module of this folder."""
+
+    module: str
+    attribute: str
+    help: str
+    examples: str = "EXAMPLES"
+
+
+_COMMANDS: dict[str, dict[str, _Place]] = {
+    "Score": {
+        "eval": _Place("evaluate", "app", "Score predictions and print the per-scene table."),
+        "check": _Place("check", "check", "Say what predictions are, and all that is wrong."),
+        "readers": _Place("readers", "readers", "List what reads files as methods write them."),
+        "template": _Place("template", "template", "Write an example prediction."),
+        "baseline": _Place("baseline", "app", "Run a plain method that needs no weights."),
+    },
+    "Results": {
+        "table": _Place("table", "table", "Print results as a table: terminal, LaTeX, CSV ..."),
+        "compare": _Place("compare", "compare", "Compare methods query by query, with tests."),
+        "breakdown": _Place("breakdown", "breakdown", "Print scores by weather, altitude ..."),
+        "plot": _Place("plot", "app", "Draw results as pictures."),
+        "report": _Place("report", "report", "Write a report: one HTML file with everything."),
+    },
+    "Data": {
+        "prepare": _Place("prepare", "app", "Make a benchmark folder out of data."),
+        "download": _Place("download", "download", "Fetch a published benchmark, or its links."),
+        "manifest": _Place("manifest", "manifest", "Fill in benchmark.toml of your own folder."),
+        "protocols": _Place("protocols", "protocols", "List what can be measured, or print one."),
+    },
+    "Checks": {
+        "audit": _Place("audit", "audit", "Check a published table against arithmetic."),
+        "check-geometry": _Place(
+            *("check_geometry", "check_geometry"),
+            "Check frames and depth of a dataset.",
+            "GEOMETRY_EXAMPLES",
+        ),
+        "check-split": _Place(
+            *("check_geometry", "check_split"),
+            "Check that two sets see no common ground.",
+            "SPLIT_EXAMPLES",
+        ),
+    },
+    "Leaderboard": {
+        "submit": _Place("submit", "submit", "Submit predictions to a board."),
+        "submission": _Place("submit", "app", "Check what is sent to a board."),
+        "leaderboard": _Place("leaderboard", "app", "A board of your own: files, CI, pages."),
+        "seal": _Place("seal", "seal", "Split a benchmark from its truth.", "SEAL_EXAMPLES"),
+        "seal-score": _Place(
+            "seal", "seal_score", "Score against a sealed truth.", "SCORE_EXAMPLES"
+        ),
+    },
+    "AirZoo-Mini, which needs no data": {
+        "demo": _Place("demo", "demo", "Run a plain method on every track, and print the tables."),
+        "mini": _Place("mini", "app", "Make the world of AirZoo-Mini, and photos of it."),
+    },
+}
 
 
 class _Main(LightGroup):
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Name the commands by panel, in each the ones that most come for first."""
-        return sorted(super().list_commands(ctx), key=self._place)
+    """All commands, in panels; the help imports none of them."""
 
-    def _place(self, name: str) -> tuple[int, bool]:
-        panel = getattr(self.commands[name], "rich_help_panel", MINI)
-        return _PANELS.index(panel), name not in _FIRST
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*(name for part in _COMMANDS.values() for name in part), *self.commands]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command."""
+        place = next((part[cmd_name] for part in _COMMANDS.values() if cmd_name in part), None)
+        if place is not None and cmd_name not in self._built:
+            self._built[cmd_name] = _command(cmd_name, place)
+        return self._built.get(cmd_name) or super().get_command(ctx, cmd_name)
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self._built: dict[str, Any] = {}
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands panel by panel."""
+        for panel, places in _COMMANDS.items():
+            with formatter.section(panel):
+                formatter.write_dl([(name, place.help) for name, place in places.items()])
+
+
+def _command(name: str, place: _Place) -> Any:
+    module = import_module(f"airzoo_bench.cli.{place.module}")
+    found = getattr(module, place.attribute)
+    if isinstance(found, typer.Typer):
+        group = typer.main.get_group(found)
+        group.name = name
+        return group
+    app = typer.Typer(add_completion=False)
+    panels = in_panels(getattr(module, "PANELS", {}))
+    app.command(name, cls=panels, epilog=getattr(module, place.examples))(found)
+    return typer.main.get_command(app)
 
 
 _display_type = TyperOption.display_type_rich
@@ -86,52 +145,15 @@ app = typer.Typer(
     epilog="Start with: airzoo-bench demo, or airzoo-bench eval retrieval preds.npz",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # rich takes as long to import as all else
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.add_typer(evaluate.app, name="eval", rich_help_panel=SCORE)
-app.command("check", epilog=check.EXAMPLES, rich_help_panel=SCORE)(check.check)
-app.command("readers", epilog=readers.EXAMPLES, rich_help_panel=SCORE)(readers.readers)
-app.command("template", epilog=template.EXAMPLES, rich_help_panel=SCORE)(template.template)
-app.add_typer(baseline.app, name="baseline", rich_help_panel=SCORE)
-app.command("table", cls=in_panels(table.PANELS), epilog=table.EXAMPLES, rich_help_panel=RESULTS)(
-    table.table
-)
-app.command(
-    "compare", cls=in_panels(compare.PANELS), epilog=compare.EXAMPLES, rich_help_panel=RESULTS
-)(compare.compare)
-app.command("breakdown", epilog=breakdown.EXAMPLES, rich_help_panel=RESULTS)(breakdown.breakdown)
-app.add_typer(plot.app, name="plot", rich_help_panel=RESULTS)
-app.command("report", epilog=report.EXAMPLES, rich_help_panel=RESULTS)(report.report)
-app.command("download", epilog=download.EXAMPLES, rich_help_panel=DATA)(download.download)
-app.add_typer(prepare.app, name="prepare", rich_help_panel=DATA)
-app.command("manifest", epilog=manifest.EXAMPLES, rich_help_panel=DATA)(manifest.manifest)
-app.command("protocols", epilog=protocols.EXAMPLES, rich_help_panel=DATA)(protocols.protocols)
-app.command("audit", epilog=audit.EXAMPLES, rich_help_panel=CHECKS)(audit.audit)
-app.command(
-    "check-geometry",
-    cls=in_panels(check_geometry.GEOMETRY_PANELS),
-    epilog=check_geometry.GEOMETRY_EXAMPLES,
-    rich_help_panel=CHECKS,
-)(check_geometry.check_geometry)
-app.command("check-split", epilog=check_geometry.SPLIT_EXAMPLES, rich_help_panel=CHECKS)(
-    check_geometry.check_split
-)
-app.command(
-    "submit", cls=in_panels(submit.PANELS), epilog=submit.EXAMPLES, rich_help_panel=LEADERBOARD
-)(submit.submit)
-app.add_typer(submit.app, name="submission", rich_help_panel=LEADERBOARD)
-app.add_typer(leaderboard.app, name="leaderboard", rich_help_panel=LEADERBOARD)
-for _name, _command, _examples in (
-    ("seal", seal.seal, seal.SEAL_EXAMPLES),
-    ("seal-score", seal.seal_score, seal.SCORE_EXAMPLES),
-):
-    app.command(_name, epilog=_examples, rich_help_panel=LEADERBOARD)(_command)
-app.command("demo", epilog=demo.EXAMPLES, rich_help_panel=MINI)(demo.demo)
-app.add_typer(mini.app, name="mini", rich_help_panel=MINI)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from airzoo_bench.core.version import __version__
+
         typer.echo(f"airzoo-bench {__version__}")
         raise typer.Exit
 
@@ -147,13 +169,20 @@ def _root(
 
 def main() -> None:
     """Run the command line; errors become a message and an exit code."""
-    _allow_every_letter()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # Not every terminal or pipe has a code for every letter of a name.
+            stream.reconfigure(errors="backslashreplace")
     try:
         app(standalone_mode=True)
     except UserError as error:
         _refuse(error)
-    except (OSError, MemoryError) as error:
-        _refuse(_fault_of_the_machine(error))
+    except MemoryError as error:
+        fix = "lower --max-memory, or lower --jobs, or run it on a machine with more memory"
+        _refuse(UserError(f"not enough memory ({error})", fix=fix))
+    except OSError as error:
+        where = str(error.filename or "a file")[:200]
+        _refuse(UserError(error.strerror or str(error), where=where))
     except Exception:  # noqa: BLE001 - the one place where a bug is reported as a bug
         traceback.print_exc()
         say("airzoo-bench: this is a bug of the suite, not of your input: please report it")
@@ -167,13 +196,6 @@ def _refuse(error: UserError) -> NoReturn:
     sys.exit(_INPUT_IS_WRONG)
 
 
-def _allow_every_letter() -> None:
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            # Not every terminal or pipe has a code for every letter of a name.
-            stream.reconfigure(errors="backslashreplace")
-
-
 def _near_path(error: UserError) -> str:
     """Offer the name next to a path that is not there and is most like it."""
     path = Path(re.sub(r"^--\S+ ", "", error.where or ""))
@@ -184,13 +206,3 @@ def _near_path(error: UserError) -> str:
     names = [entry.name for entry in islice(path.parent.iterdir(), _MOST_NEIGHBOURS)]
     near = near_names(path.name, names, 1)
     return f"\n  nearest:  {path.parent / near[0]}" if near else ""
-
-
-def _fault_of_the_machine(error: OSError | MemoryError) -> UserError:
-    if isinstance(error, OSError):
-        where = str(error.filename or "a file")[:200]
-        return UserError(error.strerror or str(error), where=where)
-    return UserError(
-        f"not enough memory ({error})",
-        fix="lower --max-memory, or lower --jobs, or run it on a machine with more memory",
-    )

@@ -7,15 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from enum import StrEnum
 from functools import partial
-from inspect import Parameter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
 from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
-from airzoo_bench.cli.common import MOST_JOBS, progress, put, say, working
-from airzoo_bench.cli.engines import EngineOption, ProgressOption, SchedulerOption, choose_progress
+from airzoo_bench.cli.common import progress, put, say, working
+from airzoo_bench.cli.engines import choose_progress, engine_parameters
 from airzoo_bench.cli.locations import with_data
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import data_root
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 
-_GETTING_READY = "getting ready"
-
-
 class Parts(StrEnum):
     """Where parts of the map are."""
 
@@ -41,31 +37,31 @@ class Parts(StrEnum):
     FILES = "files"
 
 
-OutOption = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", help="The folder to make (default: in the data root)."),
-]
-TilesOption = Annotated[
-    Parts, typer.Option(help="Leave tiles as windows of the map, or write them as PNG too.")
-]
-CropsOption = Annotated[
-    Parts, typer.Option(help="Leave crops as windows, or write them as GeoTIFF too.")
-]
-CopyOption = Annotated[
-    bool, typer.Option("--copy", help="Copy photos, maps and clouds into the folder.")
-]
-JobsOption = Annotated[
-    int,
-    typer.Option(
-        "--jobs",
-        "-j",
-        min=1,
-        max=MOST_JOBS,
-        help="Processes to work with, each on a scene (of airzoo-mini on a photo); own photos are "
-        "one scene.",
+def _option(kind: Any, help_text: str, *names: str) -> Any:
+    return Annotated[kind, typer.Option(*names, help=help_text)]
+
+
+_OUTPUT = (
+    parameter(
+        "out",
+        _option(Path | None, "The folder to make (default: in the data root).", "--out", "-o"),
+        None,
     ),
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace the folder.")]
+    parameter(
+        "tiles",
+        _option(Parts, "Leave tiles as windows of the map, or write them as PNG too."),
+        Parts.WINDOWS,
+    ),
+    parameter(
+        "crops",
+        _option(Parts, "Leave crops as windows, or write them as GeoTIFF too."),
+        Parts.WINDOWS,
+    ),
+    parameter(
+        "copy", _option(bool, "Copy photos, maps and clouds into the folder.", "--copy"), False
+    ),
+    parameter("force", _option(bool, "Replace the folder.", "--force"), False),
+)
 
 
 class _PrepareGroup(BuiltGroup):
@@ -82,7 +78,6 @@ class _PrepareGroup(BuiltGroup):
             *("tile_size", "rule", "iou_above", "plane_height"),
         ),
         "Output": ("out", "tiles", "crops", "copy", "force"),
-        "Resources": ("jobs", "engine", "scheduler", "show_progress"),
     }
 
     def summary_of(self, name: str) -> str:
@@ -91,33 +86,15 @@ class _PrepareGroup(BuiltGroup):
         return about.summary
 
     def command_of(self, thing: Dataset[Any]) -> tuple[Callable[..., None], str]:
-        parameters = [
-            *option_parameters(thing.options),
-            parameter("out", OutOption, None),
-            parameter("tiles", TilesOption, Parts.WINDOWS),
-            parameter("crops", CropsOption, Parts.WINDOWS),
-            parameter("copy", CopyOption, False),
-            parameter("force", ForceOption, False),
-            *([] if thing.jobs is None else _spread(thing.jobs)),
-        ]
-        command = with_parameters(partial(_prepare, thing), parameters, _help_of(thing.about))
-        return command, f"prepare {thing.about.example}"
-
-
-def _spread(jobs: int) -> list[Parameter]:
-    return [
-        parameter("jobs", JobsOption, jobs),
-        parameter("engine", EngineOption, EngineKind.LOCAL),
-        parameter("scheduler", SchedulerOption, None),
-        parameter("show_progress", ProgressOption, False),
-    ]
-
-
-def _help_of(about: About) -> str:
-    """Return the summary and, of published data, where to get them and their licence."""
-    if not about.is_published:
-        return about.summary
-    return f"{about.summary}\n\nData: {about.page}\n\nLicence: {about.licence}."
+        parameters = [*option_parameters(thing.options), *_OUTPUT]
+        if thing.jobs is not None:  # a process a scene, or a photo of airzoo-mini
+            parameters += engine_parameters(thing.jobs)
+        about, published = thing.about, ""
+        if about.is_published:
+            published = f"\n\nData: {about.page}\n\nLicence: {about.licence}."
+        summary = f"{about.summary}{published}"
+        command = with_parameters(partial(_prepare, thing), parameters, summary)
+        return command, f"prepare {about.example}"
 
 
 app = typer.Typer(
@@ -147,7 +124,7 @@ def _prepare(
     from airzoo_bench.datasets.settings import PrepareSettings
 
     chosen, root = dataset.options(**options), data_root()
-    with working(_GETTING_READY):
+    with working("getting ready"):
         folder = out or root / dataset.folder_name(chosen, root)
     settings = PrepareSettings(
         folder,
@@ -159,7 +136,7 @@ def _prepare(
         progress=progress,
         note=say,
     )
-    with working(_GETTING_READY):
+    with working("getting ready"):
         there = not force and dataset.is_prepared(chosen, settings)
     if there:
         put(f"{folder}\n")
@@ -180,7 +157,12 @@ def _prepare(
 
 def _print_prepared(about: About, reasons: Mapping[str, str], prepared: Prepared) -> None:
     put(f"{prepared.folder}\n")
-    _print_about(about)
+    if about.licence:
+        put(f"  licence: {about.licence}\n")
+    for sentence in about.assumptions:
+        put(f"  assumed: {sentence}\n")
+    for sentence in about.unverified:
+        put(f"  not verified: {sentence}\n")
     several = len(prepared.summaries) > 1
     for scene, summary in prepared.summaries.items():
         _print_scene(scene, summary, reasons, several)
@@ -197,15 +179,6 @@ def _of_scene(scene: str, sentence: str) -> str:
     """Name the scene that a sentence is about, unless it begins so: "flight 07: ..."."""
     named = re.match(rf"\w+ {re.escape(scene)}\b", sentence)
     return sentence if named else f"scene {scene}: {sentence}"
-
-
-def _print_about(about: About) -> None:
-    if about.licence:
-        put(f"  licence: {about.licence}\n")
-    for sentence in about.assumptions:
-        put(f"  assumed: {sentence}\n")
-    for sentence in about.unverified:
-        put(f"  not verified: {sentence}\n")
 
 
 def _print_scene(

@@ -23,15 +23,7 @@ _OR = ", or "
 
 
 def options_of(root: Any, words: Sequence[str]) -> set[str]:
-    """Return the options of the command that words of a command line name.
-
-    Parameters
-    ----------
-    root : TyperGroup
-        The command line's.
-    words : sequence of str
-        Without the program's name.
-    """
+    """Return the options of the command that words of a command line name."""
     return {name for one in _command(root, iter(words)).params for name in one.opts}
 
 
@@ -43,20 +35,7 @@ def _command(group: Any, words: Iterator[str]) -> Any:
 
 
 def own_ways(fix: str | None, options: set[str]) -> str | None:
-    """Leave out ways to mend a fault by options that a command does not have.
-
-    Parameters
-    ----------
-    fix : str or None
-        Ways with ", or " between them; calls of other commands stand in backticks.
-    options : set of str
-        Of the command.
-
-    Returns
-    -------
-    str or None
-        None where nothing is left.
-    """
+    """Leave out ways to mend a fault, with ", or " between, by options that a command lacks."""
     foreign = _SHARED - options
     ways = [
         way

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from airzoo_bench.cli.common import Format, FormatOption
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
     from airzoo_bench.results.result import Result
 
-__all__ = ["Layout", "TableRequest", "layout_named"]
+__all__ = ["Layout", "TableRequest"]
 
 
 class Layout(StrEnum):
@@ -25,144 +26,147 @@ class Layout(StrEnum):
     BENCHMARKS = "benchmarks"
 
 
-def layout_named(text: str) -> Layout:
-    """Return the layout of a name.
-
-    Raises
-    ------
-    UsageError
-        There is none.
-    """
+def _layout_named(text: str) -> Layout:
+    """Return the layout of a name, or offer the nearest."""
     from airzoo_bench.core.validation import nearest
 
-    names = list(Layout)
+    names = [str(layout) for layout in Layout]
     if text not in names:
         raise UsageError(
-            f"there is no layout {text[:80]!r}{nearest(text[:80], [*map(str, names)])}",
+            f"there is no layout {text[:80]!r}{nearest(text[:80], names)}",
             where="--layout",
             expected="one of " + ", ".join(names),
         )
     return Layout(text)
 
 
+def _option(help_text: str, *names: str, metavar: str | None = None) -> typer.models.OptionInfo:
+    option: typer.models.OptionInfo = typer.Option(*names, help=help_text, metavar=metavar)
+    return option
+
+
 @dataclass(frozen=True)
 class TableRequest:
-    """The options of the command that change the table's content; see there."""
+    """The options of the command."""
 
-    results: tuple[Path, ...]
-    protocol: str | None = None
-    layout: Layout | None = None
-    scene: str | None = None
-    every_score: bool = False
-    scores: tuple[str, ...] = ()
-    published: bool = False
-    second: bool = False
-    baselines: tuple[str, ...] = ()
-    highlighted: tuple[str, ...] = ()
-    citations: tuple[str, ...] = ()
-    intervals: bool = False
-    queries: bool = False
-    average: bool = True
-    renamed: tuple[str, ...] = ()
-    floors: bool = False
-    sort: str | None = None
-    decimals: int | None = None
+    results: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="RESULTS", help="One or more result.json, or their folders: paths or URLs."
+        ),
+    ] = None
+    form: FormatOption = Format.TERMINAL
+    layout: Annotated[
+        Layout | None,
+        typer.Option(
+            parser=_layout_named,
+            metavar=f"[{'|'.join(Layout)}]",
+            help="result: a row a scene; methods: a row a method; scenes: methods by scenes side "
+            "by side; benchmarks: methods by benchmarks (default: result for one, methods for "
+            "several of one protocol, else benchmarks).",
+        ),
+    ] = None
+    scene: Annotated[
+        str | None, _option("With methods: this scene instead of the average.", "--scene")
+    ] = None
+    every_score: Annotated[bool, _option("Print every score, not the paper's only.", "--all")] = (
+        False
+    )
+    scores: Annotated[
+        list[str] | None, _option("Print this score only; repeatable.", "--score")
+    ] = None
+    published: Annotated[
+        bool, _option("Add rows of published numbers, marked as such.", "--published")
+    ] = False
+    protocol: Annotated[
+        str | None,
+        _option("With --published, instead of results: print what is published on it."),
+    ] = None
+    second: Annotated[bool, _option("Underline the second best of each score.", "--second")] = False
+    baseline: Annotated[
+        list[str] | None,
+        _option(
+            "NAME: write gains over it, of the highlighted rows if there are any; or METHOD=NAME. "
+            "Repeatable."
+        ),
+    ] = None
+    highlight: Annotated[list[str] | None, _option("Colour this method's row; repeatable.")] = None
+    cite: Annotated[
+        list[str] | None,
+        _option("LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable."),
+    ] = None
+    intervals: Annotated[
+        bool, _option("Show 95 % intervals next to the values.", "--intervals")
+    ] = False
+    floors: Annotated[
+        bool,
+        _option("Add rows for what needs no method: chance level, the prior itself.", "--floors"),
+    ] = False
+    sort: Annotated[
+        str | None,
+        _option(
+            "Put the best methods by this score on top, or with 'method' go by their names.",
+            metavar="SCORE",
+        ),
+    ] = None
+    decimals: Annotated[
+        int | None, typer.Option(min=0, max=6, help="Digits behind the point (default: 2).")
+    ] = None
+    queries: Annotated[
+        bool, _option("With scenes: show their numbers of queries.", "--queries")
+    ] = False
+    average: Annotated[
+        bool, typer.Option(help="With scenes: the average over them.", show_default=False)
+    ] = True
+    rename: Annotated[
+        list[str] | None,
+        _option(
+            "OLD=NEW: another name for a method, scene, benchmark or score, as the table shows it; "
+            "methods of different benchmarks with one name share a row. Repeatable."
+        ),
+    ] = None
+    fit: Annotated[bool, _option("LaTeX: shrink a table that is wider than the line.", "--fit")] = (
+        False
+    )
 
-    def checked_layout(self, results: Sequence[Result]) -> Layout:
-        """Return the layout, as asked for or by default, and check all options against it.
-
-        Parameters
-        ----------
-        results : sequence of Result
-            Those of the files; none where only published numbers are asked for.
-
-        Raises
-        ------
-        UsageError
-            Options do not fit together.
-        """
-        if not self.results or self.protocol is not None:
-            return self._layout_of_published()
-        layout = self.layout or self._usual_layout(results)
-        self._check(layout, results)
-        return layout
-
-    def _layout_of_published(self) -> Layout:
-        if self.results or self.protocol is None or not self.published:
+    def layout_for(self, results: list[Result]) -> Layout:
+        """Return the layout of results, and refuse options that do not go with it."""
+        names = {result.protocol.name for result in results}
+        layout = self.layout
+        if layout is None and len(names) > 1:
+            layout = Layout.BENCHMARKS
+        elif layout is None:
+            # One result has nothing to be compared with, unless reported rows are asked for.
+            alone = len(results) == 1 and not self.published and self.scene is None
+            layout = Layout.RESULT if alone else Layout.METHODS
+        if layout is Layout.RESULT and len(results) > 1:
             raise UsageError(
-                "results name their own protocol" if self.results else "nothing to lay out",
-                expected="result files, or --published with --protocol and no results",
-                fix="such as `airzoo-bench table --published --protocol uav-visloc-retrieval`",
+                f"layout result shows one result, and here are {len(results)} results",
+                fix="choose --layout methods, scenes or benchmarks",
             )
-        needing = {
-            "--intervals": self.intervals,
-            "--floors": self.floors,
-        }
-        for name, given in needing.items():
-            if given:
-                raise UsageError(f"{name} needs results", fix="leave it out, or name results")
-        layout = self.layout or Layout.METHODS
-        self._check(layout, ())
-        if layout not in (Layout.METHODS, Layout.SCENES):
-            raise UsageError(
-                f"layout {layout} is for results", fix="choose --layout methods or scenes"
-            )
-        return layout
-
-    def _usual_layout(self, results: Sequence[Result]) -> Layout:
-        if len({result.protocol.name for result in results}) > 1:
-            return Layout.BENCHMARKS
-        # One result has nothing to be compared with, unless reported rows are asked for.
-        by_method = len(results) > 1 or self.published or self.scene is not None
-        return Layout.METHODS if by_method else Layout.RESULT
-
-    def _check(self, layout: Layout, results: Sequence[Result]) -> None:
-        from airzoo_bench.results.comparable import first_names
-
-        if layout is Layout.RESULT:
-            self._check_alone()
-        names = dict.fromkeys(result.protocol.name for result in results)
         if layout in (Layout.METHODS, Layout.SCENES) and len(names) > 1:
             raise UsageError(
-                f"layout {layout} is for results of one protocol, and these are of {len(names)}: "
-                + first_names(list(names)),
+                f"layout {layout} is for results of one protocol, and these are of {len(names)}",
                 fix="choose --layout benchmarks, or name results of one protocol only",
             )
+        self.check_options(layout)
+        return layout
+
+    def check_options(self, layout: Layout) -> None:
+        """Refuse options that a layout does not have."""
+        among_methods = ("second", "baseline", "published", "highlight", "cite", "sort")
         wrong = {
-            "--scene": bool(self.scene) and layout is not Layout.METHODS,
+            "--scene": self.scene and layout is not Layout.METHODS,
             "--queries": self.queries and layout is not Layout.SCENES,
             "--no-average": not self.average and layout is not Layout.SCENES,
+            **{
+                f"--{name}": getattr(self, name) and layout is Layout.RESULT
+                for name in among_methods
+            },
         }
         for name, is_wrong in wrong.items():
             if is_wrong:
                 raise UsageError(
-                    f"{name} does not go with layout {layout}: it needs another layout"
+                    f"{name} does not go with layout {layout}",
+                    fix="choose another --layout: methods, scenes or benchmarks",
                 )
-
-    def _check_alone(self) -> None:
-        if len(self.results) > 1:
-            raise UsageError(
-                f"layout result shows one result, and here are {len(self.results)} results",
-                fix="choose --layout methods, scenes or benchmarks",
-            )
-        compared = {
-            "--second": self.second,
-            "--baseline": self.baselines,
-            "--published": self.published,
-        }
-        of_methods = {
-            "--scene": self.scene,
-            "--highlight": self.highlighted,
-            "--cite": self.citations,
-            "--sort": self.sort,
-        }
-        _refuse_alone(compared, "nothing to be compared with", "name more results")
-        _refuse_alone(of_methods, "scenes for rows", "add --layout methods")
-
-
-def _refuse_alone(given: Mapping[str, object], why: str, fix: str) -> None:
-    odd = [name for name, value in given.items() if value]
-    if odd:
-        raise UsageError(
-            f"layout result, of one result, has {why}, and takes no {' and '.join(odd)}", fix=fix
-        )

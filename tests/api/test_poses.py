@@ -16,7 +16,14 @@ from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from tests.api.support import refused
 from tests.matching.world import World, make_world
 
-PAIRS = ((5.0, 1.0), (10.0, 1.0), (20.0, 2.0))
+# What `solve_pose` takes without asking.
+FIXED = {
+    "min_inlier_ratio": 0.01,
+    "min_trials": 1_000,
+    "confidence": 0.9999,
+    "max_matches": 20_000,
+    "max_trials_times_matches": 500_000_000,
+}
 
 
 @pytest.fixture(scope="module")
@@ -85,29 +92,13 @@ def test_the_defaults_of_solve_pose_are_those_of_all_shipped_protocols() -> None
     for path in shipped_protocols().values():
         protocol = load_protocol(path)
         if isinstance(protocol, MatchingProtocol):
-            settings = protocol.solver.model_dump(exclude={"name", "least_matches"})
-            assert {name: defaults[name] for name in settings} == settings
+            used = protocol.solver.model_dump()
+            for name in ("max_error_px", "max_trials", "seed"):
+                assert defaults[name] == used[name]
+            assert {name: used[name] for name in FIXED} == FIXED
             assert defaults["solver"] == protocol.solver.name
             found += 1
     assert found == 7
-
-
-@pytest.mark.parametrize("solver", ["colmap", "colmap+refine", "poselib"])
-def test_the_image_size_plays_no_part_in_solving(world: World, solver: Any) -> None:
-    from dataclasses import replace
-
-    from airzoo_bench.matching import solving
-
-    settings = world.protocol.solver.model_copy(update={"name": solver})
-    answers = []
-    for scale in (1, 3):
-        camera = world.truth.cameras.take(0)
-        camera = replace(camera, width=scale * camera.width, height=scale * camera.height)
-        random = np.random.default_rng(2)
-        pixels = world.query_xy[0] + random.normal(0, 2, world.query_xy[0].shape)
-        answers.append(solving.solve_pose(camera, pixels, world.points[0], settings))
-    assert answers[0].centre.tolist() == answers[1].centre.tolist()
-    assert answers[0].inliers.sum() > 10
 
 
 def test_rotation_angles_are_those_of_scipy_and_evo() -> None:
@@ -221,7 +212,16 @@ def test_mistakes_in_errors_are_refused() -> None:
         3.0,
     ):
         refused(score, errors, where="errors")
-    for thresholds in ([], [(5,)], [(0, 1)], [(5, -1)], [(5, np.nan)], [(5, 1)] * 17, [5, 1], 5):
+    for thresholds in (
+        [],
+        [(5,)],
+        [(0, 1)],
+        [(5, -1)],
+        [(5, np.nan)],
+        [5, 1],
+        5,
+        [(5, 1), (5.0000001, 1)],
+    ):
         refused(score, ([1.0], [1.0]), thresholds, where="thresholds")
     assert score(([1.0], [1.0]), [(5, 2), (5, 2)])["within_5m_2deg"] == 1.0
 
@@ -242,15 +242,10 @@ def test_mistakes_in_matches_are_refused() -> None:
     changes: dict[str, tuple[Any, ...]] = {
         "solver": ("ransac",),
         "max_error_px": (0, np.inf, "5", True),
-        "min_inlier_ratio": (0.0, 1.0),
-        "min_trials": (0, 1.5, 10**9),
         "max_trials": (10,),
-        "confidence": (1.0, 95),
         "seed": (-1, None, 2**31),
-        "max_matches": (3,),
-        "max_trials_times_matches": (0,),
     }
     for name, values in changes.items():
         for value in values:
-            with pytest.raises(ValueError, match=name if name != "min_trials" else "trials"):
+            with pytest.raises(ValueError, match=name):
                 solve(pixels, points, K, **{name: value})

@@ -1,3 +1,5 @@
+"""A prediction writer writes what `eval` scores, and refuses at once what it could not score."""
+
 from __future__ import annotations
 
 import subprocess
@@ -6,17 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
-from airzoo_bench.api.prediction_writer import PredictionWriter
+from airzoo_bench.api.writer import PredictionWriter
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of, sha256_of_tree
-from tests.api.place import NAME, RETRIEVAL, TILES, A, B
+from tests.api.place import MATCHING, NAME, RECONSTRUCTION, RETRIEVAL, TILES, A, B
 from tests.api.scored import scored
 from tests.matching import world as matching_world
 from tests.reconstruction import world as reconstruction_world
 from tests.support import MadeScene, files_below
+
+XY = np.array([[10.0, 20.0], [30.0, 40.0]])
+TURN = np.diag((1.0, -1.0, -1.0))
+CENTRE = np.array((500_100.0, 5_199_900.0, 190.0))
+K = np.array([[32.0, 0, 16], [0, 32.0, 12], [0, 0, 1]])
+VIEW = {"rotation": TURN, "centre": CENTRE, "intrinsics": K, "depth": np.ones((24, 32))}
 
 
 def ranked(scene: MadeScene, number: int) -> list[str]:
@@ -43,20 +52,6 @@ def test_ranked_ids(
         assert (len(writer), writer.missing()) == (10, ())
     averages = scored("retrieval", path, data, capsys)
     assert [averages[f"R@{k}"] for k in (1, 3, 5)] == ["100.00"] * 3
-
-
-def test_a_list_may_be_empty_and_holds_tiles_of_its_own_scene(
-    data: Path, scenes: list[MadeScene], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    east, west = scenes
-    path = tmp_path / "mine.npz"
-    with PredictionWriter(path, "made-retrieval") as writer:
-        with pytest.raises(UserError, match="tiles of another scene"):
-            writer.add(east.query(0), ranked_ids=[east.tile(0), west.tile(0)])
-        writer.add(east.query(0), ranked_ids=[])
-        for number in range(4):
-            writer.add(west.query(number), ranked_ids=np.array(ranked(west, number)))
-    assert scored("retrieval", path, data, capsys)["R@1"] == "50.00"
 
 
 def test_the_order_of_answers_does_not_matter(
@@ -114,17 +109,6 @@ def test_matching(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str)
     assert (averages["Median"], averages["@1m,1°"]) == ("0.00", "100.00")
 
 
-def test_a_query_without_matches_is_a_failure(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    world = matching_world.make_world(tmp_path)
-    path = tmp_path / "mine.npz"
-    with PredictionWriter(path, world.protocol.name, load_benchmark(world.folder)) as writer:
-        writer.add(world.ids[0], query_xy=world.query_xy[0], map_xy=world.map_xy[0])
-        writer.add(world.ids[1], query_xy=np.zeros((0, 2)), map_xy=np.zeros((0, 2)))
-    assert scored("matching", path, world.root, capsys)["@1m"] == "20.00"
-
-
 @pytest.mark.parametrize("kind", ["depth", "cloud"])
 def test_reconstruction(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
     world = reconstruction_world.make_world(tmp_path)
@@ -148,22 +132,109 @@ def test_reconstruction(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind
     assert float(averages["Accuracy"]) < (0.3 if kind == "depth" else 0.005)
 
 
-def test_depth_of_some_photos_keeps_its_rows(tmp_path: Path) -> None:
-    world = reconstruction_world.make_world(tmp_path)
-    benchmark = load_benchmark(world.folder)
-    photos = benchmark.scene("yard").photos()
-    matrix = reconstruction_world.matrix_of_maps()
-    with PredictionWriter(tmp_path / "mine", reconstruction_world.PROTOCOL, benchmark) as writer:
-        for row in (4, 1):
-            depth = np.full((36, 48), row, np.float32)
-            pose = {"rotation": np.eye(3), "centre": np.array((row, 2.0, 3.0))}
-            maps = {"depth": depth, "confidence": depth / 10, "intrinsics": matrix}
-            writer.add(photos[row].id, **pose, **maps)
-    with np.load(tmp_path / "mine" / "yard.npz") as file:
-        assert file["image_names"].tolist() == [photos[1].name, photos[4].name]
-        assert file["depth"][:, 5, 5].tolist() == [1, 4]
-        assert file["conf"][:, 0, 0].tolist() == pytest.approx([0.1, 0.4])
-        assert file["extrinsics"][:, :, 3].tolist() == [[-1, -2, -3], [-4, -2, -3]]
+@pytest.mark.parametrize(
+    ("protocol", "name", "fields", "message"),
+    [
+        (RETRIEVAL, f"{NAME}/aa", {"ranked_ids": TILES}, "is no query of the benchmark.*did you"),
+        (RETRIEVAL, f"{A}.png", {"ranked_ids": TILES}, "(?s)is no query.*fix: +'field/a'$"),
+        (RETRIEVAL, A, {"ranked_ids": ["field/9"]}, "'field/9' is no tile of the gallery"),
+        (RETRIEVAL, A, {"ranks": TILES}, "(?s)ranks is no answer.*ranked_ids and scores"),
+        (RETRIEVAL, A, {}, "nothing is no answer"),
+        (RETRIEVAL, A, {"map_xy": XY}, "is no answer of the retrieval track"),
+        (RETRIEVAL, A, {"ranked_ids": TILES, "scores": [1, 2]}, "scores has 2 rows"),
+        (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, r"shape \(2, 2\)"),
+        (RETRIEVAL, TILES[0], {"descriptor": [1, 2]}, "descriptor is int64"),
+        (RETRIEVAL, A, {"descriptor": np.ma.masked_equal([1.0, 2], 2)}, "has masked entries"),
+        (
+            RETRIEVAL,
+            A,
+            {"ranked_ids": pd.Series(TILES[:2]), "scores": pd.Series([2, 1], [1, 0])},
+            "ranked_ids, scores: have different indexes",
+        ),
+        (MATCHING, f"{NAME}/x", {"query_xy": XY, "map_xy": XY}, "is no query"),
+        (MATCHING, A, {"query_xy": XY, "map_xy": XY[:1]}, "map_xy has 1 rows"),
+        (MATCHING, A, {"query_xy": XY, "map_xy": XY * np.nan}, "map_xy: NaN or infinity"),
+        (MATCHING, A, {"query_xy": XY}, "query_xy is no answer of the matching track"),
+        (MATCHING, A, {"rotation": TURN * 2, "centre": CENTRE}, "rotat"),
+        (MATCHING, A, {"rotation": TURN, "centre": CENTRE.astype("f4")}, "centre: .*float32"),
+        (RECONSTRUCTION, A, {"points": XY}, "is no scene of the benchmark"),
+        (RECONSTRUCTION, NAME, {"points": XY}, r"points: has shape \(2, 2\)"),
+        (RECONSTRUCTION, NAME, {"points": np.full((3, 3), np.nan)}, "points: NaN"),
+        (RECONSTRUCTION, f"{NAME}/x", VIEW, "is no photo of field"),
+        (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "depth: has shape"),
+        (RECONSTRUCTION, A, VIEW | {"confidence": np.ones((2, 2))}, "confidence has another"),
+    ],
+)
+def test_an_answer_that_cannot_be_meant_is_refused_at_once(
+    root: Path,
+    field: BlindBenchmark,
+    tmp_path: Path,
+    protocol: str,
+    name: str,
+    fields: dict[str, Any],
+    message: str,
+) -> None:
+    out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
+    writer = PredictionWriter(out, protocol, field)
+    with pytest.raises(UserError, match=message) as refusal:
+        writer.add(name, **fields)
+    assert str(refusal.value).startswith(f"{out}, {name}")
+    assert len(writer) == 0
+
+
+POINTS = np.ones((3, 3))
+SIZES = {"depth": np.ones((25, 32))}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "first", "second", "message"),
+    [
+        (RETRIEVAL, (A, {"ranked_ids": TILES}), (A, {"ranked_ids": TILES}), "added before"),
+        (RETRIEVAL, (A, {"ranked_ids": TILES}), (B, {"descriptor": [1.0]}), "of another kind"),
+        (
+            RETRIEVAL,
+            (A, {"ranked_ids": TILES}),
+            (B, {"ranked_ids": TILES[:2], "scores": [2, 1]}),
+            "of another kind",
+        ),
+        (RETRIEVAL, (A, {"descriptor": [1.0, 2]}), (B, {"descriptor": [1.0]}), "as the first"),
+        (RECONSTRUCTION, (A, VIEW), (NAME, {"points": POINTS}), "a cloud and depth maps"),
+        (RECONSTRUCTION, (NAME, {"points": POINTS}), (A, VIEW), "a cloud and depth maps"),
+        (RECONSTRUCTION, (A, VIEW), (B, VIEW | SIZES), "as the first"),
+        (RECONSTRUCTION, (A, VIEW), (B, {"rotation": TURN, "centre": CENTRE}), "another kind"),
+    ],
+)
+def test_answers_that_do_not_go_together(
+    root: Path,
+    field: BlindBenchmark,
+    tmp_path: Path,
+    protocol: str,
+    first: tuple[str, dict[str, Any]],
+    second: tuple[str, dict[str, Any]],
+    message: str,
+) -> None:
+    writer = PredictionWriter(tmp_path / "mine.npz", protocol, field)
+    writer.add(first[0], **first[1])
+    with pytest.raises(UserError, match=message):
+        writer.add(second[0], **second[1])
+    assert len(writer) == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"ranked_ids": TILES[:3], "scores": [1, 3, 2]}, "not in order"),
+        ({"ranked_ids": [TILES[0]] * 2}, "ranked more than once"),
+    ],
+)
+def test_what_eval_would_refuse_is_said_at_the_end(
+    root: Path, field: BlindBenchmark, tmp_path: Path, fields: dict[str, Any], message: str
+) -> None:
+    writer = PredictionWriter(tmp_path / "mine.npz", RETRIEVAL, field)
+    writer.add(A, **fields)
+    with pytest.raises(UserError, match=message):
+        writer.close()
+    assert files_below(tmp_path) == {"mine.npz"}, "the answers are not lost"
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -181,8 +252,8 @@ def test_an_exception_leaves_what_was_there(
                     writer.add(tile.id, descriptor=np.full(4, 1 + stopped, np.float32))
                 writer.add(scene.queries()[0].id, descriptor=np.ones(4, np.float32))
             elif track == "matching":
-                xy = np.full((5, 2), 7.0 + stopped)
-                writer.add(scene.crops()[0].query.id, query_xy=xy, map_xy=xy)
+                xy, crop = np.full((5, 2), 7.0 + stopped), scene.crops()[0]
+                writer.add(crop.query.id, query_xy=xy, map_xy=crop.to_map(xy))
             else:
                 writer.add(NAME, points=np.ones((4, 3)) + stopped)
             if stopped:
@@ -239,6 +310,21 @@ try:
 except ab.UserError as error:
     sys.exit(5 if "is being written" in str(error) else 6)
 """
+
+
+def test_an_array_that_is_used_again_is_not_changed_in_the_file(
+    root: Path, field: BlindBenchmark, tmp_path: Path
+) -> None:
+    row = np.ones(2, np.float32)
+    with PredictionWriter(tmp_path / "mine.npz", RETRIEVAL, field) as writer:
+        with pytest.raises(UserError, match="descriptor is int64"):
+            writer.add(A, descriptor=[1, 2])
+        for number, name in enumerate((A, *(t.id for t in field.scenes[0].tiles()))):
+            row[1] = number + 1
+            writer.add(name, descriptor=row)
+    with np.load(tmp_path / "mine.npz") as file:
+        assert file["query_descriptors"].tolist() == [[1.0, 1.0]]
+        assert file["gallery_descriptors"][:3, 1].tolist() == [2.0, 3.0, 4.0]
 
 
 def test_places_and_protocols(

@@ -9,16 +9,13 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NoReturn
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
 
-from airzoo_bench.results.result import Result, ScoreColumn
+from airzoo_bench.results.result import ScoreColumn
 from tests.cli.results_of_all_tracks import NAMES, Scored
 
 FORMATS = ("terminal", "latex", "csv", "markdown", "html", "json")
@@ -136,43 +133,6 @@ def conditions(scored: Scored) -> list[str]:
         return ["scene", "answered", "points"]
     known = ("altitude_m", "pitch_deg", "weather", "time_of_day", "sequence")
     return ["scene", *(name for name in known if name in records.columns)]
-
-
-def check_picture(path: Path) -> None:
-    if path.suffix == ".png":
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("L"))
-        # Letters and lines take some of the page; a picture without data is nearly white.
-        assert 0.01 < (pixels < 200).mean() < 0.9
-        rows, columns = (pixels < 200).any(axis=1).mean(), (pixels < 200).any(axis=0).mean()
-        assert min(rows, columns) > 0.6
-    elif path.suffix == ".svg":
-        root = ElementTree.parse(path).getroot()
-        assert root.tag.endswith("svg")
-        assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 10
-    else:
-        content = path.read_bytes()
-        assert content.startswith(b"%PDF-")
-        assert content.rstrip().endswith(b"%%EOF")
-
-
-def check_averages(result: Result, headline: list[ScoreColumn], table: str) -> None:
-    for column in headline:
-        value = as_shown(column, result.overall[column.key])
-        assert f"{value:.2f}" in table
-
-
-def check_section(one: Scored, section: dict[str, Any], table: str) -> None:
-    # The best first.
-    assert [method["name"] for method in section["methods"]] == list(NAMES)[::-1]
-    titles = {score["title"] for score in section["scores"]}
-    assert {column.title for column in one.headline} <= titles
-    assert len(section["scenes"]) == len(one.results[NAMES[0]].scenes)
-    assert section["figures"]
-    by_query = one.track != "reconstruction"
-    assert bool(section["maps"]) == bool(section["hardest"]) == bool(section["queries"]) == by_query
-    for result in one.results.values():
-        check_averages(result, one.headline, table)
 
 
 Run = Callable[..., Said]

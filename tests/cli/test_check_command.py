@@ -15,7 +15,6 @@ from tests.cli.bad_predictions import (
     parquet,
     prediction_file,
     raw,
-    with_nan,
 )
 from tests.support import run_main, write_predictions
 
@@ -46,20 +45,6 @@ def test_check_lists_everything_and_exits_1(
         "scores are not in order for 2 of 10 queries (east/q00005",
     ):
         assert message.count(finding) == 1, finding
-
-
-def test_check_names_descriptors_that_are_not_finite(
-    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
-) -> None:
-    make = described(
-        query_descriptors=with_nan(10, [1]), gallery_descriptors=with_nan(20, [0, 13], np.inf)
-    )
-    assert run_main("check", prediction_file(tmp_path, make, arrays)) == 1
-    message = capsys.readouterr().err
-    assert "field 'query_descriptors': NaN or infinite descriptors: 1 of 10 (east/q00001)" in (
-        message
-    )
-    assert "descriptors: 2 of 20 (east/t00000, west/t00001)" in message
 
 
 @pytest.mark.parametrize(
@@ -107,31 +92,6 @@ def test_check_of_a_good_file_exits_0(
     assert "nothing wrong was found" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("ids", [["east/nobody"], ["east/q00000.JPG"]])
-def test_check_refuses_what_eval_refuses(
-    ids: list[str], data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ranked = [[f"east/t{k:05d}" for k in range(5)]]
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", query_ids=ids, ranked_ids=ranked)
-    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
-        assert run_main(*command, path) == code
-        message = capsys.readouterr().err
-        assert "none of its query ids belongs to made" in message
-        assert ("leave out the file's ending" in message) == ids[0].endswith(".JPG")
-
-
-def test_check_refuses_tiles_that_are_not_in_the_gallery(
-    data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ranked = np.array(arrays["ranked_ids"])
-    ranked[0, 0] = "east/t99999"
-    given = {"query_ids": arrays["query_ids"], "ranked_ids": ranked}
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
-    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
-        assert run_main(*command, path) == code
-        assert "the first is 'east/t99999'" in capsys.readouterr().err
-
-
 def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,22 +103,6 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     protocol = data / "made" / "protocols" / "made-retrieval.toml"
     assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
     assert "predictions were not compared with the benchmark" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("scene", ["EAST", "East"])
-def test_a_scene_by_its_title_is_told_how_it_is_written(
-    scene: str, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = {"query_ids": [f"{scene}/q00000"], "ranked_ids": [[f"east/t{k:05d}" for k in range(5)]]}
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **given)
-    said = []
-    for command, code in ((("eval", "retrieval"), 2), (("check",), 1)):
-        assert run_main(*command, path) == code
-        said.append(capsys.readouterr().err.removeprefix("airzoo-bench: "))
-    assert said[0] == said[1]
-    assert f"write the scene as the protocol does: east for {scene}" in said[0]
-    assert "ids such as east/q00000" in said[0]
-    assert "name the right protocol" not in said[0]
 
 
 OF_TRACKS = {

@@ -7,12 +7,11 @@ import io
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods, write_method
-from tests.support import run_main, write_predictions
+from tests.support import run_main
 
 
 @pytest.fixture
@@ -30,36 +29,6 @@ def compare(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
         return said.err if code else said.out
 
     return run
-
-
-def test_results_of_eval(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], compare: Callable[..., str]
-) -> None:
-    half = {key: rows[:6] for key, rows in perfect.items()}
-    for name, arrays in (("all", perfect), ("half", half)):
-        path = write_predictions(tmp_path / f"{name}.npz", "made-retrieval", **arrays)
-        assert run_main("eval", "retrieval", path, "--out", tmp_path / name) == 0
-    out = compare(tmp_path / "half/result.json", tmp_path / "all/result.json")
-    assert "Against half, all scenes, 10 queries" in out
-    # Four of ten queries differ: no test can find anything in so few.
-    assert "only 4 queries differ, so p cannot be below 0.125" in out
-    assert "told apart" not in out
-
-
-def test_a_verdict_for_every_score_of_two(files: list[Path], compare: Callable[..., str]) -> None:
-    out = compare(*files[:2])
-    assert sum("method01 " in line and " on R@1" in line for line in out.splitlines()) == 1
-    assert sum("method01 " in line and " on Median" in line for line in out.splitlines()) == 1
-
-
-@pytest.mark.parametrize("form", ["terminal", "latex", "csv", "markdown", "html", "json"])
-def test_every_format(form: str, files: list[Path], compare: Callable[..., str]) -> None:
-    for arguments in (files, files[:1], [*files, "--most-different", 3]):
-        out = compare(*arguments, "--format", form)
-        assert "R@1" in out or "east/q000" in out
-        assert "nan" not in out.lower()
-        if form == "json":
-            assert {"title", "columns", "rows", "notes"} <= set(json.loads(out))
 
 
 def test_numbers_for_machines(files: list[Path], compare: Callable[..., str]) -> None:
@@ -94,13 +63,6 @@ def test_intervals_of_one(files: list[Path], compare: Callable[..., str]) -> Non
         assert row[3] == (of_shares if score == "R@1 [%]" else "BCa")
 
 
-def test_intervals_of_one_scene(files: list[Path], compare: Callable[..., str]) -> None:
-    every = json.loads(compare(files[0], "-f", "json"))
-    east = json.loads(compare(files[0], "--scene", "East", "-f", "json"))
-    assert east["rows"] == every["rows"][:2]
-    assert east["uncertainties"] == every["uncertainties"][:2]
-
-
 def test_one_scene_is_said_once(tmp_path: Path, compare: Callable[..., str]) -> None:
     (method,) = random_methods(1, {"east": 30}, (HIT, ERROR))
     table = json.loads(compare(write_method(tmp_path / "one", method), "-f", "json"))
@@ -114,11 +76,6 @@ def test_every_score(files: list[Path], compare: Callable[..., str]) -> None:
     assert "--all and --score exclude each other" in compare(
         *files, "--all", "--score", "MRR", code=2
     )
-
-
-def test_the_same_call_prints_the_same(files: list[Path], compare: Callable[..., str]) -> None:
-    first = compare(*files, "-f", "json")
-    assert compare(*files, "-f", "json") == first
 
 
 @pytest.mark.parametrize(
@@ -158,17 +115,6 @@ def test_one_method_against_each_other(files: list[Path], compare: Callable[...,
     assert "did you mean 'method01'" in compare(*files, "--method", "metod01", code=2)
 
 
-@pytest.mark.parametrize("ask", [(), ("--method", "method01")])
-def test_latex_is_one_block(
-    ask: tuple[str, ...], files: list[Path], compare: Callable[..., str]
-) -> None:
-    out = compare(*files, *ask, "-f", "latex")
-    assert out.count(r"\toprule") == 1
-    assert out.count(r"\textbf{Score}") == 1
-    assert r"\textbf{Difference}" in out
-    assert r"\multicolumn{3}{l}" not in out
-
-
 def test_the_best_of_a_scene(tmp_path: Path, compare: Callable[..., str]) -> None:
     values = {"a": ([1.0] * 8, [0.0] * 8), "b": ([1.0] * 4 + [0.0] * 4, [1.0] * 8)}
     paths = [
@@ -184,29 +130,6 @@ def test_the_best_of_a_scene(tmp_path: Path, compare: Callable[..., str]) -> Non
             assert said[bool(ask)] in out
 
 
-def test_where_three_methods_differ_there_is_no_reference(
-    files: list[Path], compare: Callable[..., str]
-) -> None:
-    ask = ("--most-different", 3, "--reference", "method01")
-    assert "more than two results has no reference" in compare(*files, *ask, code=2)
-    assert "difference: method00 minus method01" in compare(*files[:2], *ask)
-
-
-@pytest.mark.parametrize("count", [2, 3])
-def test_columns_of_a_terminal(
-    count: int,
-    files: list[Path],
-    compare: Callable[..., str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for width, blocks in ((80, 2), (120, 1)):
-        monkeypatch.setenv("COLUMNS", str(width))
-        out = compare(*files[:count])
-        rows = [line for line in out.splitlines() if "method" in line and "[%]" in line]
-        assert len(rows) == blocks * (count - 1)
-        assert max(map(len, rows)) <= width
-
-
 def test_other_versions_are_told(tmp_path: Path, compare: Callable[..., str]) -> None:
     scenes = {"s": {"recall@1": [1.0, 0, 1, 0, 1, 1]}}
     paths = [
@@ -214,15 +137,3 @@ def test_other_versions_are_told(tmp_path: Path, compare: Callable[..., str]) ->
         for name, version in (("a", "1.0"), ("b", "1.1"))
     ]
     assert "made with different versions of airzoo-bench: 1.0 (a), 1.1 (b)" in compare(*paths)
-
-
-def test_names_that_steer(tmp_path: Path, compare: Callable[..., str]) -> None:
-    scenes = {"s": {"recall@1": [1.0, 0, 1, 0, 1, 1]}}
-    paths = [
-        write_method(tmp_path / str(number), made_method(scenes, name="=\x1b[2J<b>&_"))
-        for number in range(2)
-    ]
-    for form in ("terminal", "html", "csv", "latex"):
-        out = compare(*paths, "-f", form)
-        assert all(c.isprintable() or c == "\n" for c in out)
-        assert form != "html" or "<b>" not in out

@@ -10,26 +10,75 @@ import pytest
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from airzoo_bench.cli.built import BuiltGroup
 from airzoo_bench.cli.main import app
 from tests.support import run_main
 
+MOST_OPTIONS = 258
+COMMON = ("--data", "--engine", "--format", "--jobs", "--names", "--reader", "--scheduler")
+SCALE = ("jobs", "max_memory", "untrusted", "engine", "scheduler", "resume", "show_progress")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
 
 
-def commands(group: object, *above: str) -> Iterator[tuple[str, TyperCommand]]:
-    assert isinstance(group, TyperGroup)
-    for name, command in group.commands.items():
-        if isinstance(command, BuiltGroup):
-            for built in command.list_commands(None):
-                yield f"{name} {built}", command.get_command(None, built)
-        elif isinstance(command, TyperGroup):
+# These count once, with the options of all that they are for.
+ONCE = ("eval", "prepare", "plot", "baseline")
+
+
+def commands(group: Any, *above: str) -> Iterator[tuple[str, TyperCommand]]:
+    for name in group.list_commands(None):
+        command = group.get_command(None, name)
+        if isinstance(command, TyperGroup):
             yield from commands(command, *above, name)
-        elif isinstance(command, TyperCommand):
+        else:
             yield " ".join([*above, name]), command
 
 
 COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+def test_commands_and_options_are_few() -> None:
+    options: dict[str, set[str]] = {}
+    for name, command in COMMANDS.items():
+        first = name.partition(" ")[0]
+        found = options.setdefault(first if first in ONCE else name, set())
+        found |= {str(option.name) for option in shown_options(command)}
+    assert len(options) <= 30
+    assert sum(map(len, options.values())) <= MOST_OPTIONS
+
+
+def test_a_common_option_means_the_same_everywhere() -> None:
+    said: dict[str, set[str]] = {}
+    for command in COMMANDS.values():
+        for option in shown_options(command):
+            if option.opts[0] in COMMON:
+                said.setdefault(option.opts[0], set()).add(option.help)
+    assert {name: len(helps) for name, helps in said.items()} == dict.fromkeys(COMMON, 1)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_is_for_scale_stands_in_the_last_panel(name: str) -> None:
+    panels = [getattr(one, "rich_help_panel", None) for one in COMMANDS[name].params]
+    used = [one.name for one in COMMANDS[name].params if one.name in SCALE]
+    if len(used) > 1:
+        assert panels[-len(used) :] == ["For scale"] * len(used)
+
+
+@pytest.mark.parametrize(
+    ("call", "near"),
+    [
+        ("evl retrieval", "did you mean 'eval'"),
+        ("eval retreival p.npz", "did you mean 'retrieval'"),
+        ("plot recal r.json", "did you mean 'recall'"),
+        ("prepare UAV_VisLoc", "did you mean 'uav-visloc'"),
+        ("leaderboard biuld", "did you mean 'build'"),
+        ("table --layuot scenes", "--layout"),
+        ("eval p.npz", "eval retrieval p.npz"),
+    ],
+)
+def test_a_mistyped_name_is_answered_with_the_near_one(
+    call: str, near: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main(*call.split()) == 2
+    assert near in capsys.readouterr().err.replace("Did", "did")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -66,24 +115,6 @@ def test_arguments_stand_before_options(name: str) -> None:
     arguments = [one for one in params if one.param_type_name == "argument"]
     assert params[: len(arguments)] == arguments or params[1 : len(arguments) + 1] == arguments
     assert all(getattr(one, "rich_help_panel", None) is None for one in arguments)
-
-
-def test_panels_of_table(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("table", "--help") == 0
-    said = capsys.readouterr().out
-    titles = ["Rows and columns", "Statistics", "Published numbers", "Output", "LaTeX"]
-    places = [said.index(f"─ {title} ─") for title in titles]
-    assert said.index("--fit") > places[4]
-    assert places[1] < said.index("--second") < places[2]
-
-
-def test_what_a_picture_needs_is_said(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    assert run_main("plot", "recall", "--help") == 0
-    said = capsys.readouterr().out
-    assert [line for line in said.splitlines() if "RESULTS" in line and "required" in line]
 
 
 def test_help_of_published_data_says_where_they_are(capsys: pytest.CaptureFixture[str]) -> None:

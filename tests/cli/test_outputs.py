@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -79,26 +78,6 @@ def test_that_a_file_is_replaced_is_said(
     for said in (False, True):
         assert run_main(*command, made, "-o", out) == 0
         assert (f"{out} is there already and will be replaced" in capsys.readouterr().err) is said
-
-
-def test_a_page_that_is_no_report_stays(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = made.parent / "index.html"
-    out.write_text("<!DOCTYPE html><title>Mine</title>")
-    assert run_main("report", made, "-o", out) == 2
-    assert "index.html: is there already, and is no report" in capsys.readouterr().err
-    assert "Mine" in out.read_text()
-
-
-@POSIX
-@pytest.mark.parametrize("command", [["report"], ["plot", "scenes"]])
-def test_a_pipe_stays_a_pipe(
-    command: list[str], made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pipe = made.parent / ("x.html" if command == ["report"] else "x.svg")
-    os.mkfifo(pipe)
-    assert run_main(*command, made, "-o", pipe) == 2
-    assert "a pipe or a device, not a file" in capsys.readouterr().err
-    assert pipe.is_fifo()
 
 
 @pytest.mark.parametrize("ending", [".html", ".HTM"])

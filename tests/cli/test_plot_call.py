@@ -1,4 +1,4 @@
-"""``airzoo-bench plot`` by how it is called."""
+"""How the command line shows that work is under way."""
 
 from __future__ import annotations
 
@@ -14,30 +14,6 @@ from airzoo_bench.cli.common import progress, working
 from airzoo_bench.cli.engines import rated
 from airzoo_bench.core.progress import report_progress
 from tests.support import run_main, write_predictions
-
-KINDS = "recall, errors, thresholds, intervals, scenes, condition"
-
-
-@pytest.mark.parametrize(
-    ("call", "parts"),
-    [
-        ([], [f"plot needs a kind, one of {KINDS}; and results; and -o, the file to save"]),
-        (["r.json", "-o", "x.png"], [f"one of {KINDS}", "name the kind before the results"]),
-        (["recal", "r.json", "-o", "x.png"], ["'recal' is no kind", "did you mean 'recall'"]),
-        (["recall", "-o", "x.png"], ["plot needs results\n", "recall results/*/result.json -o"]),
-        (["scenes", "r.json"], ["plot needs -o, the file to save\n", "-o scenes.png"]),
-        (["condition", "r.json"], ["condition results/*/result.json --by weather -o condition"]),
-    ],
-)
-def test_what_a_call_lacks(
-    call: list[str], parts: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("plot", *call) == 2
-    out, said = capsys.readouterr()
-    assert out == ""
-    assert "Missing argument" not in said
-    for part in parts:
-        assert part in said
 
 
 def test_a_folder_stands_for_the_result_in_it(
@@ -106,33 +82,3 @@ def test_work_within_work_is_shown_below_it(monkeypatch: pytest.MonkeyPatch) -> 
     assert rows == [("learning [words]", None)]  # one piece is not half done: its bar pulses
     assert list(progress(range(1), "scenes", 1)) == [0]
     assert len(displays) == 3
-
-
-OWN = {
-    "recall": ({"--up-to"}, "recall at K"),
-    "errors": ({"--score"}, "share of queries whose error is below"),
-    "thresholds": (set(), "precision, recall and F1"),
-    "intervals": ({"--score"}, "with its 95 % interval"),
-    "scenes": ({"--score"}, "by method and scene"),
-    "condition": ({"--score", "--by", "--bins"}, "in groups of queries"),
-}
-
-
-@pytest.mark.parametrize("kind", OWN)
-def test_each_kind_has_a_help_of_its_own(
-    kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    assert run_main("plot", kind, "--help") == 0
-    text = " ".join(capsys.readouterr().out.split())
-    own, says = OWN[kind]
-    assert says in text
-    assert f"Example: airzoo-bench plot {kind} results/" in text
-    every = {option for options, _ in OWN.values() for option in options}
-    assert {option for option in every if f" {option} " in text.partition("Options")[2]} == own
-
-
-def test_the_help_of_all_names_the_kinds(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main("plot", "--help") == 0
-    text = capsys.readouterr().out
-    assert all(kind in text for kind in OWN)

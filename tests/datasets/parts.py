@@ -9,7 +9,7 @@ import pandas as pd
 import rasterio
 from PIL import Image
 
-from airzoo_bench.api.scene import BlindScene
+from airzoo_bench.api.benchmark import BlindScene
 
 BOX = ["lon_min", "lat_min", "lon_max", "lat_max"]
 TRANSFORM = list("abcdef")

@@ -18,7 +18,9 @@ from tests.cli.printed_results import (
 )
 from tests.cli.results_of_all_tracks import (
     NAMES,
+    TRACKS,
     Scored,
+    ScoresOf,
 )
 
 # --- compare ---------------------------------------------------------------------------------
@@ -136,3 +138,19 @@ def test_bins_are_averages_of_their_queries(scored: Scored, run: Run) -> None:
     filled = [value for value in shown if value is not None]
     for found, value in zip(filled, expected, strict=True):
         assert same(found, as_shown(column, value))
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        "compare {}",
+        "plot scenes {} -o x.png",
+        "breakdown {} --by scene",
+        "table {} --layout methods",
+    ],
+)
+def test_tracks_are_not_mixed(scores_of: ScoresOf, run: Run, ask: str) -> None:
+    paths = [scores_of(track).paths[0] for track in TRACKS[:2]]
+    before, after = (part.split() for part in ask.split("{}"))
+    said = run(*before, *paths, *after, code=2)
+    assert "protocol" in said.err
