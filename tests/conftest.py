@@ -35,7 +35,6 @@ LONGEST = (
     "cli/all_tracks/test_tables.py",
     "cli/test_reconstruction_notes.py",
     "retrieval/test_ranked_descriptors.py",
-    "cli/all_tracks/test_pictures_and_pages.py",
     "engines/test_engines.py",
 )
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}

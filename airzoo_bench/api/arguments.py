@@ -1,4 +1,4 @@
-"""Arguments of the Python face: array-likes in, clean arrays out; what does not fit is named."""
+"""Arguments of the Python face: array-likes in, clean arrays out, or an error that names one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LARGEST_INT = 2**31 - 1  # solvers take seeds of 31 bits
 
 @contextmanager
 def refused(argument: str) -> Iterator[None]:
-    """Turn an error about a file, a camera or a cloud into that of an argument."""
+    """Turn an error about a file, a camera or a cloud into one about an argument."""
     try:
         yield
     except ArgumentError:

@@ -1,4 +1,4 @@
-"""Benchmarks from Python: all that a method may know of one, and nothing of its truth."""
+"""Benchmarks from Python: everything that a method may know, and nothing of the truth."""
 
 from __future__ import annotations
 
@@ -125,7 +125,10 @@ class BlindBenchmark:
     @property
     def scenes(self) -> Items[BlindScene]:
         """All scenes, in their order."""
-        return Items(BlindScene(self._source, one.id) for one in self._source.file.scenes)
+        return Items(
+            BlindScene(self._source, one.id, one.title, one.crs, one.plane_height_m)
+            for one in self._source.file.scenes
+        )
 
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id.
@@ -164,25 +167,17 @@ class BlindBenchmark:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BlindScene:
-    """A scene without its truth; pictures are read when they are asked for."""
+    """A scene without its truth; pictures are read when they are asked for.
+
+    `crs` is the projected CRS of poses, surface model and clouds, in metres; `plane_height_m` the
+    median height of the surface model, or of the ground by the dataset's word.
+    """
 
     _source: Benchmark
     id: str
-
-    @property
-    def title(self) -> str:
-        """The scene's name in tables."""
-        return self._source.scene(self.id).title
-
-    @property
-    def crs(self) -> str | None:
-        """The projected CRS of poses, surface model and clouds, in metres."""
-        return self._source.scene(self.id).crs
-
-    @property
-    def plane_height_m(self) -> float | None:
-        """Median height of the surface model, or of the ground by the dataset's word, in metres."""
-        return self._source.scene(self.id).plane_height_m
+    title: str
+    crs: str | None
+    plane_height_m: float | None
 
     def queries(self) -> Items[Photo]:
         """Return the queries of retrieval, sorted by id."""

@@ -249,7 +249,7 @@ def retrieval_scores(
     if scores is not None and gallery is None:
         expected = "all ids of the gallery, with which the end of a list may tie"
         raise ArgumentError("are given alone", where="scores", expected=f"gallery_ids: {expected}")
-    tiles, positive_tiles, n_tiles = _as_rows(ranked, right, gallery)
+    tiles, positive_tiles, n_tiles = _numbered_lists(ranked, right, gallery)
     similar = None if scores is None else _score_rows(scores, tiles)
     with arg.refused("ranked_ids"):
         for error in list_errors(tiles, similar, names):
@@ -409,7 +409,7 @@ def _ids(name: str, values: Any, *, is_set: bool = False) -> list[Any]:
     return ids
 
 
-def _as_rows(
+def _numbered_lists(
     ranked: list[list[Any]], positives: list[list[Any]], gallery: list[Any] | None
 ) -> tuple[Ints, Positives, int]:
     """Return lists (Q, K) of tiles in the order of ids, -1 beyond their ends, and positives."""

@@ -236,7 +236,7 @@ class PredictionWriter:
             if self._track == "reconstruction":
                 self._write_scenes()
             else:
-                write_predictions(self._path, self._protocol.name, self._of_queries())
+                write_predictions(self._path, self._protocol.name, self._query_arrays())
         found = find_errors(self._path, data=self._benchmark.folder, protocol=self._protocol.name)
         if found.errors:
             raise found.errors[0]
@@ -299,7 +299,7 @@ class PredictionWriter:
                 raise PredictionError(what, expected=expected)
             self._first[place] = first
 
-    def _of_queries(self) -> dict[str, Array]:
+    def _query_arrays(self) -> dict[str, Array]:
         """Return the arrays of a file of queries, in the order of the benchmark."""
         names = [name for name in self._ids["query"] if name in self._answers]
         answers, form = [self._answers[name] for name in names], self._forms["all answers"]
@@ -361,13 +361,13 @@ class PredictionWriter:
             for scene in self._scenes:
                 if scene.id in self._answers:
                     shutil.move(self._folder / f"{scene.id}.ply", folder / f"{scene.id}.ply")
-                arrays = self._of_scene(scene)
+                arrays = self._scene_arrays(scene)
                 if arrays:
                     ending = ".npz" if "depth" in arrays else ".cameras.npz"
                     write_npz(folder / f"{scene.id}{ending}", arrays)
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
 
-    def _of_scene(self, scene: BlindScene) -> dict[str, Array]:
+    def _scene_arrays(self, scene: BlindScene) -> dict[str, Array]:
         """Return the cameras of a scene's photos, with their depth maps."""
         photos = [photo for photo in scene.photos() if photo.id in self._answers]
         if not photos:
@@ -432,7 +432,7 @@ def _arrays(fields: dict[str, Any]) -> dict[str, Array]:
 
 
 def _unknown(name: str, known: Iterable[str], what: str) -> PredictionError:
-    """Return the error of what is no id; the one that is meant, or the nearest are offered."""
+    """Return the error of an unknown id, with the id that is meant or the nearest ones."""
     ids, shown = [*known], str(name)[:80]
     path = PurePosixPath(shown)
     stem = str(path.with_suffix("")) if path.suffix.lower() in IMAGE_SUFFIXES else shown

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, examples, show
+from airzoo_bench.cli.common import Format, FormatOption, ScoresOption, examples, show
 from airzoo_bench.cli.locations import ResultsArgument
 from airzoo_bench.core.errors import UsageError
 
@@ -27,13 +27,7 @@ def breakdown(
         str | None,
         typer.Option(help="Inner edges of a number's bins, such as 50,100 (default: round ones)."),
     ] = None,
-    score: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Key or title, repeatable (default: the paper's scores; of several results the "
-            "first of them)."
-        ),
-    ] = None,
+    score: ScoresOption = None,
     intervals: Annotated[
         bool,
         typer.Option(
@@ -46,7 +40,8 @@ def breakdown(
 ) -> None:
     """Print scores by weather, altitude or any other column of the records.
 
-    One result gives a column a score; several give a column a method, under each score.
+    One result gives a column a score; several give a column a method, of the first score unless
+    some are named.
     """
     from airzoo_bench.results.comparable import check_same_queries, choose_scores, score_keys
     from airzoo_bench.results.files import result_paths, results_here
@@ -72,13 +67,7 @@ def breakdown(
 
 
 def parse_bins(text: str) -> list[float]:
-    """Turn ``50,100`` into numbers.
-
-    Raises
-    ------
-    UsageError
-        A part is not a number.
-    """
+    """Turn ``50,100`` into numbers."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:

@@ -1,4 +1,4 @@
-"""Commands whose subcommands are built of what a registry holds, such as tracks."""
+"""Commands with a subcommand for each entry of a registry, such as tracks."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class BuiltGroup(LightGroup):
             self._listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of what is registered."""
+        """Return the registered names."""
         return self.registry.names()
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -1,4 +1,4 @@
-"""What several commands share: options, printing, progress."""
+"""Options, printing and progress of several commands."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
 class Format(StrEnum):
-    """What a table is printed as."""
+    """The forms of a printed table."""
 
     TERMINAL = "terminal"
     LATEX = "latex"
@@ -117,6 +117,13 @@ ImageSizeOption = Annotated[
         "its files do not state them, as those of SuperGlue.",
         show_default=False,
     ),
+]
+SceneOption = Annotated[
+    str | None, typer.Option("--scene", help="This scene only, by id or title.")
+]
+ScoresOption = Annotated[
+    list[str] | None,
+    typer.Option("--score", help="Key or title, repeatable (default: the paper's scores)."),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
 JobsOption = Annotated[

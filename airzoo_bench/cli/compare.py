@@ -6,7 +6,15 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, examples, show
+from airzoo_bench.cli.common import (
+    AllOption,
+    Format,
+    FormatOption,
+    SceneOption,
+    ScoresOption,
+    examples,
+    show,
+)
 from airzoo_bench.cli.locations import ResultsArgument
 from airzoo_bench.core.errors import UsageError
 
@@ -21,13 +29,8 @@ EXAMPLES = examples(
 def compare(
     results: ResultsArgument,
     form: FormatOption = Format.TERMINAL,
-    score: Annotated[
-        list[str] | None,
-        typer.Option(help="Key or title, repeatable (default: the paper's scores)."),
-    ] = None,
-    every: Annotated[
-        bool, typer.Option("--all", help="Every score, not the paper's only.")
-    ] = False,
+    score: ScoresOption = None,
+    every: AllOption = False,
     reference: Annotated[
         str | None,
         typer.Option(help="The method to compare with, or 'best' (default: the first)."),
@@ -40,7 +43,7 @@ def compare(
             "are NAME's.",
         ),
     ] = None,
-    scene: Annotated[str | None, typer.Option(help="This scene only, by id or title.")] = None,
+    scene: SceneOption = None,
     most_different: Annotated[
         int | None,
         typer.Option(

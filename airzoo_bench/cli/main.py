@@ -63,12 +63,14 @@ _COMMANDS: dict[str, dict[str, _Place]] = {
     "Checks": {
         "audit": _Place("audit", "audit", "Check a published table against arithmetic."),
         "check-geometry": _Place(
-            *("check_geometry", "check_geometry"),
+            "check_geometry",
+            "check_geometry",
             "Check frames and depth of a dataset.",
             "GEOMETRY_EXAMPLES",
         ),
         "check-split": _Place(
-            *("check_geometry", "check_split"),
+            "check_geometry",
+            "check_split",
             "Check that two sets see no common ground.",
             "SPLIT_EXAMPLES",
         ),

@@ -12,7 +12,15 @@ import typer
 
 from airzoo_bench.cli.breakdown import parse_bins
 from airzoo_bench.cli.built import parameter, with_parameters
-from airzoo_bench.cli.common import LightGroup, check_output, examples, say, say_replaced, working
+from airzoo_bench.cli.common import (
+    LightGroup,
+    SceneOption,
+    check_output,
+    examples,
+    say,
+    say_replaced,
+    working,
+)
 from airzoo_bench.cli.locations import ResultsArgument
 from airzoo_bench.core.errors import UsageError
 
@@ -31,7 +39,7 @@ def _option(name: str, kind: Any, help_text: str, default: Any = None, **more: A
 
 _OUT = Annotated[Path, typer.Option("--out", "-o", help="The .png, .svg or .pdf to save.")]
 _SCORE = _option("score", str | None, "Key or title (default: the first that fits).")
-_SCENE = _option("scene", str | None, "This scene only, by id or title.")
+_SCENE = parameter("scene", SceneOption, None)
 _SIZE = "(default: what the content needs)."
 _LAST = (
     _option("width", str | None, f"Such as 3.3in or 8.4cm {_SIZE}"),

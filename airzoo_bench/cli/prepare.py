@@ -168,14 +168,14 @@ def _print_prepared(about: About, reasons: Mapping[str, str], prepared: Prepared
         _print_scene(scene, summary, reasons, several)
     for scene, summary in prepared.summaries.items():
         for sentence in summary.warnings:
-            say(f"warning: {_of_scene(scene, sentence) if several else sentence}")
+            say(f"warning: {_naming_scene(scene, sentence) if several else sentence}")
         for sentence in summary.notes:
-            say(_of_scene(scene, sentence) if several else sentence)
+            say(_naming_scene(scene, sentence) if several else sentence)
     for scene, why in prepared.failed.items():
         say(f"left out, scene {scene}: {why}")
 
 
-def _of_scene(scene: str, sentence: str) -> str:
+def _naming_scene(scene: str, sentence: str) -> str:
     """Name the scene that a sentence is about, unless it begins so: "flight 07: ..."."""
     named = re.match(rf"\w+ {re.escape(scene)}\b", sentence)
     return sentence if named else f"scene {scene}: {sentence}"

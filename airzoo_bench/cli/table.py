@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from airzoo_bench.cli.built import field_parameters, with_parameters
 from airzoo_bench.cli.common import Format, examples, show
 from airzoo_bench.cli.table_request import TableRequest
@@ -26,10 +28,10 @@ PANELS = {
 }
 
 
-def _table(**options: object) -> None:
+def _table(**options: Any) -> None:
     from airzoo_bench.cli.table_making import make_table
 
-    asked = TableRequest(**options)  # type: ignore[arg-type] - typer has checked them
+    asked = TableRequest(**options)
     odd = [name for name, given in (("--fit", asked.fit), ("--cite", asked.cite)) if given]
     if odd and asked.form is not Format.LATEX:
         are = agreeing(len(odd), "is", "are")

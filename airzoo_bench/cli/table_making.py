@@ -49,7 +49,7 @@ def make_table(asked: TableRequest) -> Table:
     layout = asked.layout_for(results)
     tables = _method_tables(asked, layout, paths, results)
     if layout is Layout.RESULT:
-        return _own_table(asked, tables[0], results[0])
+        return _table_of_one(asked, tables[0], results[0])
     if layout is Layout.BENCHMARKS:
         made = benchmarks_layout([table for table in tables if table.scores])
         titles = [table.title for table in tables if not table.scores]
@@ -98,7 +98,7 @@ def _filled(
     results: Sequence[Result],
     paths: Sequence[Path],
 ) -> MethodTable:
-    """Add intervals, published rows and floors, as far as they are asked for."""
+    """Add intervals, published rows and floors, where they are asked for."""
     if asked.intervals:
         table = _with_intervals(asked, layout, table, results, paths)
     if asked.published:
@@ -142,7 +142,7 @@ def _without_interval(floors: str) -> list[str]:
     return [f"no interval for {floors}: intervals are of methods"] if floors else []
 
 
-def _own_table(asked: TableRequest, table: MethodTable, result: Result) -> Table:
+def _table_of_one(asked: TableRequest, table: MethodTable, result: Result) -> Table:
     """Return the table of one result, a row a scene."""
     (entry,) = table.rows
     made = scenes_table(

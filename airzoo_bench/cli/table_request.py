@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption
+from airzoo_bench.cli.common import AllOption, Format, FormatOption, ScoresOption
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -69,12 +69,8 @@ class TableRequest:
     scene: Annotated[
         str | None, _option("With methods: this scene instead of the average.", "--scene")
     ] = None
-    every_score: Annotated[bool, _option("Print every score, not the paper's only.", "--all")] = (
-        False
-    )
-    scores: Annotated[
-        list[str] | None, _option("Print this score only; repeatable.", "--score")
-    ] = None
+    every_score: AllOption = False
+    scores: ScoresOption = None
     published: Annotated[
         bool, _option("Add rows of published numbers, marked as such.", "--published")
     ] = False

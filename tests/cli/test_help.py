@@ -14,7 +14,7 @@ from airzoo_bench.cli.main import app
 from tests.support import run_main
 
 MOST_OPTIONS = 258
-COMMON = ("--data", "--engine", "--format", "--jobs", "--names", "--reader", "--scheduler")
+COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--names", "--reader", "--scheduler")
 SCALE = ("jobs", "max_memory", "untrusted", "engine", "scheduler", "resume", "show_progress")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
 
