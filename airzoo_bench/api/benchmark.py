@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -316,18 +316,18 @@ def photos_of(table: pd.DataFrame, folder: Path) -> Items[Photo]:
         poses = poses_of(table[there], PRIOR_COLUMNS)
         made = map(Pose, poses.rotation.copy(), poses.centres.copy())
         priors = dict(zip(np.flatnonzero(there).tolist(), made, strict=True))
-    camera: Callable[[int], Camera | None] = lambda row: None  # noqa: E731
+    cameras: list[Camera | None] = [None] * len(table)
     if set(CAMERA_COLUMNS) <= set(table.columns):
         batch = cameras_of(table)
-
-        def camera(row: int) -> Camera | None:
-            size = int(batch.width[row]), int(batch.height[row])
-            return Camera(*size, batch.matrices[row], batch.distortion[row])
-
-    rows = enumerate(zip(table["id"], table["image"], strict=True))
+        columns = batch.width, batch.height, batch.matrices, batch.distortion
+        cameras = [
+            Camera(int(width), int(height), K, lens)
+            for width, height, K, lens in zip(*columns, strict=True)
+        ]
+    rows = enumerate(zip(table["id"], table["image"], cameras, strict=True))
     return Items(
-        Photo(one, name, folder / name, priors.get(row), conditions[row], camera(row))
-        for row, (one, name) in rows
+        Photo(one, name, folder / name, priors.get(row), conditions[row], camera)
+        for row, (one, name, camera) in rows
     )
 
 

@@ -81,7 +81,7 @@ def test_every_score(files: list[Path], compare: Callable[..., str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "nothing to compare"),
+        ([], "RESULTS"),
         (["x.json", "y.json"], "x.json: no such result file"),
     ],
 )
