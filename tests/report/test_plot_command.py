@@ -86,7 +86,6 @@ def test_thresholds_are_of_reconstruction(tmp_path: Path) -> None:
         (("recall", "-o", "x.gif"), "cannot be written as .gif"),
         (("recall", "-o", "x."), "without an ending"),
         (("recall", "--up-to", 9, "-o", "x.png"), "keeps 5 ranks"),
-        (("condition", "-o", "x.png"), "needs --by"),
         (("condition", "--by", "wether", "-o", "x.png"), "'weather'"),
         (("errors", "--score", "R@1", "-o", "x.png"), "no error"),
         (("scenes", "--score", "recall@", "-o", "x.png"), "'recall@1'"),
@@ -141,7 +140,7 @@ def test_dots_per_inch(tmp_path: Path) -> None:
 def test_a_kind_left_out_is_told_how_to_fix(tmp_path: Path) -> None:
     [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
     done = run("plot", path, path, "-o", tmp_path / "x.png")
-    assert "name the kind before the results" in str(done.exception)
+    assert f"plot recall {path}" in str(done.exception)
     blocked = tmp_path / "file"
     blocked.write_text("")
     done = run("plot", "recall", path, "-o", blocked / "x.png")
