@@ -223,11 +223,13 @@ def evaluate(
     ----------
     predictions : path or mapping of str to array-like
         A prediction file, folder or archive; or the fields of one (docs/predictions.md).
-    protocol, method : str, optional
-        Name or path of a protocol, and a name in tables; by default the predictions' own.
+    protocol : str, optional
+        Name or path of a protocol; by default the predictions' own.
     data : path, optional
         The benchmark folder, or the one that holds it; by default ``AIRZOO_BENCH_DATA``, else a
         cache folder.
+    method : str, optional
+        Its name in tables; by default the file's name.
     reader : str, optional
         The reader of files as a method writes them, by name; by default found from their content.
     names : path, optional
