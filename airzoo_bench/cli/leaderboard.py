@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, MemoryOption, examples, memory_bytes, put, say
-from airzoo_bench.cli.leaderboard_site import BUILD_EXAMPLES, SERVE_EXAMPLES, build, serve
+from airzoo_bench.cli.common import (
+    JobsOption,
+    MemoryOption,
+    examples,
+    memory_bytes,
+    put,
+    say,
+    working,
+)
 from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.errors import UsageError
 
@@ -30,6 +37,8 @@ RootOption = Annotated[
     Path, typer.Option(help="A checkout of the board's own branch, with leaderboard.toml.")
 ]
 OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="The file to write.")]
+
+_RUNS, _BOARD, _SITE = Path("runs"), Path("leaderboard.toml"), Path("site")
 
 
 @app.callback()
@@ -101,13 +110,13 @@ def score(
     2 where the event or the board is at fault.
     """
     from airzoo_bench.leaderboard.artifact import read_artifact, write_artifact
+    from airzoo_bench.leaderboard.keys import read_key
     from airzoo_bench.leaderboard.pull_request import read_event
     from airzoo_bench.leaderboard.scoring import (
         score_against_truth,
         score_merged,
         score_pull_request,
     )
-    from airzoo_bench.leaderboard.sealed.keys import read_key
 
     rules = _rules(root, branch, data, max_memory, jobs)
     if sealed is not None:
@@ -118,9 +127,9 @@ def score(
     else:
         _check_empty(out)
         faults = 0
-        for one in score_merged(remote, rules, out):
-            faults += one.fault is not None
-            _say(f"{one.place.path}: {one.said if one.fault is None else one.fault}")
+        for place, said in score_merged(remote, rules, out):
+            faults += not isinstance(said, str)
+            _say(f"{place.path}: {said}")
         raise typer.Exit(min(faults, 1))
     write_artifact(out, found)
     _finish(found)
@@ -194,8 +203,72 @@ def keep(
     _finish(finding)
 
 
-app.command("build", epilog=BUILD_EXAMPLES)(build)
-app.command("serve", epilog=SERVE_EXAMPLES)(serve)
+@app.command(
+    epilog=examples(
+        "leaderboard build --out site", "leaderboard build results/*/result.json --out site"
+    )
+)
+def build(
+    results: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Further results, or folders that hold one, beside the runs."),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="The site's folder; an earlier board is replaced.")
+    ] = _SITE,
+    runs: Annotated[
+        Path, typer.Option(help="Scored submissions: benchmark/track/folder/number/.")
+    ] = _RUNS,
+    submissions: Annotated[
+        Path, typer.Option(help="Submissions, to show which have not been scored yet.")
+    ] = Path("submissions"),
+    board: Annotated[
+        Path, typer.Option(help="What the board states of itself, if there is such a file.")
+    ] = _BOARD,
+    cache: Annotated[
+        Path | None,
+        typer.Option(help="What builds keep; safe to delete (default: OUT.cache)."),
+    ] = None,
+    data: DataOption = None,
+) -> None:
+    """Make the static site of a board: board.json, tables, pages. See docs/leaderboard.md.
+
+    A submission that cannot be shown is a grey row with the reason. The board that stands is
+    replaced in one step; a second build measures only what has changed.
+    """
+    from airzoo_bench.leaderboard.board import read_board
+    from airzoo_bench.leaderboard.build import Given, build_board
+
+    if runs != _RUNS and not runs.is_dir():
+        raise UsageError(
+            "no folder of runs: the board would lose all that were scored",
+            where=runs,
+            fix="correct --runs, or leave it out where there are none",
+        )
+    if next(runs.glob("runs/*/*/*/*/run.json"), None) is not None:
+        raise UsageError(
+            "the folder above that of the runs",
+            where=runs,
+            expected="benchmark/track/folder/number/ in it",
+            fix=f"--runs {runs / 'runs'}",
+        )
+    stated = read_board(board) if board.is_file() or board != _BOARD else None
+    given = Given(runs, submissions, results or [], stated, resolve_data(data))
+    kept = out.with_name(f"{out.name}.cache") if cache is None else cache
+    with working("building the board"):
+        build_board(given, out, kept, say)
+    put(f"{out / 'index.html'}\n")
+
+
+@app.command(epilog=examples("leaderboard serve site"))
+def serve(
+    site: Annotated[Path, typer.Argument(help="The folder that `leaderboard build` made.")] = _SITE,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 8000,
+) -> None:
+    """Show a built site at an address of this machine alone, until Ctrl-C."""
+    from airzoo_bench.leaderboard.build import serve_folder
+
+    serve_folder(site, port, put)
 
 
 def _rules(root: Path, branch: str, data: str | None, max_memory: str, jobs: int) -> Rules:

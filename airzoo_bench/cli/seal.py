@@ -52,20 +52,19 @@ def seal(
 ) -> None:
     """Split a benchmark folder into a public one without the truth, and an archive with it.
 
-    Methods get photos without metadata, cameras, priors, tiles, crops and maps; docs/sealed.md says
-    what else there is to think of.
+    Methods get photos without metadata, cameras, priors, tiles, crops and maps;
+    docs/leaderboard.md says what else there is to think of.
     """
-    from airzoo_bench.leaderboard.sealed.keys import recipient
-    from airzoo_bench.leaderboard.sealed.sealing import seal as run
+    from airzoo_bench.leaderboard.keys import recipient
+    from airzoo_bench.leaderboard.sealing import seal as run
 
-    sealed = run(folder, out, archive, recipient(to), replace=force, progress=progress)
+    committed, counts = run(folder, out, archive, recipient(to), replace=force, progress=progress)
     put(f"{out}\n{archive}\n")
-    counts = sealed.counts
     say(
         f"{counted(counts['public'], 'file')} public, {counts['sealed']:,} in the archive, "
         f"{counted(counts['cut'], 'photo')} freed of metadata"
     )
-    say(f"commitment {sealed.commitment}")
+    say(f"commitment {committed}")
     say(f"publish {out}; {archive} may lie next to it: only the key opens it")
 
 
@@ -89,10 +88,10 @@ def seal_score(
     """
     from airzoo_bench.evaluation.opening import ReadBy
     from airzoo_bench.evaluation.track import Run
-    from airzoo_bench.leaderboard.sealed.keys import read_key
-    from airzoo_bench.leaderboard.sealed.scoring import score_predictions
+    from airzoo_bench.leaderboard.keys import read_key
+    from airzoo_bench.leaderboard.sealed_scoring import score_sealed
 
-    answer = score_predictions(
+    answer = score_sealed(
         predictions,
         protocol,
         method or predictions.stem,

@@ -2,7 +2,9 @@
 
 The child calls one function of the suite and leaves a description of what it returns: JSON and
 plain ``.npy`` files, which the parent maps. Nothing that the child leaves is run. These are limits,
-not isolation: the child may read what its user may read.
+not isolation: the child may read what its user may read. A command of ``$AIRZOO_BENCH_CONTAINER``,
+such as ``bwrap ... {files} --bind {folder} {folder}``, runs the child instead; ``{files}`` becomes
+``--ro-bind PATH PATH`` for the predictions, and for each further file that the child is told of.
 """
 
 from __future__ import annotations
@@ -11,10 +13,11 @@ import dataclasses
 import importlib
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -39,6 +42,8 @@ _LAST_S = 5  # of a processor, between the signal that asks and the one that kil
 _KINDS = "biufUS"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
 _ENVIRONMENT = dict.fromkeys(_THREADS, "1") | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
+_CONTAINER = "AIRZOO_BENCH_CONTAINER"
+_SECRETS = ("GIT_TOKEN", "AIRZOO_BENCH_KEY")
 _KEY = "$"  # of what stands for a value that JSON does not have
 
 
@@ -74,7 +79,7 @@ def call_limited(
     check_limits()
     job = {"function": function, "arguments": dict(arguments), "where": where, "limits": limits}
     (folder / "job.json").write_text(_written(job, folder, where))
-    _run_child(where, limits, folder)
+    _run_child(where, limits, folder, [str(where.absolute()), *map(str, _files(arguments))])
     answer = folder / "answer.json"
     if answer.stat().st_size > _MOST_ANSWER_BYTES:
         raise _refusal(where, "it has far too many entries")
@@ -87,11 +92,29 @@ def call_limited(
     return found
 
 
-def _run_child(where: Path, limits: Limits, folder: Path) -> None:
+def _files(value: Any) -> Iterator[Path]:
+    """Yield the files that arguments name; the folder of benchmarks, with their truth, is none."""
+    if isinstance(value, Path) and value.is_file():
+        yield value.absolute()
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _files(part)
+    elif dataclasses.is_dataclass(value):
+        yield from _files(vars(value))
+
+
+def _run_child(where: Path, limits: Limits, folder: Path, files: Sequence[str]) -> None:
     paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {name: text for name, text in os.environ.items() if name not in _SECRETS}
+    container = []
+    for word in shlex.split(environment.pop(_CONTAINER, "")):
+        if word == "{files}":
+            container += [part for path in files for part in ("--ro-bind", path, path)]
+        else:
+            container.append(word.replace("{folder}", str(folder.resolve())))
     child = subprocess.Popen(
-        [sys.executable, "-P", "-m", __name__, str(folder), str(where)],
-        env=os.environ | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(paths)},
+        [*container, sys.executable, "-P", "-m", __name__, str(folder), str(where)],
+        env=environment | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(paths)},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -105,6 +128,8 @@ def _run_child(where: Path, limits: Limits, folder: Path) -> None:
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGKILL)
             child.wait()
+    if container and code > 128:  # as a shell says that a signal ended it
+        code = 128 - code
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
         raise _refusal(where, f"it takes more than {limits.cpu_s:,} seconds of a processor")
     if code:

@@ -27,7 +27,7 @@ from airzoo_bench.evaluation.reader import Reader, Reading, find_reader, image_s
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
 from airzoo_bench.formats.arrays import protocol_name
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols
+from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols, protocol_files
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ReaderUsed
 
@@ -267,7 +267,9 @@ class _ListedScenes(ScenePredictions):
 
 def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
     check_limits()
-    request = {"path": path, "data": data, "protocol": protocol, **asked}
+    # In a container the child does not see the folder of benchmarks, which has their truth.
+    stated = protocol_files(data).get(protocol or "", protocol)
+    request = {"path": path, "data": data, "protocol": stated, **asked}
     request["memory_bytes"] = run.memory_bytes
     found = _call("open_here", request, path, run)
     predictions = found.predictions
@@ -290,6 +292,11 @@ def _call(function: str, request: Mapping[str, Any], path: Path, run: Run) -> An
         return found
 
 
+def _by_path(request: Mapping[str, Any]) -> dict[str, Any]:
+    protocol = request["protocol"]
+    return {**request, "protocol": None if protocol is None else str(protocol)}
+
+
 @dataclass(frozen=True)
 class _Opened:
     predictions: Any
@@ -299,7 +306,7 @@ class _Opened:
 
 def open_here(memory_bytes: int, **request: Any) -> _Opened:
     """Open predictions, in the child."""
-    given = open_predictions(run=Run(memory_bytes), **request)
+    given = open_predictions(run=Run(memory_bytes), **_by_path(request))
     found: Any = given.predictions
     if isinstance(found, ScenePredictions):
         listed = tuple(found.unknown_files), tuple(found.scenes)
@@ -312,7 +319,7 @@ def open_scene_here(
     memory_bytes: int, scene: str, limit_bytes: int, sampling: Any, **request: Any
 ) -> AbstractContextManager[Any]:
     """Open one scene of predictions, in the child."""
-    predictions: Any = open_predictions(run=Run(memory_bytes), **request).predictions
+    predictions: Any = open_predictions(run=Run(memory_bytes), **_by_path(request)).predictions
     opened: AbstractContextManager[Any] = predictions.opened(
         scene, limit_bytes=limit_bytes, sampling=sampling
     )

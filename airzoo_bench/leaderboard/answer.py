@@ -15,17 +15,9 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Estimate(Strict):
-    """A score and its standard error, rounded as `sealed.rounding` says.
+    """A score and its standard error, rounded as `sealed_scoring` says.
 
-    Attributes
-    ----------
-    value : float or None
-        A multiple of `step`; None where it is infinite.
-    standard_error : float or None
-        One digit, rounded upward; None where it is infinite or not known.
-    step : float or None
-        Half of the standard error, or more where few queries make the score; None where the value
-        is.
+    The value is a multiple of `step`, None where it is infinite; None is an unknown error too.
     """
 
     value: Finite | None
@@ -36,15 +28,8 @@ class Estimate(Strict):
 class SealedAnswer(Strict):
     """Scores of a sealed benchmark, coarse enough that no try tells the answer of one query.
 
-    Attributes
-    ----------
-    truth_commitment : str
-        SHA-256 over the truth and its salt, which lies in the archive.
-    queries : dict of str to int
-        Of each scene; that is public.
-    scenes : dict of str to dict of str to Estimate
-        By scene and score; scenes of fewer than `rounding.LEAST_QUERIES` queries are left out, and
-        count in `overall`.
+    `truth_commitment` is SHA-256 over the truth and its salt, which lies in the archive; `scenes`
+    are of earlier answers, which told scenes by themselves.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -60,6 +45,6 @@ class SealedAnswer(Strict):
     columns: tuple[ScoreColumn, ...]
     queries: dict[str, int]
     scene_titles: dict[str, str]
-    scenes: dict[str, dict[str, Estimate]]
+    scenes: dict[str, dict[str, Estimate]] = Field(default_factory=dict)
     overall: dict[str, Estimate]
     versions: dict[str, str]

@@ -26,7 +26,6 @@ __all__ = [
     "write_artifact",
 ]
 
-Kind = Literal["nothing", "refused", "scored", "sealed", "withdrawn"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Commit = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
 
@@ -62,17 +61,7 @@ class SceneScores(Strict):
 
 
 class Standing(Strict):
-    """The rank of a method on the board, by one score.
-
-    Attributes
-    ----------
-    first, last : int
-        Its range of ranks.
-    methods : int
-        How many there are, with this one.
-    alike : tuple of str
-        Methods that it cannot be told from.
-    """
+    """The rank range of a method in its table, and the methods that it is not told from."""
 
     score: str
     first: int
@@ -82,29 +71,16 @@ class Standing(Strict):
 
 
 class Artifact(Strict):
-    """The outcome of a pull request.
+    """The outcome of a pull request, at the commit `head`.
 
-    Attributes
-    ----------
-    kind : str
-        ``nothing``: it changes no submission. ``sealed``: sound, and to be scored, or scored,
-        against a sealed truth.
-    head : str
-        The commit that this is about.
-    tree : str
-        Git's id of the submission's folder.
-    claimed : tuple of str
-        How the claimed result compares with the re-scored one.
-    agrees : bool or None
-        None where none was claimed.
-    update : bool
-        Whether the folder is on the board already.
-    truth : str
-        The fingerprint of the truth once it was opened, or "opened".
+    The kind is ``nothing`` where it changes no submission, and ``sealed`` where it is sound and to
+    be scored, or scored, against a sealed truth. `tree` is git's id of the submission's folder,
+    `claimed` how a claimed result compares, `agrees` None where none was claimed, `update` whether
+    the folder is on the board already, `truth` the fingerprint of the truth once it was opened.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
-    kind: Kind
+    kind: Literal["nothing", "refused", "scored", "sealed", "withdrawn"]
     pull_request: Account
     account: Account
     head: Commit
@@ -134,9 +110,17 @@ class Artifact(Strict):
         return Place(self.benchmark, self.track, self.folder)
 
 
-def problem_of(error: UserError) -> Problem:
-    """Return an error as the artifact keeps it."""
-    return Problem(what=error.what, where=error.where, expected=error.expected, fix=error.fix)
+def problem_of(error: UserError, work: Path | None = None) -> Problem:
+    """Return an error as the artifact keeps it, without the path of the folder that CI works in."""
+    given = {name: getattr(error, name) for name in Problem.model_fields}
+    if work is not None:
+        given = {name: text and without(text, work) for name, text in given.items()}
+    return Problem(**given)
+
+
+def without(text: str, work: Path) -> str:
+    """Return a text without the path of the folder that CI works in."""
+    return text.replace(f"{work}/", "").replace(str(work), "")
 
 
 def write_artifact(path: Path, artifact: Artifact) -> None:

@@ -37,17 +37,9 @@ Title = Annotated[str, Field(min_length=1, max_length=120)]
 
 
 class Limits(Strict):
-    """The most that a submission may cost the board.
+    """The most that a submission may cost the board; docs/leaderboard.md says of what.
 
-    Attributes
-    ----------
-    committed_bytes, url_bytes : int
-        Of all files of a submission in the repository, and of predictions at an address.
-    tries, days : int
-        Scored tries of one account within so many days, on a sealed benchmark.
-    entries : int
-        Submissions of one account that a table shows at once: each more widens the rank ranges
-        of all, since every two are compared.
+    Each more entry of an account widens the rank ranges of all, since every two are compared.
     """
 
     committed_bytes: Count = 25_000_000
@@ -58,17 +50,7 @@ class Limits(Strict):
 
 
 class BoardBenchmark(Strict):
-    """A benchmark of the board.
-
-    Attributes
-    ----------
-    name : str
-        Of the benchmark folder in the data root, and of the folder below submissions/.
-    protocols : tuple of str
-        One a track.
-    sealed : str or None
-        The archive of the truth, relative to the repository; None where the truth is public.
-    """
+    """A benchmark of the board, a protocol a track; `sealed` is the archive of its truth."""
 
     name: Name
     title: Title
@@ -79,12 +61,7 @@ class BoardBenchmark(Strict):
 class Board(Strict):
     """The benchmarks of a board, and its rules.
 
-    Attributes
-    ----------
-    repository : str or None
-        Its name on GitHub.
-    maintainers : tuple of int
-        Ids of the accounts that may change every submission; names can change hands, ids cannot.
+    Maintainers are ids of accounts: names can change hands, ids cannot.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -104,11 +81,6 @@ class Board(Strict):
     def data_url(self) -> str | None:
         """The address of the data branch; the path of a file in it may follow."""
         return self.repository_url and f"{self.repository_url}/tree/leaderboard-data"
-
-    @property
-    def addresses(self) -> tuple[str | None, str | None, str | None, str | None]:
-        """The site, the repository's name, and the addresses of it and of the data branch."""
-        return self.url, self.repository, self.repository_url, self.data_url
 
     @property
     def protocols(self) -> list[str]:

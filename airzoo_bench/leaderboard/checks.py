@@ -34,7 +34,6 @@ from airzoo_bench.leaderboard.names import alike, fault_of_file_name, skeleton
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
     SUBMISSION_FILE,
-    PredictionsGiven,
     Submission,
     read_submission,
 )
@@ -69,20 +68,9 @@ _MAX_RANGE_M = 2000.0  # as `check-split` has it
 class CheckedSubmission:
     """The content of a submission's folder, its errors and warnings.
 
-    Attributes
-    ----------
-    submission : Submission or None
-        None where submission.toml cannot be read; an error says why.
-    protocol : Protocol or None
-        As it is found by its name, where the board scores by it.
-    predictions : Path or None
-        None where they are not there, not as announced, or were not to be fetched.
-    claimed : Result or None
-        The result.json of the submitter.
-    errors : list of UserError
-        A submission with any is refused.
-    warnings : list of str
-        For submitter and maintainers.
+    `submission` is None where submission.toml cannot be read; `protocol` where the board does not
+    score by it; `predictions` where they are missing, not as announced, or were not to be fetched.
+    A submission with any error is refused; warnings are for submitter and maintainers.
     """
 
     folder: Path
@@ -141,8 +129,9 @@ def check_submission(
         return found
     found.take(_check_names(submission, found.place, known))
     found.take(_check_stated(folder, submission))
-    is_placed = found.take(_check_place(found, board, data))
-    found.take(_find_predictions(found, submission, board.limits, data, seconds if fetched else 0))
+    is_placed = found.take(_check_place(found, submission, board, data))
+    time = seconds if fetched else 0
+    found.take(_find_predictions(found, submission, board.limits, data, time))
     found.take(_check_claim(found, submission))
     if is_placed:
         found.take(_training_warnings(submission, found.place.benchmark, data))
@@ -197,14 +186,15 @@ def _fault_of_file(inner: str, mode: int, names: set[str]) -> str:
 
 def too_many_files(where: object) -> SubmissionError:
     """Return the error of a folder with more files than a submission may have."""
-    return SubmissionError(
-        f"more than {MOST_FILES:,} files and folders",
-        where=where,
-        fix="put the predictions into one archive, such as predictions.zip, or give their URL",
-    )
+    fix = "put the predictions into one archive, such as predictions.zip, or give their URL"
+    return SubmissionError(f"more than {MOST_FILES:,} files and folders", where=where, fix=fix)
 
 
 # --- statements ---
+
+
+def _wrong(what: str, expected: str | None = None, fix: str | None = None) -> SubmissionError:
+    return SubmissionError(what, where=SUBMISSION_FILE, expected=expected, fix=fix)
 
 
 def _check_names(
@@ -223,15 +213,12 @@ def _check_names(
 
 
 def _alike(key: str, name: str, others: Iterable[str]) -> Iterator[UserError]:
-    for other in others:
-        if alike(name, other):
-            yield SubmissionError(
-                f"key '{key}' is {name!r}, which looks like {other!r} on this board",
-                where=SUBMISSION_FILE,
-                expected="a name that nobody takes for another's",
-                fix=f"{key} = {other!r} if it is the same, else another name",
-            )
-            return
+    if other := next((other for other in others if alike(name, other)), None):
+        yield _wrong(
+            f"key '{key}' is {name!r}, which looks like {other!r} on this board",
+            "a name that nobody takes for another's",
+            f"{key} = {other!r} if it is the same, else another name",
+        )
 
 
 def _same_in_table(submission: Submission, one: Known) -> Iterator[UserError | str]:
@@ -242,11 +229,10 @@ def _same_in_table(submission: Submission, one: Known) -> Iterator[UserError | s
     if skeleton(other.method) != skeleton(submission.method):
         return
     if other.team == submission.team:
-        yield SubmissionError(
+        yield _wrong(
             f"your team has a method {other.method!r} here already, in {folder}",
-            where=SUBMISSION_FILE,
-            expected="a name a row",
-            fix=f'put the new version into {folder}, or name it such as "{other.method} v2"',
+            "a name a row",
+            f'put the new version into {folder}, or name it such as "{other.method} v2"',
         )
     elif other.method == submission.method:
         yield f"{other.method!r} is on this board already, {by}"
@@ -259,10 +245,9 @@ def _check_stated(folder: Path, submission: Submission) -> Iterator[UserError | 
         yield "key 'supersedes' is ignored: withdraw the earlier submission"
     today = datetime.datetime.now(datetime.UTC).date()
     if submission.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
-        yield SubmissionError(
+        yield _wrong(
             f"key 'date' is {submission.date}, which is to come",
-            where=SUBMISSION_FILE,
-            expected=f"the day on which the predictions were made, such as {today}",
+            f"the day on which the predictions were made, such as {today}",
         )
     stated = {SUBMISSION_FILE, CLAIMED_FILE, given.file, given.names}
     strange = sorted(entry.name for entry in folder.iterdir() if entry.name not in stated)
@@ -284,11 +269,11 @@ def _check_stated(folder: Path, submission: Submission) -> Iterator[UserError | 
             )
 
 
-def _check_place(found: CheckedSubmission, board: Board, data: Path) -> Iterator[UserError]:
+def _check_place(
+    found: CheckedSubmission, submission: Submission, board: Board, data: Path
+) -> Iterator[UserError]:
     """Yield what is wrong with the place of a folder: its benchmark, its track, its name."""
-    place, submission = found.place, found.submission
-    assert submission is not None
-    benchmarks = {one.name: one for one in board.benchmarks}
+    place, benchmarks = found.place, {one.name: one for one in board.benchmarks}
     if place.benchmark not in benchmarks or place.fault:
         yield SubmissionError(
             f"no place for a submission{nearest(place.benchmark, [*benchmarks])}",
@@ -300,22 +285,20 @@ def _check_place(found: CheckedSubmission, board: Board, data: Path) -> Iterator
         return
     protocols = benchmarks[place.benchmark].protocols
     if submission.protocol not in protocols:
-        yield SubmissionError(
+        yield _wrong(
             f"key 'protocol' is {submission.protocol!r}, by which this board does not score "
             f"{place.benchmark}{nearest(submission.protocol, list(protocols))}",
-            where=SUBMISSION_FILE,
-            expected=f"one of {', '.join(protocols)}",
-            fix="correct the key, or the folder",
+            f"one of {', '.join(protocols)}",
+            "correct the key, or the folder",
         )
         return
     protocol = find_protocol(submission.protocol, data)
     if (protocol.benchmark, protocol.track) != place.table:
-        yield SubmissionError(
+        yield _wrong(
             f"key 'protocol' is {protocol.name!r}, of the {protocol.track} track of "
             f"{protocol.benchmark}; the folder is of {place.track} of {place.benchmark}",
-            where=SUBMISSION_FILE,
-            expected=f"a folder in submissions/{protocol.benchmark}/{protocol.track}",
-            fix="move the folder, or correct the key",
+            f"a folder in submissions/{protocol.benchmark}/{protocol.track}",
+            "move the folder, or correct the key",
         )
         return
     found.protocol = protocol
@@ -335,41 +318,32 @@ def _find_predictions(
     given = submission.predictions
     path = None if given.file is None else found.folder / given.file
     if given.url is not None:
-        path = _at_address(given, limits, data, seconds)
-    if path is None or not path.exists():
-        return
-    pairs = {"bytes": (given.size, size_of_tree(path))}
-    if given.size == pairs["bytes"][1]:
-        pairs = {"sha256": (given.sha256, sha256_of_tree(path))}  # type: ignore[dict-item]
-    for key, (announced, is_) in pairs.items():
-        if announced != is_:
-            yield SubmissionError(
-                f"key 'predictions.{key}' is {announced}, but that of {path.name} is {is_}",
-                where=SUBMISSION_FILE,
-                expected="the file that was announced, to the last byte",
-                fix=f"write {key} = {is_}, or put the right predictions there",
+        parse_address(given.url)  # which is refused without a network too
+        if given.size > limits.url_bytes:
+            yield _wrong(
+                f"key 'predictions.bytes' is {given.size:,}",
+                f"at most {limits.url_bytes:,}, the limit of this board",
+                "write smaller predictions: fewer ranks, half precision, or compressed",
             )
             return
-    found.predictions = path
-
-
-def _at_address(
-    given: PredictionsGiven, limits: Limits, data: Path, seconds: float | None
-) -> Path | None:
-    """Return the predictions at an address, once they are on this disk."""
-    url, home = str(given.url), data / FETCHED / given.sha256
-    parse_address(url)  # which is refused without a network too
-    if given.size > limits.url_bytes:
-        raise SubmissionError(
-            f"key 'predictions.bytes' is {given.size:,}",
-            where=SUBMISSION_FILE,
-            expected=f"at most {limits.url_bytes:,}, the limit of this board",
-            fix="write smaller predictions: fewer ranks, half precision, or compressed",
+        home = data / FETCHED / given.sha256
+        # A name that begins with a dot is of a file that is being fetched.
+        path = next(iter(sorted(home.glob("[!.]*"))), None)
+        if seconds != 0:
+            path = fetch(given.url, home, size=given.size, sha256=given.sha256, seconds=seconds)
+    if path is None or not path.exists():
+        return
+    key, announced, is_ = "bytes", str(given.size), str(size_of_tree(path))
+    if announced == is_:
+        key, announced, is_ = "sha256", given.sha256, sha256_of_tree(path)
+    if announced != is_:
+        yield _wrong(
+            f"key 'predictions.{key}' is {announced}, but that of {path.name} is {is_}",
+            "the file that was announced, to the last byte",
+            f"write {key} = {is_}, or put the right predictions there",
         )
-    if seconds != 0:
-        return fetch(url, home, size=given.size, sha256=given.sha256, seconds=seconds)
-    # A name that begins with a dot is of a file that is being fetched.
-    return next(iter(sorted(home.glob("[!.]*"))), None)
+        return
+    found.predictions = path
 
 
 def size_of_tree(path: Path) -> int:
@@ -384,12 +358,9 @@ def _check_claim(found: CheckedSubmission, submission: Submission) -> Iterator[U
     if not path.exists():
         return
     if (size := path.stat().st_size) > _MOST_CLAIMED_BYTES:
-        yield SubmissionError(
-            f"has {size:,} bytes",
-            where=path,
-            expected=f"at most {_MOST_CLAIMED_BYTES:,}, more than a result of this suite takes",
-            fix="leave it out: CI scores anyway",
-        )
+        expected = f"at most {_MOST_CLAIMED_BYTES:,}, more than a result of this suite takes"
+        fix = "leave it out: CI scores anyway"
+        yield SubmissionError(f"has {size:,} bytes", where=path, expected=expected, fix=fix)
         return
     try:
         found.claimed = claimed = read_result(path)
@@ -421,14 +392,9 @@ def _check_predictions(
     """Check the predictions as `airzoo-bench check` does."""
     if found.predictions is None:
         return
+    given = {"protocol": submission.protocol, "run": run, "read_by": found.read_by}
     try:
-        checked = check(
-            found.predictions,
-            data=data,
-            protocol=submission.protocol,
-            run=run,
-            read_by=found.read_by,
-        )
+        checked = check(found.predictions, data=data, **given)  # type: ignore[arg-type]
     except (PredictionError, CameraError, UsageError) as error:
         yield error
         return
@@ -451,26 +417,22 @@ def _training_warnings(submission: Submission, benchmark: str, data: Path) -> It
             )
         elif name not in known and (meant := nearest(name, known)):
             yield f"training data {name!r} are no dataset that is known here{meant}"
-        if name != benchmark and name in here and benchmark in here:
-            yield from _overlap_warnings(name, benchmark, data)
+        if name == benchmark or name not in here or benchmark not in here:
+            continue
+        try:
+            train, test = (read_footprints(data / one, _MAX_RANGE_M) for one in (name, benchmark))
+        except BenchmarkError as error:
+            yield f"training data {name!r} were not compared with the benchmark: {error.what}"
+            continue
+        found = compare_splits(train, test)
+        if len(found.pairs):
+            yield (
+                f"training data {name!r} see the ground of {counted(found.tainted, 'test photo')} "
+                f"of {len(test.ids):,}: `airzoo-bench check-split {name} {benchmark}` lists them"
+            )
 
 
 def _same_dataset(one: str, other: str) -> bool:
     """Tell whether two ids are alike, or one names a part of the other, such as gta-uav-cross."""
     first, second = sorted((one.casefold().replace("_", "-"), other.casefold().replace("_", "-")))
     return second == first or second.startswith(f"{first}-")
-
-
-def _overlap_warnings(name: str, benchmark: str, data: Path) -> Iterator[str]:
-    """Compare the ground that both see, as ``airzoo-bench check-split`` does."""
-    try:
-        train, test = (read_footprints(data / one, _MAX_RANGE_M) for one in (name, benchmark))
-    except BenchmarkError as error:
-        yield f"training data {name!r} were not compared with the benchmark: {error.what}"
-        return
-    found = compare_splits(train, test)
-    if len(found.pairs):
-        yield (
-            f"training data {name!r} see the ground of {counted(found.tainted, 'test photo')} of "
-            f"{len(test.ids):,}: `airzoo-bench check-split {name} {benchmark}` lists them"
-        )

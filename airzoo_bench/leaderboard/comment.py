@@ -6,38 +6,29 @@ renders no link, no image, no mention and no reference.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
-from airzoo_bench.leaderboard.artifact import Artifact, SceneScores, Shown, Standing
+from airzoo_bench.leaderboard.artifact import Artifact, Shown
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import plain, show_number
 
-__all__ = ["MARK", "MOST_BYTES", "comment_on"]
+__all__ = ["MARK", "MOST_BYTES", "code", "comment_on"]
 
 MARK = "<!-- airzoo-bench leaderboard -->"
 MOST_BYTES = 65_300
 """GitHub takes 65,536 characters; mteb cuts here too."""
 
-_LONGEST_BLOCK = 4000
-_LONGEST_SPAN = 120
-_MOST_PARTS = 200
-_NO_TRY = "Nothing of this counts as a try.\n"
+_LONGEST_BLOCK, _LONGEST_SPAN, _MOST_PARTS = 4000, 120, 200
 _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
 
 
 def comment_on(artifact: Artifact) -> str:
-    """Return the comment's text, at most `MOST_BYTES` long."""
-    parts = [f"{MARK}\n", *_PARTS[artifact.kind](artifact), _scored_commit(artifact)]
-    return _bounded([part for part in parts if part])
-
-
-def _bounded(parts: Sequence[str]) -> str:
-    """Join parts as far as there is room; the last, which is short, always stands."""
-    *others, last = parts
+    """Return the comment's text, at most `MOST_BYTES` long; its end always stands."""
+    last = _scored_commit(artifact)
     room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
     kept: list[str] = []
-    for part in others:
+    for part in (f"{MARK}\n", *_PARTS[artifact.kind](artifact)):
         room -= len(part.encode()) + 1
         if room < 0:
             return "\n".join([*kept, _CUT, last])
@@ -47,15 +38,17 @@ def _bounded(parts: Sequence[str]) -> str:
 
 def _scored_commit(artifact: Artifact) -> str:
     head, number = artifact.head, artifact.pull_request
-    merge = f"gh pr merge {number} --squash --match-head-commit {head}"
     lines = [f"\nThis is about commit {head[:12]} alone; another push is looked at anew."]
     if artifact.kind in ("scored", "sealed", "withdrawn"):
+        merge = f"gh pr merge {number} --squash --match-head-commit {head}"
         lines.append(f"Maintainers: `{merge}` merges it and nothing that was pushed later.")
     return "\n".join(lines) + "\n"
 
 
+# --- by kind ---
+
+
 def _nothing(artifact: Artifact) -> Iterator[str]:
-    del artifact
     yield (
         "This pull request changes no submission: it is not for the board's branch, or all below "
         "`submissions/` is as it was where it began. (A submission is a folder "
@@ -71,7 +64,11 @@ def _refused(artifact: Artifact) -> Iterator[str]:
     yield from _listed("Warnings", artifact.warnings)
     yield (
         "`airzoo-bench submission check FOLDER` finds faults of the folder on your own machine. "
-        + ("The truth was opened: this counts as a try.\n" if artifact.truth else _NO_TRY)
+        + (
+            "The truth was opened: this counts as a try.\n"
+            if artifact.truth
+            else "Nothing of this counts as a try.\n"
+        )
     )
 
 
@@ -82,11 +79,35 @@ def _withdrawn(artifact: Artifact) -> Iterator[str]:
 
 def _scored(artifact: Artifact) -> Iterator[str]:
     yield f"### {_named(artifact)}\n"
-    yield from _standing(artifact.standing)
+    if standing := artifact.standing:
+        ranks = f"{standing.first}"
+        if standing.last != standing.first:
+            ranks += f" to {standing.last}"
+        yield f"Rank **{ranks}** of {standing.methods} by {code(standing.score)}.\n"
+        if standing.alike:
+            names = [code(name) for name in standing.alike[:_MOST_PARTS]]
+            yield f"Not told apart from {', '.join(names)} (paired test, 5 %, Holm).\n"
     columns = [column for column in artifact.columns if column.headline]
-    yield _table(columns, artifact.rows)
+    titles = [_title(column) for column in columns]
+    rows = artifact.rows[-_MOST_PARTS:]
+    yield _markdown(
+        ["Scene", "Queries", *titles],
+        [
+            [code(row.title), f"{row.queries:,}", *(_number(c, row.scores[c.key]) for c in columns)]
+            for row in rows
+        ],
+    )
     if artifact.update:
-        yield _changes(columns, artifact.rows)
+        changed = [
+            [code(row.title), *(_change(column, row.scores[column.key]) for column in columns)]
+            for row in rows
+            if any(s.before is not None and s.before != s.value for s in row.scores.values())
+        ]
+        yield (
+            "Changed since the last version:\n\n" + _markdown(["Scene", *titles], changed)
+            if changed
+            else "No score differs from those of the last version.\n"
+        )
     yield from _claimed(artifact)
     yield from _listed("Warnings", artifact.warnings)
     yield from _listed("Notes", artifact.notes)
@@ -105,56 +126,23 @@ def _sealed(artifact: Artifact) -> Iterator[str]:
     yield from _listed("Warnings", artifact.warnings)
 
 
-def _standing(standing: Standing | None) -> Iterator[str]:
-    if standing is None:
-        return
-    ranks = f"{standing.first}"
-    if standing.last != standing.first:
-        ranks += f" to {standing.last}"
-    yield f"Rank **{ranks}** of {standing.methods} by {code(standing.score)}.\n"
-    if standing.alike:
-        names = [code(name) for name in standing.alike[:_MOST_PARTS]]
-        yield f"Not told apart from {', '.join(names)} (paired test, 5 %, Holm).\n"
+_PARTS: dict[str, Callable[[Artifact], Iterator[str]]] = {
+    "nothing": _nothing,
+    "refused": _refused,
+    "scored": _scored,
+    "sealed": _sealed,
+    "withdrawn": _withdrawn,
+}
 
 
-def _table(columns: Sequence[ScoreColumn], rows: Sequence[SceneScores]) -> str:
-    titles = ["Scene", "Queries", *(_title(column) for column in columns)]
-    cells = [
-        [
-            code(row.title),
-            f"{row.queries:,}",
-            *(_number(column, row.scores[column.key]) for column in columns),
-        ]
-        for row in rows[-_MOST_PARTS:]
-    ]
-    return _markdown(titles, cells)
-
-
-def _changes(columns: Sequence[ScoreColumn], rows: Sequence[SceneScores]) -> str:
-    changed = [
-        [code(row.title), *(_change(column, row.scores[column.key]) for column in columns)]
-        for row in rows[-_MOST_PARTS:]
-        if any(s.before is not None and s.before != s.value for s in row.scores.values())
-    ]
-    if not changed:
-        return "No score differs from those of the last version.\n"
-    titles = ["Scene", *(_title(column) for column in columns)]
-    return "Changed since the last version:\n\n" + _markdown(titles, changed)
+# --- parts ---
 
 
 def _sealed_table(answer: SealedAnswer) -> str:
     columns = [column for column in answer.columns if column.headline]
+    cells = [_estimate(column, answer.overall.get(column.key)) for column in columns]
     titles = ["Scene", "Queries", *(_title(column) for column in columns)]
-    parts = {**answer.scenes, "": answer.overall}
-    cells = [
-        [
-            code(answer.scene_titles.get(scene, "average")),
-            f"{answer.queries.get(scene, sum(answer.queries.values())):,}",
-            *(_estimate(column, estimates.get(column.key)) for column in columns),
-        ]
-        for scene, estimates in parts.items()
-    ]
-    return _markdown(titles, cells)
+    return _markdown(titles, [["`average`", f"{sum(answer.queries.values()):,}", *cells]])
 
 
 def _claimed(artifact: Artifact) -> Iterator[str]:
@@ -228,12 +216,3 @@ def _block(text: str) -> str:
         for c in cut.replace("`", "'")
     )
     return f"````text\n{shown}\n````\n"
-
-
-_PARTS = {
-    "nothing": _nothing,
-    "refused": _refused,
-    "scored": _scored,
-    "sealed": _sealed,
-    "withdrawn": _withdrawn,
-}

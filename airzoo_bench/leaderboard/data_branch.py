@@ -29,19 +29,10 @@ _WHEN = "%Y-%m-%dT%H:%M:%SZ"
 
 
 class Try(NamedTuple):
-    """A line of the list of tries at sealed truths.
+    """A line of the list of tries at sealed truths, by account and commit, with the time in UTC.
 
-    Attributes
-    ----------
-    account : str
-        The number that stays when a name changes.
-    head : str
-        The commit to score.
-    outcome : str
-        ``started`` before the truth is opened; ``failed``, by no fault of the submission, gives
-        the try back.
-    time : str
-        In UTC.
+    The outcome is ``started`` before the truth is opened, ``scored``, or ``failed``, by no fault of
+    the submission, which gives the try back.
     """
 
     account: str

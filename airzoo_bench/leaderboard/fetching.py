@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import http.client
 import ipaddress
 import re
 import socket
-import subprocess
+import ssl
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryFile
-from typing import IO, NamedTuple
+from threading import Timer
+from typing import IO
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
 from airzoo_bench.core.errors import SubmissionError
@@ -23,13 +25,9 @@ from airzoo_bench.core.version import __version__
 __all__ = ["Network", "fetch", "parse_address"]
 
 _CHUNK_BYTES = 1 << 16
-_TIMED_OUT = 28  # as curl exits
-_REDIRECTS = 5
-_MOVED = ("301", "302", "303", "307", "308")
+_REDIRECTS, _MOVED = 5, (301, 302, 303, 307, 308)
 _LONGEST_URL = 8000  # signed addresses of redirects are long
-_SLOWEST_BYTES_S = 250_000
-_LONGEST_S = 3600.0
-_ANSWER_S = 60.0
+_SLOWEST_BYTES_S, _LONGEST_S, _ANSWER_S = 250_000, 3600.0, 60.0
 _LABEL = r"[a-z0-9](?:[a-z0-9-]{0,61}[a-z0-9])?"
 # The last label begins with a letter, so no number in any base is taken for a name.
 _HOST = re.compile(rf"(?=.{{4,253}}\Z)(?:{_LABEL}\.)+[a-z](?:[a-z0-9-]{{0,61}}[a-z0-9])\Z")
@@ -45,18 +43,11 @@ def _system_addresses(host: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Network:
-    """How hosts are found and reached.
-
-    Attributes
-    ----------
-    resolve : callable
-        From a host to its addresses.
-    options : sequence of str
-        Further options of curl.
-    """
+    """How hosts are found, reached and trusted."""
 
     resolve: Callable[[str], Sequence[str]] = _system_addresses
-    options: Sequence[str] = field(default=())
+    reach: Callable[[str], tuple[str, int]] = lambda address: (address, 443)
+    authority: Path | None = None
 
 
 def fetch(
@@ -77,16 +68,17 @@ def fetch(
     end = time.monotonic() + allowed
     with atomic_write(target) as stream:
         for _ in range(_REDIRECTS + 1):
-            moved = _visit(address, stream, size, sha256, end, network)
-            if moved is None:
-                return target
+            with _answer(address, end, network) as answer:
+                moved = answer.getheader("Location")
+                if answer.status not in _MOVED or not moved:
+                    _save(address, answer, stream, size, sha256, end)
+                    return target
             address = parse_address(urljoin(address.geturl(), moved))
         raise SubmissionError(f"the address leads on more than {_REDIRECTS} times", where=url)
 
 
 def parse_address(url: str) -> SplitResult:
     """Take an https address apart whose host is a plain name."""
-    fault = ""
     if len(url) > _LONGEST_URL or not re.fullmatch(r"[!-~]+", url) or "\\" in url:
         fault = "an address that is too long, or has blanks, backslashes or letters beyond ASCII"
     else:
@@ -121,96 +113,76 @@ def _file_name(address: SplitResult) -> str:
     return next(named, "predictions")
 
 
-def _visit(
+@contextmanager
+def _answer(
+    address: SplitResult, end: float, network: Network
+) -> Iterator[http.client.HTTPResponse]:
+    """Ask one address of a host, whose certificate must be the host's; broken off at the end."""
+    host = str(address.hostname)
+    public = _public_address(host, network.resolve)
+    context = ssl.create_default_context(cafile=network.authority)
+    left = end - time.monotonic()
+    if left <= 0:
+        raise _too_slow(address)
+    try:
+        plain = socket.create_connection(network.reach(public), min(left, 30.0))
+        with context.wrap_socket(
+            plain, server_hostname=host, do_handshake_on_connect=False
+        ) as peer:
+            # Each read may take its time, and a host that drips would keep all of them going.
+            watchdog = Timer(left, socket.socket.shutdown, [peer, socket.SHUT_RDWR])
+            watchdog.start()
+            try:
+                peer.do_handshake()
+                connection = http.client.HTTPSConnection(host)
+                connection.sock = peer
+                path = (address.path or "/") + (f"?{address.query}" if address.query else "")
+                headers = {"User-Agent": f"airzoo-bench/{__version__}", "Connection": "close"}
+                connection.request("GET", path, headers=headers)
+                with connection.getresponse() as answer:
+                    yield answer
+            finally:
+                watchdog.cancel()
+    except (OSError, http.client.HTTPException) as error:
+        if time.monotonic() >= end:
+            raise _too_slow(address) from None
+        raise SubmissionError(
+            f"the host breaks off or cannot be reached ({_plain(str(error), blanks=True)})",
+            where=address.geturl(),
+            fix="open the address in a browser; its certificate must be valid for the host",
+        ) from error
+
+
+def _save(
     address: SplitResult,
+    answer: http.client.HTTPResponse,
     stream: IO[bytes],
     size: int,
     sha256: str,
     end: float,
-    network: Network,
-) -> str | None:
-    """Write the file at an address to a stream, or return the address that it has moved to."""
-    public = _public_address(str(address.hostname), network.resolve)
-    answer = _run_curl(address, public, stream, size, end - time.monotonic(), network.options)
-    if answer.status in _MOVED and answer.location:
-        stream.seek(0)
-        stream.truncate()
-        return answer.location
-    if answer.status != "200":
+) -> None:
+    """Write what a host answers, if it is the stated file."""
+    if answer.status != 200:
         raise SubmissionError(
-            f"the host answers {_plain(answer.status)}",
+            f"the host answers {answer.status}",
             where=address.geturl(),
             fix="see that anybody can open the address without logging in",
         )
-    if answer.size != size:
-        raise _other(address, f"{answer.size} bytes", f"{size} bytes")
-    if answer.sha256 != sha256:
-        raise _other(address, f"SHA-256 {answer.sha256}", sha256)
-    return None
-
-
-class _Answer(NamedTuple):
-    status: str
-    location: str
-    size: int
-    sha256: str
-
-
-def _run_curl(
-    address: SplitResult,
-    public: str,
-    stream: IO[bytes],
-    most: int,
-    seconds: float,
-    options: Sequence[str],
-) -> _Answer:
-    """Ask one address of a host for a file, and write at most so many bytes of it."""
-    if seconds <= 1:
-        raise _too_slow(address)
-    at = f"[{public}]" if ":" in public else public
     digest, seen = hashlib.sha256(), 0
-    with NamedTemporaryFile("r", encoding="latin-1") as head, TemporaryFile() as said:
-        command = (
-            *("curl", "--disable", "--silent", "--show-error", "--globoff", "--proto", "=https"),
-            *("--noproxy", "*", "--max-time", f"{seconds:.0f}", "--connect-timeout", "30"),
-            *("--speed-time", "60", "--speed-limit", "1000", "--dump-header", head.name),
-            *("--user-agent", f"airzoo-bench/{__version__}"),
-            *("--resolve", f"{address.hostname}:443:{at}", *options, "--", address.geturl()),
-        )
-        try:
-            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said)
-        except FileNotFoundError as error:
-            raise SubmissionError("curl is not installed", fix="install curl") from error
-        with process:
-            assert process.stdout is not None
-            while chunk := process.stdout.read(_CHUNK_BYTES):
-                seen += len(chunk)
-                if seen > most:
-                    process.kill()
-                    raise _other(address, f"more than {most} bytes", f"{most} bytes")
-                digest.update(chunk)
-                stream.write(chunk)
-        said.seek(0)
-        why = said.read(500).decode("utf-8", "replace").strip()
-        status, location = _headers(head.read(1 << 16))
-    if process.returncode == _TIMED_OUT:
+    while chunk := answer.read(_CHUNK_BYTES):
+        seen += len(chunk)
+        if seen > size:
+            raise _other(address, f"more than {size} bytes", f"{size} bytes")
+        digest.update(chunk)
+        stream.write(chunk)
+    if seen < size and time.monotonic() >= end:
         raise _too_slow(address)
-    if process.returncode:
-        raise SubmissionError(
-            f"the host breaks off or cannot be reached ({_plain(why, blanks=True)})",
-            where=address.geturl(),
-            fix="open the address in a browser; its certificate must be valid for the host",
-        )
-    return _Answer(status, location, seen, digest.hexdigest())
-
-
-def _headers(text: str) -> tuple[str, str]:
-    """Return the status and the location of the last answer."""
-    lines = text.replace("\r", "").split("\n")
-    status = [line.split(" ")[1] for line in lines if re.match(r"HTTP/[\d.]+ \d{3}", line)]
-    named = (line.partition(":") for line in lines)
-    location = [value.strip() for name, _, value in named if name.lower() == "location"]
-    return (status or [""])[-1], (location or [""])[-1]
+    if answer.length:  # less than the host has announced
+        raise http.client.IncompleteRead(b"", answer.length)
+    if seen != size:
+        raise _other(address, f"{seen} bytes", f"{size} bytes")
+    if digest.hexdigest() != sha256:
+        raise _other(address, f"SHA-256 {digest.hexdigest()}", sha256)
 
 
 def _public_address(host: str, resolve: Callable[[str], Sequence[str]]) -> str:

@@ -60,11 +60,7 @@ class Entry(NamedTuple):
 class Repository:
     """A bare repository that only fetches, reads and pushes objects.
 
-    Attributes
-    ----------
-    folder : Path
-    remote : str
-        The only address that is sent the token.
+    The remote is the only address that is sent the token.
     """
 
     folder: Path

@@ -1,8 +1,4 @@
-"""Texts that strangers write and a board shows: nothing hidden in them, nothing that looks alike.
-
-After Unicode's TR 36 and TR 39, with fewer letters: what a board calls a method or a team is
-written in letters that most readers can tell apart.
-"""
+"""Texts that strangers write and a board shows: nothing hidden in them, nothing that acts."""
 
 from __future__ import annotations
 
@@ -26,29 +22,31 @@ __all__ = [
 # Letters and marks that show nothing, and that Unicode counts as printable all the same.
 _BLANK = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u180b\u180c\u180d\u180f\u2800\u3164\uffa0")
 _MOST_MARKS = 2
-_FORMULA = "=+-@"
-_MARKUP = "<>`\\|"
+_FORMULA, _MARKUP = "=+-@", "<>`\\|"
+_EXTRA = frozenset("¹²³⁰⁴⁵⁶⁷⁸⁹₀₁₂₃₄₅₆₇₈₉×·ー")
+# By the beginning of the names that Unicode gives to their letters.
 _SCRIPTS = ("LATIN", "GREEK", "CYRILLIC", "CJK UNIFIED", "HIRAGANA", "KATAKANA", "HANGUL SYLLABLE")
-_BASIC = {"GREEK": "\u0391-\u03c9", "CYRILLIC": "\u0400-\u045f"}
-_OTHER_LATIN = "æÆøØßðÐþÞđĐłŁıœŒ"
-_RAISED = "¹²³⁰⁴⁵⁶⁷⁸⁹₀₁₂₃₄₅₆₇₈₉"
-_EXTRA = frozenset(_RAISED + "×·")
-
-# What looks like a Latin letter or a digit, by https://www.unicode.org/Public/security/, for the
-# letters that names may have; small letters also by their capitals, since case counts for nothing.
-_GREEK = dict(zip("ΑΒΕΖΗΙΚΜΝΟΡΤΥΧαβγεηικνορστυχω", "abezhikmnoptyxabyenikvopotuxw", strict=True))
-_CYRILLIC = dict(
-    zip("АБВГЕЗКМНОПРСТУФХЬІЈЅабвгезкмнопрстуфхьіјѕ", "a6bre3kmhoπpctyφxbijs" * 2, strict=True)
-)
-_OTHERS = {"Ы": "bl", "ы": "bl", "Ю": "lo", "ю": "lo", "ø": "o", "Ø": "o", "đ": "d", "Đ": "d"} | {
-    **{"ð": "d", "Ð": "d", "ł": "l", "Ł": "l", "ı": "l", "æ": "ae", "Æ": "ae", "œ": "oe"},
-    **{"Œ": "oe", "þ": "p", "Þ": "p", "×": "x"},
-    **dict(zip("ヘニイハカトロタエノー", "へ二亻八力卜口夕工丿一", strict=True)),
-}
-_LOOKS_LIKE = _GREEK | _CYRILLIC | _OTHERS
+_ALPHABETS = ("LATIN", "GREEK", "CYRILLIC")
+_OTHER_LATIN = frozenset("æÆøØßðÐþÞđĐłŁıœŒ")
+_BASIC = {"GREEK": re.compile("[\u0391-\u03c9]"), "CYRILLIC": re.compile("[\u0400-\u045f]")}
 _SEPARATORS = str.maketrans("", "", " -_·'\",:;()[]{}~!?")
-_SAME = (("rn", "m"), ("vv", "w"), ("0", "o"), ("1", "l"), ("i", "l"), ("|", "l"))
-
+_SAME = (
+    ("rn", "m"),
+    ("vv", "w"),
+    ("0", "o"),
+    ("1", "l"),
+    ("i", "l"),
+    ("ø", "o"),
+    ("æ", "ae"),
+    ("œ", "oe"),
+    ("ы", "bl"),
+    ("ю", "lo"),
+)
+# Letters of other alphabets that are drawn as these.
+_DRAWN_ALIKE = str.maketrans(
+    "αβεζηικμνορτυχΑΒΕΖΗΙΚΜΝΟΡΤΥΧавекмнорстухіјѕАВЕКМНОРСТУХІЈЅđðłıþзбЗБγσЬьг×ГΣς",
+    "abezhikmvoptuxABEZHIKMNOPTYXabekmhopctyxijsABEKMHOPCTYXIJSddllp3636yobbrxroo",
+)
 
 _PLAIN_FILE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,119}")
 # What Windows takes for a device, also with an ending: no clone there could have such a file.
@@ -76,7 +74,8 @@ def fault_of_file_name(name: str) -> str:
 def plain_line(text: str) -> str:
     """Refuse a text with anything that is not shown, or that is shown elsewhere than it stands."""
     for letter in text:
-        if not letter.isprintable() or letter in _BLANK or _is_variation(letter):
+        variation = "\ufe00" <= letter <= "\ufe0f" or "\U000e0000" <= letter <= "\U000e0fff"
+        if not letter.isprintable() or letter in _BLANK or variation:
             raise ValueError(f"has {_named(letter)}, which is not shown")
     if unicodedata.normalize("NFC", text) != text:
         raise ValueError("is not in Unicode's normal form NFC: type its letters anew")
@@ -89,13 +88,7 @@ def plain_line(text: str) -> str:
 
 
 def shown_line(text: str) -> str:
-    """Refuse, beside what `plain_line` does, what a page, a comment or a spreadsheet could act on.
-
-    Raises
-    ------
-    ValueError
-        See `plain_line`; or it begins like a formula, or has characters of markup, or an address.
-    """
+    """Refuse, beside what `plain_line` does, what a page, a comment or a spreadsheet acts on."""
     plain_line(text)
     if text[:1] in _FORMULA:
         raise ValueError(f"begins with {text[:1]!r}, as formulas of spreadsheets do")
@@ -108,28 +101,31 @@ def shown_line(text: str) -> str:
 
 
 def board_name(text: str) -> str:
-    """Refuse, beside what `shown_line` does, letters that most readers cannot tell from others."""
+    """Refuse, beside what `shown_line` does, odd letters, and an alphabet within another."""
     shown_line(text)
     for letter in text:
-        if not (letter.isascii() or letter in _EXTRA or _is_plain_letter(letter)):
+        if not (letter.isascii() or letter in _EXTRA or _script(letter)):
             raise ValueError(
                 f"has {_named(letter)}: names have Latin, Greek, Cyrillic, Chinese, Japanese or "
                 "Korean letters, digits and plain punctuation"
             )
     if not any(letter.isalnum() for letter in text):
         raise ValueError("has neither letter nor digit")
-    if re.search("[A-Za-z]", text):
-        for letter in text:
-            if letter in _GREEK or _script(letter) == "CYRILLIC":
-                raise ValueError(f"has {_named(letter)} among Latin letters")
+    first: dict[str, str] = {}
+    for letter in text:
+        if letter in "πΔλ" or _script(letter) not in _ALPHABETS:  # as in formulas
+            continue
+        first.setdefault(_script(letter), letter)
+        if len(first) > 1:
+            raise ValueError(f"has {_named(letter)} among {next(iter(first)).title()} letters")
     return text
 
 
 def skeleton(name: str) -> str:
     """Return what is left of a name when what looks alike is written alike."""
     plain = unicodedata.normalize("NFKD", name)
-    folded = "".join(_LOOKS_LIKE.get(c, c) for c in plain if not unicodedata.combining(c))
-    folded = folded.casefold().translate(_SEPARATORS).strip(".")
+    bare = "".join(letter for letter in plain if not unicodedata.combining(letter))
+    folded = bare.translate(_DRAWN_ALIKE).casefold().translate(_SEPARATORS).strip(".")
     for seen, instead in _SAME:
         folded = folded.replace(seen, instead)
     return folded
@@ -140,26 +136,15 @@ def alike(one: str, other: str) -> bool:
     return one != other and skeleton(one) == skeleton(other)
 
 
-def _is_variation(letter: str) -> bool:
-    return "\ufe00" <= letter <= "\ufe0f" or "\U000e0000" <= letter <= "\U000e0fff"
-
-
-def _is_plain_letter(letter: str) -> bool:
-    script = _script(letter)
-    if script == "LATIN":
-        return letter in _OTHER_LATIN or unicodedata.normalize("NFD", letter)[0].isascii()
-    if script in _BASIC:
-        base = unicodedata.normalize("NFD", letter)[0]
-        return bool(re.fullmatch(f"[{_BASIC[script]}]", base))
-    return bool(script)
-
-
 def _script(letter: str) -> str:
     """Return the script of a letter, as far as names may have it."""
-    if unicodedata.category(letter) not in ("Lu", "Ll", "Lo") and letter != "ー":
+    if unicodedata.category(letter) not in ("Lu", "Ll", "Lo"):
         return ""
-    name = unicodedata.name(letter, "")
-    return next((script for script in _SCRIPTS if name.startswith(script)), "")
+    name, base = unicodedata.name(letter, ""), unicodedata.normalize("NFD", letter)[0]
+    script = next((script for script in _SCRIPTS if name.startswith(script)), "")
+    if script == "LATIN" and not (base.isascii() or letter in _OTHER_LATIN):
+        return ""
+    return script if script not in _BASIC or _BASIC[script].match(base) else ""
 
 
 def _named(letter: str) -> str:

@@ -49,14 +49,8 @@ _KINDS = {
 class PullRequest:
     """The parts of a pull request that count.
 
-    Attributes
-    ----------
-    head : str
-        The commit to score, and no other.
-    base : str
-        The branch that it is to be merged into.
-    account : int
-        Its author, by the number that stays when a name changes.
+    `head` is the commit to score, and no other; `base` the branch that it is to be merged into;
+    `account` its author, by the number that stays when a name changes.
     """
 
     number: int
@@ -88,17 +82,11 @@ def read_event(path: Path) -> PullRequest:
 class Touched:
     """The one submission that a pull request changes.
 
-    Attributes
-    ----------
-    tree : str
-        Git's id of its folder at the head; empty where the pull request removes it.
-    owner : int or None
-        The account that may change it, None for a folder that is new.
+    `tree` is git's id of its folder at the head, empty where the pull request removes it.
     """
 
     place: Place
     tree: str
-    owner: int | None
 
 
 def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
@@ -146,7 +134,7 @@ def touched(
             expected="the scored files to be the merged ones",
             fix="merge the board's branch into yours",
         )
-    return Touched(place, at_head or "", owner)
+    return Touched(place, at_head or "")
 
 
 Owner = Callable[[Place], int | None]

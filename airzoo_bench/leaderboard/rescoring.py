@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,14 +27,7 @@ from airzoo_bench.results.comparable import check_comparable
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Result, ScoreColumn
 
-__all__ = [
-    "Difference",
-    "Rescored",
-    "claim_differences",
-    "pipeline_errors",
-    "rescore",
-    "score_range",
-]
+__all__ = ["Rescored", "claim_differences", "pipeline_errors", "rescore", "score_range"]
 
 _SAME = 1e-9  # scores that differ by no more differ by rounding alone
 _MOVED = 1e-3  # the part of a scene's queries that another machine may answer otherwise
@@ -42,43 +36,20 @@ _NEAR_PRIOR = 0.01
 _SHOWN = 5
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A score whose claimed value is another one.
-
-    Attributes
-    ----------
-    part : str
-        The scene's id, or "over scenes", or "over all queries".
-    matters : bool
-        Whether the submission is refused for it.
-    """
+class Difference(NamedTuple):
+    """A score whose claimed value is another one, and whether the submission is refused for it."""
 
     part: str
     key: str
-    title: str
-    claimed: float
-    rescored: float
+    said: str
     matters: bool
-
-    def __str__(self) -> str:
-        where = self.part if self.part in (_OVERALL, _POOLED) else f"in scene {self.part}"
-        return f"{self.title} {where}: claimed {self.claimed:.9g}, re-scored {self.rescored:.9g}"
 
 
 @dataclass(frozen=True, eq=False)
 class Rescored:
     """A submission, scored again.
 
-    Attributes
-    ----------
-    evaluation : Evaluation
-    agrees : bool or None
-        Whether the claimed result does; None without one.
-    lines : tuple of str
-        The comparison in sentences, for a comment or a terminal.
-    errors : tuple of UserError
-        Why the submission is refused after all.
+    `agrees` says whether the claimed result does, None without one, `lines` how, in sentences.
     """
 
     evaluation: Evaluation
@@ -104,12 +75,11 @@ def rescore(checked: CheckedSubmission, *, data: Path, run: Run) -> Rescored:
         run=run,
         read_by=checked.read_by,
     )
-    errors = [*pipeline_errors(submission, evaluation.result)]
+    errors = (*pipeline_errors(submission, evaluation.result),)
     if checked.claimed is None:
-        return Rescored(evaluation, None, ("no result was claimed",), tuple(errors))
-    lines, refusal = _compare(
-        checked.claimed, Scored(submission.method, evaluation.result, evaluation.records)
-    )
+        return Rescored(evaluation, None, ("no result was claimed",), errors)
+    scored = Scored(submission.method, evaluation.result, evaluation.records)
+    lines, refusal = _compare(checked.claimed, scored)
     return Rescored(evaluation, refusal is None, lines, (*filter(None, [refusal]), *errors))
 
 
@@ -121,21 +91,20 @@ def _compare(claimed: Result, scored: Scored) -> tuple[tuple[str, ...], UserErro
     except ResultError as error:
         return (f"claimed and re-scored differ: {error.what}",), error
     differences = [*claim_differences(claimed, scored)]
-    refused = [str(one) for one in differences if one.matters]
     if not differences:
         return ("every score is as claimed",), None
-    lines = (*map(str, differences), "the re-scored numbers stand")
+    lines = (*(one.said for one in differences), "the re-scored numbers stand")
+    refused = [one.said for one in differences if one.matters]
     if not refused:
         return lines, None
     more = [f"and {len(refused) - _SHOWN} more"] if len(refused) > _SHOWN else []
-    refusal = SubmissionError(
+    return lines, SubmissionError(
         f"{counted(len(refused), 'score')} of the claimed result.json cannot be found again:\n    "
         + "\n    ".join([*refused[:_SHOWN], *more]),
         expected="the scores of these predictions on any machine; docs/submission.md says how near",
         fix="score the predictions of this folder again with `airzoo-bench eval ... --out DIR`, "
         "or leave result.json out: CI scores anyway",
     )
-    return lines, refusal
 
 
 def _check_parts(claimed: Result, result: Result) -> None:
@@ -154,33 +123,32 @@ def _check_parts(claimed: Result, result: Result) -> None:
 
 def claim_differences(claimed: Result, scored: Scored) -> Iterator[Difference]:
     """Yield the scores whose claimed value is another one, by whatever versions."""
-    result, ranges = scored.result, _ranges(scored)
+    result = scored.result
     parts = {scene: (claimed.scenes[scene], result.scenes[scene]) for scene in result.scenes}
     parts[_OVERALL] = claimed.overall, result.overall
     parts[_POOLED] = claimed.pooled, result.pooled
+    ranges = {column.key: _ranges(scored, column) for column in result.columns}
     for part, (says, is_) in parts.items():
         for column in result.columns:
             one, two = says[column.key], is_[column.key]
             if one != two and abs(one - two) > _SAME:
-                low, high = ranges[part, column.key]
+                low, high = ranges[column.key][part]
+                where = part if part in (_OVERALL, _POOLED) else f"in scene {part}"
+                said = f"{column.title} {where}: claimed {one:.9g}, re-scored {two:.9g}"
                 matters = not low - _SAME <= one <= high + _SAME
-                yield Difference(part, column.key, column.title, one, two, matters)
+                yield Difference(part, column.key, said, matters)
 
 
-def _ranges(scored: Scored) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return between which numbers each score may lie on another machine, by part and key."""
-    found: dict[tuple[str, str], tuple[float, float]] = {}
+def _ranges(scored: Scored, column: ScoreColumn) -> dict[str, tuple[float, float]]:
+    """Return between which numbers a score may lie on another machine, by part."""
     result, of_scene = scored.result, scored.records["scene"].to_numpy(str)
-    for column in result.columns:
-        values = scored.records[column.key].to_numpy(np.float64)
-        own = {scene: values[of_scene == scene] for scene in result.scenes}
-        moved = {scene: _moved(result, len(part)) for scene, part in own.items()}
-        scenes = {scene: score_range(part, column, moved[scene]) for scene, part in own.items()}
-        low, high = np.mean([*scenes.values()], axis=0).tolist()
-        pooled = score_range(values, column, sum(moved.values()))
-        parts = scenes | {_OVERALL: (low, high), _POOLED: pooled}
-        found |= {(part, column.key): limits for part, limits in parts.items()}
-    return found
+    values = scored.records[column.key].to_numpy(np.float64)
+    own = {scene: values[of_scene == scene] for scene in result.scenes}
+    moved = {scene: _moved(result, len(part)) for scene, part in own.items()}
+    found = {scene: score_range(part, column, moved[scene]) for scene, part in own.items()}
+    low, high = np.mean([*found.values()], axis=0).tolist()
+    pooled = score_range(values, column, sum(moved.values()))
+    return found | {_OVERALL: (low, high), _POOLED: pooled}
 
 
 def _moved(result: Result, count: int) -> float:

@@ -29,6 +29,7 @@ from airzoo_bench.results.result import read_result
 
 __all__ = [
     "ANSWER_FILE",
+    "FAULT_FILE",
     "RUN_FILE",
     "Claimed",
     "Measure",
@@ -42,6 +43,8 @@ __all__ = [
 ]
 
 RUN_FILE, ANSWER_FILE = "run.json", "answer.json"
+FAULT_FILE = "fault.txt"
+"""Why CI could not score the files of a submission that were merged last."""
 
 ObjectId = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
 
@@ -54,20 +57,9 @@ class Claimed(Strict):
 
 
 class Run(Strict):
-    """When a submission was scored, at which commit, by which version.
+    """When a submission was scored (in UTC), at which commit, by which version of airzoo-bench.
 
-    Attributes
-    ----------
-    scored : datetime
-        In UTC.
-    commit : str
-        The commit of the submission's files.
-    tree : str
-        Git's id of the submission's folder: the same files have the same.
-    version : str
-        Of airzoo-bench.
-    claimed : Claimed or None
-        None where no result came with it.
+    `tree` is git's id of the submission's folder: the same files have the same.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")

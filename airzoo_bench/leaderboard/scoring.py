@@ -6,7 +6,7 @@ import shutil
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from filecmp import cmp
 from pathlib import Path
@@ -21,11 +21,10 @@ from airzoo_bench.core.errors import (
     UserError,
     counted,
 )
-from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answer import SealedAnswer
-from airzoo_bench.leaderboard.artifact import Artifact, problem_of
+from airzoo_bench.leaderboard.artifact import Artifact, problem_of, without
 from airzoo_bench.leaderboard.board import Board, Known, Place, known_submissions
 from airzoo_bench.leaderboard.checks import FETCHED, CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.data_branch import DataBranch
@@ -42,6 +41,7 @@ from airzoo_bench.leaderboard.pull_request import (
 from airzoo_bench.leaderboard.rescoring import rescore
 from airzoo_bench.leaderboard.runs import (
     ANSWER_FILE,
+    FAULT_FILE,
     RUN_FILE,
     Claimed,
     measure_now,
@@ -51,22 +51,15 @@ from airzoo_bench.leaderboard.runs import (
     read_run,
     write_facts,
 )
-from airzoo_bench.leaderboard.sealed.scoring import OpenedTruthError, score_sealed
-from airzoo_bench.leaderboard.site.standing import standing_of
+from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
+from airzoo_bench.leaderboard.standing import standing_of
 from airzoo_bench.leaderboard.submission import (
     SUBMISSION_FILE,
     Submission,
     read_public_submission,
 )
 
-__all__ = [
-    "Rules",
-    "ScoredPlace",
-    "answer_path",
-    "score_against_truth",
-    "score_merged",
-    "score_pull_request",
-]
+__all__ = ["Rules", "answer_path", "score_against_truth", "score_merged", "score_pull_request"]
 
 _OF_BOARD = (BoardError, BenchmarkError, ProtocolError)  # no submitter can put these right
 _FETCHING_S = 3600.0
@@ -76,16 +69,8 @@ _FETCHING_S = 3600.0
 class Rules:
     """The rules and the means of a board's CI.
 
-    Attributes
-    ----------
-    root : Path
-        A checkout of the board's own branch.
-    branch : str
-        The branch that submissions are merged into.
-    data : Path
-        The folder of benchmark folders.
-    note : callable
-        Takes sentences for the maintainer.
+    `root` is a checkout of the board's own branch, `branch` the one that submissions are merged
+    into, `data` the folder of benchmark folders; `note` takes sentences for the maintainer.
     """
 
     board: Board
@@ -128,112 +113,95 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
             return _artifact(pull, "nothing")
         if not found.tree:
             return _artifact(pull, "withdrawn", found)
-        return _Scoring(pull, repository, branch, found, rules, work).artifact()
+        return _score_submission(pull, repository, branch, found, rules, work)
     except UserError as error:
         return _refused(pull, found, [error], work)
 
 
-@dataclass(frozen=True)
-class _Scoring:
-    """A pull request with one submission, in a folder that its author may change."""
+def _score_submission(
+    pull: PullRequest,
+    repository: Repository,
+    branch: DataBranch,
+    found: Touched,
+    rules: Rules,
+    work: Path,
+) -> Artifact:
+    """Read the files of the one submission that a pull request changes, check and score them."""
+    place, known = found.place, [*known_submissions(rules.root)]
+    if faults := read_files(repository, pull.head, place, rules.board, work):
+        return _refused(pull, found, faults, work)
+    checked = rules.check(work / place.path, known=known, fetched=True)
+    given = checked.submission
+    if given is not None:
+        checked.errors += _account_errors(given, pull, place, known, rules.board)
+    if checked.errors or given is None:
+        return _refused(pull, found, checked.errors, work)
+    # Warnings about others come first: a comment may be cut at its end.
+    warnings = [*_team_warnings(given, known), *checked.warnings]
+    more: dict[str, Any] = {
+        "update": repository.resolve(f"{BASE}:{place.path}") is not None,
+        "method": given.method,
+        "team": given.team,
+    }
+    if rules.board.archive(place.benchmark):
+        predictions = checked.predictions
+        if predictions is not None and predictions.is_relative_to(rules.data / FETCHED):
+            # The job that has no network finds them here.
+            shutil.copytree(predictions.parent, work / FETCHED / predictions.parent.name)
+        more["warnings"] = tuple(without(line, work) for line in warnings)
+        return _artifact(pull, "sealed", found, **more)
+    rescored = rescore(checked, data=rules.data, run=rules.run)
+    more["claimed"] = tuple(without(line, work) for line in rescored.lines)
+    more["agrees"] = rescored.agrees
+    if rescored.errors:
+        more["warnings"] = tuple(without(line, work) for line in warnings)
+        return _refused(pull, found, rescored.errors, work, **more)
+    home = work / "board"
+    for one in submitted(repository, [place.benchmark]):
+        if isinstance(one, Place) and one.table == place.table and newest_run(home, one) is None:
+            branch.export(one, home)
+    run = next_run(home, place)  # among the runs of the others, as a merge would place it
+    save(rescored.evaluation, run)
+    write_facts(run, given, pull.head, found.tree)
+    warnings = [*_copies(run, given, place, known, home), *warnings]
+    result = rescored.evaluation.result
+    return _artifact(
+        pull,
+        "scored",
+        found,
+        **more,
+        warnings=tuple(without(line, work) for line in warnings),
+        columns=result.columns,
+        notes=result.notes,
+        truth=result.truth.fingerprint,
+        **standing_of(place, home / "runs", work / "cache"),
+    )
 
-    pull: PullRequest
-    repository: Repository
-    branch: DataBranch
-    found: Touched
-    rules: Rules
-    work: Path
 
-    def artifact(self) -> Artifact:
-        """Read the files, check and score them."""
-        place, rules = self.found.place, self.rules
-        known = [*known_submissions(rules.root)]
-        faults = read_files(self.repository, self.pull.head, place, rules.board, self.work)
-        if faults:
-            return _refused(self.pull, self.found, faults, self.work)
-        checked = rules.check(self.work / place.path, known=known, fetched=True)
-        given = checked.submission
-        faults = [*checked.errors, *(self._account_errors(given, known) if given else ())]
-        if faults or given is None:
-            return _refused(self.pull, self.found, faults, self.work)
-        # Warnings about others come first: a comment may be cut at its end.
-        warnings = [*_team_warnings(given, known), *checked.warnings]
-        more = {
-            "update": self.repository.resolve(f"{BASE}:{place.path}") is not None,
-            "method": given.method,
-            "team": given.team,
-            "warnings": tuple(_without(line, self.work) for line in warnings),
-        }
-        if rules.board.archive(place.benchmark):
-            self._keep_fetched(checked)
-            return _artifact(self.pull, "sealed", self.found, **more)
-        return self._scored(checked, given, known, more)
-
-    def _account_errors(self, given: Submission, known: Sequence[Known]) -> Iterator[UserError]:
-        """Yield errors of the account that a submission names, and of more entries than it has."""
-        place, account = self.found.place, self.pull.account
-        if account in self.rules.board.maintainers:
-            return
-        where = f"{place.path}/{SUBMISSION_FILE}"
-        if given.account != account:
-            yield RefusedError(
-                f"key 'account' is {given.account or 'missing'}, and this pull request is of "
-                f"account {account}",
-                where=where,
-                expected="the account that may change this submission",
-                fix=f"write account = {account}",
-            )
-        table = [one for one in known if one.place.table == place.table and one.place != place]
-        own = [one for one in table if one.stated.account == account]
-        if len(own) >= self.rules.board.limits.entries:
-            yield RefusedError(
-                f"this account has {counted(len(own), 'submission')} in this table already",
-                where=where,
-                expected=f"at most {self.rules.board.limits.entries} that are shown at once",
-                fix="withdraw one of them, or put the new version into its folder",
-            )
-
-    def _keep_fetched(self, checked: CheckedSubmission) -> None:
-        """Keep predictions that came from an address for the job that has no network."""
-        found = checked.predictions
-        if found is not None and found.is_relative_to(self.rules.data / FETCHED):
-            shutil.copytree(found.parent, self.work / FETCHED / found.parent.name)
-
-    def _scored(
-        self,
-        checked: CheckedSubmission,
-        given: Submission,
-        known: Sequence[Known],
-        more: dict[str, Any],
-    ) -> Artifact:
-        rescored = rescore(checked, data=self.rules.data, run=self.rules.run)
-        more["claimed"] = tuple(_without(line, self.work) for line in rescored.lines)
-        more["agrees"] = rescored.agrees
-        if rescored.errors:
-            return _refused(self.pull, self.found, rescored.errors, self.work, **more)
-        home = self.work / "board"
-        run = self._run(rescored.evaluation, given, home)
-        copied = _copies(run, given, self.found.place, known, home)
-        more["warnings"] = (*copied, *more["warnings"])
-        result = rescored.evaluation.result
-        return _artifact(
-            self.pull, "scored", self.found, **more, columns=result.columns, notes=result.notes,
-            truth=result.truth.fingerprint,
-            **standing_of(self.found.place, home / "runs", self.work / "cache"),
-        )  # fmt: skip
-
-    def _run(self, evaluation: Evaluation, given: Submission, home: Path) -> Path:
-        """Place it among the runs of the board's submissions, as a merge would."""
-        place = self.found.place
-        for one in submitted(self.repository, [place.benchmark]):
-            if isinstance(one, str) or one.table != place.table:
-                continue
-            if newest_run(home, one) is None:
-                self.branch.export(one, home)
-        run = next_run(home, place)
-        save(evaluation, run)
-        write_facts(run, given, self.pull.head, self.found.tree)
-        return run
+def _account_errors(
+    given: Submission, pull: PullRequest, place: Place, known: Sequence[Known], board: Board
+) -> Iterator[UserError]:
+    """Yield errors of the account that a submission names, and of more entries than it has."""
+    if pull.account in board.maintainers:
+        return
+    where = f"{place.path}/{SUBMISSION_FILE}"
+    if given.account != pull.account:
+        yield RefusedError(
+            f"key 'account' is {given.account or 'missing'}, and this pull request is of account "
+            f"{pull.account}",
+            where=where,
+            expected="the account that may change this submission",
+            fix=f"write account = {pull.account}",
+        )
+    table = [one for one in known if one.place.table == place.table and one.place != place]
+    own = [one for one in table if one.stated.account == pull.account]
+    if len(own) >= board.limits.entries:
+        yield RefusedError(
+            f"this account has {counted(len(own), 'submission')} in this table already",
+            where=where,
+            expected=f"at most {board.limits.entries} that are shown at once",
+            fix="withdraw one of them, or put the new version into its folder",
+        )
 
 
 def _team_warnings(given: Submission, known: Sequence[Known]) -> Iterator[str]:
@@ -247,7 +215,7 @@ def _team_warnings(given: Submission, known: Sequence[Known]) -> Iterator[str]:
 
 
 def _copies(
-    run: Path, given: Submission, place: Place, known: Iterable[Known], home: Path
+    run: Path, given: Submission, place: Place, known: Sequence[Known], home: Path
 ) -> Iterator[str]:
     """Warn of answers that are another team's, whatever file they came in."""
     for one in known:
@@ -263,14 +231,13 @@ def _copies(
 
 
 def _artifact(pull: PullRequest, kind: str, found: Touched | None = None, **more: Any) -> Artifact:
-    place = None if found is None else found.place
     return Artifact(
         kind=kind,  # type: ignore[arg-type]
         pull_request=pull.number,
         account=pull.account,
         head=pull.head,
         tree="" if found is None else found.tree,
-        **({} if place is None else vars(place)),
+        **({} if found is None else vars(found.place)),
         **more,
     )
 
@@ -278,22 +245,15 @@ def _artifact(pull: PullRequest, kind: str, found: Touched | None = None, **more
 def _refused(
     pull: PullRequest,
     found: Touched | None,
-    faults: Iterable[UserError],
+    faults: Sequence[UserError],
     work: Path,
     **more: Any,
 ) -> Artifact:
-    problems = []
     for fault in faults:
         if isinstance(fault, _OF_BOARD):
             raise fault
-        given = problem_of(fault).model_dump()
-        problems.append({key: text and _without(text, work) for key, text in given.items()})
-    return _artifact(pull, "refused", found, problems=tuple(problems), **more)
-
-
-def _without(text: str, work: Path) -> str:
-    """Return a text without the path of the folder that CI works in."""
-    return text.replace(f"{work}/", "").replace(str(work), "")
+    problems = tuple(problem_of(fault, work) for fault in faults)
+    return _artifact(pull, "refused", found, problems=problems, **more)
 
 
 # --- a sealed truth ---
@@ -316,8 +276,21 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     checked = rules.check(work / place.path)
     for error in checked.errors:
         raise error
+    given = checked.submission
+    if given is None or checked.predictions is None:
+        raise SubmissionError("there are no predictions to score", where=place.path)
     try:
-        answer = score_sealed(checked, rules.root / archive, key, data=rules.data, run=rules.run)
+        answer = score_sealed(
+            checked.predictions,
+            given.protocol,
+            given.method,
+            rules.root / archive,
+            key,
+            data=rules.data,
+            read_by=checked.read_by,
+            run=rules.run,
+            stated=given,
+        )
     except OpenedTruthError as error:
         problem = problem_of(error).model_copy(update={"where": place.path})
         update = {"kind": "refused", "problems": (problem,), "truth": "opened"}
@@ -328,29 +301,26 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
 # --- the board's branch ---
 
 
-@dataclass(frozen=True)
-class ScoredPlace:
-    """A submission on the board's branch, and a sentence on it; `fault` where it has no score."""
-
-    place: Place
-    said: str
-    fault: UserError | None = None
-
-
-def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[ScoredPlace]:
+def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, str | UserError]]:
     """Score all submissions on the board's branch without a run that counts.
 
     A run counts while the submission's files, the protocol and the truth are those of today.
-    Against a sealed truth nothing is scored here: the answer from before the merge is the run.
+    Against a sealed truth nothing is scored here: the answer from before the merge is the run. Of a
+    submission that has no score, the error is yielded, and left for the board to show.
     """
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         repository = Repository.create(work / "board.git", remote)
         repository.fetch({f"refs/heads/{rules.branch}": BASE}, blobs=False, depth=1)
         merged = _Merged(
-            repository, DataBranch(work / "data.git", remote), rules, work, out,
-            repository.resolve(BASE) or "", time.monotonic() + _FETCHING_S,
-        )  # fmt: skip
+            repository,
+            DataBranch(work / "data.git", remote),
+            rules,
+            work,
+            out,
+            repository.resolve(BASE) or "",
+            time.monotonic() + _FETCHING_S,
+        )
         (out / "runs").mkdir(parents=True, exist_ok=True)
         found = [*submitted(repository, [one.name for one in rules.board.benchmarks])]
         places = [one for one in found if isinstance(one, Place)]
@@ -365,10 +335,14 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[ScoredPlace]:
             except UserError as fault:
                 if isinstance(fault, _OF_BOARD):
                     raise
-                yield ScoredPlace(place, "", fault)
+                runs = out / Path("runs", *place.path.split("/")[1:])
+                runs.mkdir(parents=True, exist_ok=True)
+                why = str(fault).replace("\n", " ")
+                (runs / FAULT_FILE).write_text(f"{why}\n", encoding="utf-8")
+                yield place, fault
             else:
                 if said:
-                    yield ScoredPlace(place, said)
+                    yield place, said
 
 
 @dataclass(frozen=True)
@@ -398,8 +372,7 @@ class _Merged:
                 return f"not scored again: {why}; a new commit of the submission is a try at it"
         checked = self._checked(place)
         assert checked.submission is not None  # without errors it was read
-        run = next_run(self.out, place)
-        claimed = None
+        run, claimed = next_run(self.out, place), None
         if sealed:
             answer = self._answer(place, tree)
             run.mkdir(parents=True)
@@ -420,16 +393,17 @@ class _Merged:
         if faults:
             raise faults[0]
         earlier = [
-            one for one in known_submissions(self.rules.root)
+            one
+            for one in known_submissions(self.rules.root)
             if one.place != place and newest_run(self.out, one.place)
-        ]  # fmt: skip
-        alike = [one for one in earlier if one.place.path.casefold() == place.path.casefold()]
-        if alike:
-            raise SubmissionError(
-                f"differs from the folder {alike[0].place.folder} of the board only in case",
-                where=place.path,
-                fix="choose another name",
-            )
+        ]
+        for one in earlier:
+            if one.place.path.casefold() == place.path.casefold():
+                raise SubmissionError(
+                    f"differs from the folder {one.place.folder} of the board only in case",
+                    where=place.path,
+                    fix="choose another name",
+                )
         left = max(self.until - time.monotonic(), 1.0) / 2
         folder = self.work / place.path
         checked = self.rules.check(folder, known=earlier, fetched=True, seconds=left)

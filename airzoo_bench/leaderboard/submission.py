@@ -95,6 +95,11 @@ Bibtex = Annotated[
 P = TypeVar("P", bound="PublicSubmission")
 
 
+def _key(what: str, example: Any, default: Any = ..., **more: Any) -> Any:
+    """Return a key of the file, which may be left out where it has a default."""
+    return Field(default, description=what, examples=[example], **more)
+
+
 class PredictionsGiven(Strict):
     """The place of the predictions: next to submission.toml, or at an address."""
 
@@ -102,35 +107,32 @@ class PredictionsGiven(Strict):
         json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["url"]}]}
     )
 
-    file: Name | None = Field(
-        None,
-        description="The file or folder next to submission.toml; or say url instead.",
-        examples=["predictions.npz"],
+    file: Name | None = _key(
+        "The file or folder next to submission.toml; or say url instead.", "predictions.npz", None
     )
-    url: Url | None = Field(
+    url: Url | None = _key(
+        "Where CI fetches the predictions, a file or an archive, over https.",
+        "https://zenodo.org/records/1/files/predictions.npz",
         None,
-        description="Where CI fetches the predictions, a file or an archive, over https.",
-        examples=["https://zenodo.org/records/1/files/predictions.npz"],
     )
-    sha256: Sha256 = Field(
-        description="SHA-256 of the file; of a folder, over its files' names and hashes, as "
+    sha256: Sha256 = _key(
+        "SHA-256 of the file; of a folder, over its files' names and hashes, as "
         "`airzoo-bench submit` writes it.",
-        examples=["0" * 64],
+        "0" * 64,
     )
-    size: Annotated[int, Field(ge=1, le=1 << 50)] = Field(
-        alias="bytes", description="Size in bytes; of a folder, of all its files.", examples=[52431]
+    size: Annotated[int, Field(ge=1, le=1 << 50)] = _key(
+        "Size in bytes; of a folder, of all its files.", 52431, alias="bytes"
     )
-    reader: Name | None = Field(
+    reader: Name | None = _key(
+        "The reader of files as a method writes them; `airzoo-bench readers` lists all.",
+        "hloc-poses",
         None,
-        description="The reader of files as a method writes them; `airzoo-bench readers` lists "
-        "all.",
-        examples=["hloc-poses"],
     )
-    names: Name | None = Field(
+    names: Name | None = _key(
+        "A list of image names next to submission.toml, a line each, where the method's files do "
+        "not name them.",
+        "names.txt",
         None,
-        description="A list of image names next to submission.toml, a line each, where the "
-        "method's files do not name them.",
-        examples=["names.txt"],
     )
 
     @model_validator(mode="after")
@@ -146,127 +148,105 @@ class PredictionsGiven(Strict):
 class Pipeline(Strict):
     """The class of a method: entries of different classes are not compared like with like."""
 
-    stages: Literal["single-stage", "re-ranked"] = Field(
-        description="Whether a first answer is re-ordered or refined by a second method.",
-        examples=["single-stage"],
+    stages: Literal["single-stage", "re-ranked"] = _key(
+        "Whether a first answer is re-ordered or refined by a second method.", "single-stage"
     )
-    uses: tuple[Literal["prior", "sequence", "heights"], ...] = Field(
+    uses: tuple[Literal["prior", "sequence", "heights"], ...] = _key(
+        "Inputs besides the photo and the map: the photo's own position and attitude (prior), "
+        "other photos of the flight (sequence), the surface model (heights).",
+        ["prior"],
         (),
-        description="Inputs besides the photo and the map: the photo's own position and "
-        "attitude (prior), other photos of the flight (sequence), the surface model (heights).",
-        examples=[["prior"]],
     )
 
 
 class Cost(Strict):
     """The cost of an answer, as the authors say."""
 
-    hardware: Line = Field(
-        description="The machine that was timed.", examples=["1 x RTX 4090, 24 GB"]
+    hardware: Line = _key("The machine that was timed.", "1 x RTX 4090, 24 GB")
+    seconds_per_query: Positive = _key(
+        "Time for one query, in reconstruction for one scene, with all stages, once maps are "
+        "prepared.",
+        0.042,
     )
-    seconds_per_query: Positive = Field(
-        description="Time for one query, in reconstruction for one scene, with all stages, once "
-        "maps are prepared.",
-        examples=[0.042],
-    )
-    memory_gb: Positive | None = Field(
-        None, description="The most memory of the accelerator that it took.", examples=[7.5]
-    )
+    memory_gb: Positive | None = _key("The most memory of the accelerator that it took.", 7.5, None)
 
 
 class PublicSubmission(Strict):
     """All that a board keeps and shows of a submission: everything except the contact."""
 
-    schema_version: Literal[1] = Field(
-        alias="schema", description="Version of this format.", examples=[1]
+    schema_version: Literal[1] = _key("Version of this format.", 1, alias="schema")
+    protocol: Name = _key(
+        "The protocol that scores the predictions, one of the board's.", "airzoo-mini-retrieval"
     )
-    protocol: Name = Field(
-        description="The protocol that scores the predictions, one of the board's.",
-        examples=["airzoo-mini-retrieval"],
+    method: BoardName = _key("The method's name in tables.", "SALAD")
+    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] | None = _key(
+        "The method in a sentence.", "DINOv2 features, aggregated by optimal transport", None
     )
-    method: BoardName = Field(description="The method's name in tables.", examples=["SALAD"])
-    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] | None = Field(
+    team: BoardName = _key(
+        "Who submits; the same words for all submissions of a team.", "Example Lab"
+    )
+    account: Account | None = _key(
+        "Id of the GitHub account that may change this submission, the one that opens the pull "
+        "request.",
+        1001,
         None,
-        description="The method in a sentence.",
-        examples=["DINOv2 features, aggregated by optimal transport"],
     )
-    team: BoardName = Field(
-        description="Who submits; the same words for all submissions of a team.",
-        examples=["Example Lab"],
+    authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = _key(
+        "Of the method, in their order.", ["Ada Example", "Grace Example"]
     )
-    account: Account | None = Field(
+    date: datetime.date = _key(
+        "When the predictions were made, without quotes.", datetime.date(2026, 11, 22)
+    )
+    paper: Url | None = _key("The method's paper.", "https://arxiv.org/abs/2311.15937", None)
+    bibtex: Bibtex | None = _key(
+        "How to cite the method, a BibTeX entry.",
+        "@inproceedings{key, title = {Title}, year = {2026}}",
         None,
-        description="Id of the GitHub account that may change this submission, the one that opens "
-        "the pull request.",
-        examples=[1001],
     )
-    authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = Field(
-        description="Of the method, in their order.",
-        examples=[["Ada Example", "Grace Example"]],
+    code: Url | None = _key(
+        "Open code that makes such predictions.", "https://github.com/serizba/salad", None
     )
-    date: datetime.date = Field(
-        description="When the predictions were made, without quotes.",
-        examples=[datetime.date(2026, 11, 22)],
+    weights: Url | None = _key(
+        "The weights that were used.", "https://huggingface.co/example/salad", None
     )
-    paper: Url | None = Field(
-        None, description="The method's paper.", examples=["https://arxiv.org/abs/2311.15937"]
+    licence: Licence = _key(
+        "Under which others may use these predictions: an id or expression of SPDX.", "CC-BY-4.0"
     )
-    bibtex: Bibtex | None = Field(
+    training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = _key(
+        "Ids of all datasets that any weights were trained on, as far as known; [] for a method "
+        "without training.",
+        ["gsv-cities", "university-1652"],
+    )
+    pipeline: Pipeline = _key("The class of the method.", {"stages": "single-stage", "uses": []})
+    cost: Cost | None = _key(
+        "The cost of an answer, as you measured it.",
+        {"hardware": "1 x RTX 4090, 24 GB", "seconds_per_query": 0.042},
         None,
-        description="How to cite the method, a BibTeX entry.",
-        examples=["@inproceedings{key, title = {Title}, year = {2026}}"],
     )
-    code: Url | None = Field(
+    baseline: Annotated[dict[Name, bool | int | float], Field(max_length=32)] | None = _key(
+        "Only where `airzoo-bench baseline` made the predictions: its settings that are not the "
+        "default.",
+        {"double": False},
         None,
-        description="Open code that makes such predictions.",
-        examples=["https://github.com/serizba/salad"],
     )
-    weights: Url | None = Field(
+    predictions: PredictionsGiven = _key(
+        "Where the predictions lie, and their hash.",
+        {"file": "predictions.npz", "sha256": "0" * 64, "bytes": 52431},
+    )
+    supersedes: Name | None = _key(
+        "Ignored: withdraw the earlier submission, or put the new one in its folder.",
+        "salad-2025",
         None,
-        description="The weights that were used.",
-        examples=["https://huggingface.co/example/salad"],
-    )
-    licence: Licence = Field(
-        description="Under which others may use these predictions: an id or expression of SPDX.",
-        examples=["CC-BY-4.0"],
-    )
-    training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = Field(
-        description="Ids of all datasets that any weights were trained on, as far as known; [] "
-        "for a method without training.",
-        examples=[["gsv-cities", "university-1652"]],
-    )
-    pipeline: Pipeline = Field(
-        description="The class of the method.", examples=[{"stages": "single-stage", "uses": []}]
-    )
-    cost: Cost | None = Field(
-        None,
-        description="The cost of an answer, as you measured it.",
-        examples=[{"hardware": "1 x RTX 4090, 24 GB", "seconds_per_query": 0.042}],
-    )
-    baseline: Annotated[dict[Name, bool | int | float], Field(max_length=32)] | None = Field(
-        None,
-        description="Only where `airzoo-bench baseline` made the predictions: its settings that "
-        "are not the default.",
-        examples=[{"double": False}],
-    )
-    predictions: PredictionsGiven = Field(
-        description="Where the predictions lie, and their hash.",
-        examples=[{"file": "predictions.npz", "sha256": "0" * 64, "bytes": 52431}],
-    )
-    supersedes: Name | None = Field(
-        None,
-        description="Ignored: withdraw the earlier submission, or put the new one in its folder.",
-        examples=["salad-2025"],
     )
 
 
 class Submission(PublicSubmission):
     """A method's predictions for one protocol, and all that a reader of the board may ask."""
 
-    contact: Contact = Field(
-        description="Where the maintainers reach you; it is shown on no page, but this file is "
-        "as public as its repository.",
-        examples=["first.last@example.org"],
+    contact: Contact = _key(
+        "Where the maintainers reach you; it is shown on no page, but this file is as public as "
+        "its repository.",
+        "first.last@example.org",
     )
 
     def public(self) -> PublicSubmission:

@@ -55,14 +55,8 @@ _OPTIONS = {"authors": "--author", "training_data": "--training-data"}
 class Files:
     """The files of a submission.
 
-    Attributes
-    ----------
-    url : str or None
-        The address of the predictions, which are then not copied.
-    claimed : Path or None
-        A result.json, or the folder that holds it.
-    names : Path or None
-        A list of image names.
+    With a `url`, predictions are not copied. `claimed` is a result.json or the folder that holds
+    it, `names` a list of image names.
     """
 
     predictions: Path
@@ -93,19 +87,8 @@ def answered(
 ) -> dict[str, Any]:
     """Return the keys of submission.toml, once the missing ones of `QUESTIONS` were asked for.
 
-    Parameters
-    ----------
-    given : dict
-        By key, None where an option is missing.
-    more : sequence of str
-        Further keys, such as ``paper=https://...`` or ``cost.hardware=1 x RTX 4090``.
-    protocols : sequence of str
-        Those of the board.
-
-    Raises
-    ------
-    UsageError
-        Something is missing, and there is no terminal to ask on.
+    `given` is by key, None where an option is missing; `more` are further keys, such as
+    ``paper=https://...``; `protocols` those of the board.
     """
     missing = [key for key in QUESTIONS if given.get(key) is None]
     if missing and not (sys.stdin.isatty() and sys.stderr.isatty()):

@@ -58,17 +58,20 @@ def resamples_for(count: int) -> int:
     return _MANY if count <= _MOST_METHODS else _FEW
 
 
-def pair_p_values(sample: Sample, resampling: ResamplingConfig) -> Floats:
+def pair_p_values(
+    sample: Sample, resampling: ResamplingConfig, wanted: Bools | None = None
+) -> Floats:
     """Test every two of V variables of one kind, all medians or none: two-sided p (V, V).
 
     The matrix is symmetric, with 1 on the diagonal. That of a pair is the same to the last bit
-    whatever the other variables are.
+    whatever the other variables are. Of `wanted` (V, V) pairs alone, the rest stays 1.
     """
     found = np.ones((len(sample.medians),) * 2)
     tests = _test_scenes if sample.unit == "scene" else _test_means
     if sample.medians.any():
         tests = _test_medians
-    for one, others, p_values in tests(sample, resampling, np.triu(found, 1) > 0):
+    upper = np.triu(found if wanted is None else wanted, 1) > 0
+    for one, others, p_values in tests(sample, resampling, upper):
         found[one, others] = found[others, one] = p_values
     return found
 
@@ -207,18 +210,22 @@ def _beyond(sample: Sample, draws: Floats, one: int, others: Places) -> Floats:
     return p_values
 
 
-def pair_limits(sample: Sample, resampling: ResamplingConfig) -> Floats:
+def pair_limits(
+    sample: Sample, resampling: ResamplingConfig, wanted: Bools | None = None
+) -> Floats:
     """Take the interval of every difference: over scenes by Student's t, shares MOVER, else drawn.
 
     Of V variables, all shares or none, return low and high of row minus column (2, V, V) above the
     diagonal; NaN elsewhere, and where a group has fewer than `FEWEST` units. Those of a pair are
-    the same to the last bit whatever the other variables are.
+    the same to the last bit whatever the other variables are; of `wanted` (V, V) pairs alone, the
+    rest is NaN.
     """
     count, confidence = len(sample.medians), resampling.confidence
     limits = np.full((2, count, count), np.nan)
     if sample.fewest[0] < FEWEST:
         return limits
-    wanted, shares = np.triu(np.ones((count, count), np.bool_), 1), sample.are_shares
+    every = np.ones((count, count), np.bool_) if wanted is None else wanted
+    wanted, shares = np.triu(every, 1), sample.are_shares
     if sample.unit == "scene":
         [values] = sample.values
         for one, others in rows_of(wanted):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import itertools
-import shutil
 import socket
 import time
 from contextlib import suppress
@@ -27,8 +26,6 @@ from tests.leaderboard.web_server import (
     refusal,
     sha256,
 )
-
-pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
 
 
 def arrived(web: WebServer, into: Path, url: str = URL, **changes: object) -> Path:

@@ -69,8 +69,8 @@ class WebServer:
         resolve: Callable[[str], list[str]] = lambda host: [PUBLIC],
         trusted: bool = True,
     ) -> Network:
-        here = ("--connect-to", f"::127.0.0.1:{self.port}")
-        return Network(resolve, (*here, *(("--cacert", str(self.certificate)) * trusted)))
+        here = ("127.0.0.1", self.port)
+        return Network(resolve, lambda _: here, self.certificate if trusted else None)
 
     def serve(self, plain_peer: socket.socket, context: ssl.SSLContext) -> None:
         with suppress(OSError), context.wrap_socket(plain_peer, server_side=True) as peer:

@@ -27,7 +27,7 @@ class MiniOptions:
         Option(
             "key-file",
             "Make a sealed edition: a file with 32 hexadecimal digits that nobody else knows, "
-            "such as `openssl rand -hex 16` prints. docs/sealed.md says how to host it.",
+            "such as `openssl rand -hex 16` prints. docs/leaderboard.md says how to host it.",
         ),
     ] = None
 

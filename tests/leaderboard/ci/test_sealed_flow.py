@@ -16,8 +16,8 @@ from PIL import Image
 from typer.testing import Result
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.leaderboard.sealed import scoring
-from airzoo_bench.leaderboard.sealed.keys import KEY_VARIABLE, load_pyrage
+from airzoo_bench.leaderboard import sealed_scoring as scoring
+from airzoo_bench.leaderboard.keys import KEY_VARIABLE, load_pyrage
 from tests.leaderboard.ci.repositories import event, git, write_event
 from tests.leaderboard.ci.walk import ADA, BOARD, Board, submit
 from tests.support import write_raster

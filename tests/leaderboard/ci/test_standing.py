@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import json
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,9 @@ import pytest
 
 from airzoo_bench.leaderboard.artifact import Standing
 from airzoo_bench.leaderboard.board import Place
-from airzoo_bench.leaderboard.site.standing import standing_of
+from airzoo_bench.leaderboard.standing import standing_of
 from airzoo_bench.statistics.significance import LEVEL
-from tests.leaderboard.site.support import built, method, some_runs, write_version
+from tests.leaderboard.site.support import board_of, built, method, some_runs, write_version
 
 
 @pytest.fixture(scope="module")
@@ -35,24 +35,20 @@ def placed(root: Path, folder: str) -> Standing | None:
 
 
 def test_comment_and_board_say_the_same(root: Path) -> None:
-    [table] = [
-        json.loads(path.read_text())
-        for path in (root / "site/api/v1/tables").glob("*/table.json")
-        if '"near"' in path.read_text()
-    ]
-    key = table["scores"][0]["key"]
-    pairs = json.loads((root / "site" / table["scores"][0]["pairs"]).read_text())
+    tables = board_of(root / "site")["tables"].values()
+    table = next(t for t in tables if any(row["id"] == "near" for row in t["rows"]))
+    pairs = table["pairs"]["recall@1"]
     ids, names = pairs["ids"], {row["id"]: row["method"] for row in table["rows"]}
     p_values = np.ones((len(ids), len(ids)))
     upper = np.triu_indices(len(ids), 1)
-    p_values[upper] = np.frombuffer(base64.b64decode(pairs["p_holm"]), "<f4")
+    p_values[upper] = np.frombuffer(zlib.decompress(base64.b64decode(pairs["p_holm"])), "<f4")
     alike = np.minimum(p_values, p_values.T) > LEVEL
     assert 0 < alike[upper].sum() < len(upper[0])
     for row in [row for row in table["rows"] if row["id"] in ids]:
         standing = placed(root, row["id"])
         own = ids.index(row["id"])
         assert standing is not None
-        assert [standing.first, standing.last] == row["scores"][key]["rank"]
+        assert [standing.first, standing.last] == row["scores"]["recall@1"]["rank"]
         assert standing.methods == len(ids) == 7
         others = [names[one] for n, one in enumerate(ids) if n != own and alike[own, n]]
         assert standing.alike == tuple(sorted(others))
@@ -60,16 +56,15 @@ def test_comment_and_board_say_the_same(root: Path) -> None:
 
 def test_intervals_are_those_of_the_board(root: Path) -> None:
     rows = standing_of(Place("made", "retrieval", "m0"), root / "runs", root / "of comment")["rows"]
-    [file] = (root / "site/api/v1/tables").glob("*/methods/m0.json")
-    found = json.loads(file.read_text())
-    parts = {"average": found["row"]["scores"]}
+    tables = board_of(root / "site")["tables"].values()
+    board = next(row for t in tables for row in t["rows"] if row["id"] == "m0")
     for row in rows:
         for key, shown in row.scores.items():
-            board = parts.get(row.title, found["scenes"].get(row.title, {})).get(key)
-            if board is not None:
-                assert [shown.value, shown.low, shown.high] == [
-                    board[name] for name in ("value", "low", "high")
-                ]
+            score = board["scores"][key]
+            expected = [score[name] for name in ("value", "low", "high")]
+            if row.title != "average":
+                expected = board["scenes"][row.title.lower()][key]
+            assert [shown.value, shown.low, shown.high] == expected
     assert rows[-1].title == "average"
     assert all(shown.before is not None for shown in rows[-1].scores.values())
 

@@ -99,7 +99,7 @@ class Board:
         site = self.home / f"site{self.runs}"
         self.run(
             "leaderboard", "build", "--runs", data / "runs", "--out", site, "--submissions",
-            self.main / "submissions", "--board", self.main / "leaderboard.toml", "--jobs", 1,
+            self.main / "submissions", "--board", self.main / "leaderboard.toml",
         )  # fmt: skip
         self.keep(data)
         return site

@@ -8,8 +8,8 @@ from unittest import mock
 import pytest
 from PIL import Image, PngImagePlugin
 
-from airzoo_bench.leaderboard.sealed.keys import load_pyrage
-from airzoo_bench.leaderboard.sealed.sealing import seal
+from airzoo_bench.leaderboard.keys import load_pyrage
+from airzoo_bench.leaderboard.sealing import seal
 from tests.api.place import NAME, make_field
 
 SALT = "5a" * 32
@@ -53,5 +53,5 @@ def sealed(field: Path, tmp_path_factory: pytest.TempPathFactory) -> SealedField
     root = tmp_path_factory.mktemp("sealed")
     key = load_pyrage().x25519.Identity.generate()
     public, archive = root / NAME, root / "truth.age"
-    seal(field, public, archive, key.to_public(), make_salt=lambda: SALT)
+    seal(field, public, archive, key.to_public(), salt=SALT)
     return SealedField(field, public, archive, key)

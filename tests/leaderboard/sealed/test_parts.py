@@ -15,8 +15,8 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.leaderboard.sealed.parts import QUERIES, public_parts
-from airzoo_bench.leaderboard.sealed.sealing import seal
+from airzoo_bench.leaderboard.keys import recipient
+from airzoo_bench.leaderboard.sealing import public_files, seal
 from tests.api.place import NAME, TILES
 from tests.leaderboard.sealed.conftest import SALT, TRUE_PLACE, SealedField
 
@@ -74,7 +74,7 @@ def test_every_file_that_prepare_writes(sealed: SealedField) -> None:
 def test_a_file_that_nobody_knows_is_sealed(field: Path) -> None:
     folder = field
     unknown = ("notes.txt", f"scenes/{NAME}/retrieval/answers.csv", f"data/{NAME}/images/a.depth")
-    parts = public_parts(Benchmark.open(folder))
+    parts = public_files(Benchmark.open(folder))
     assert not set(unknown) & set(parts)
     assert "prepared.json" not in parts
 
@@ -82,7 +82,6 @@ def test_a_file_that_nobody_knows_is_sealed(field: Path) -> None:
 def test_queries_have_no_pose_and_nothing_made_of_one(sealed: SealedField) -> None:
     path = f"scenes/{NAME}/queries.csv"
     whole, public = (pd.read_csv(of / path, dtype=str) for of in (sealed.folder, sealed.public))
-    assert set(public.columns) <= set(QUERIES)
     assert not set(POSE_COLUMNS) & set(public.columns)
     assert {"altitude_m", "pitch_deg"} <= set(whole.columns) - set(public.columns)
     # The digits are those of the file, not of a number that was read.
@@ -122,10 +121,8 @@ def copied(field: Path, root: Path) -> Path:
 
 
 def sealed_again(folder: Path, key: str) -> Path:
-    from airzoo_bench.leaderboard.sealed.keys import recipient
-
     public = folder.parent / "public"
-    seal(folder, public, folder.parent / "truth.age", recipient(key), make_salt=lambda: SALT)
+    seal(folder, public, folder.parent / "truth.age", recipient(key), salt=SALT)
     return public
 
 
@@ -146,7 +143,7 @@ def test_columns_rows_and_keys_by_hand_are_sealed(
     tiles = pd.read_parquet(home / "retrieval" / "tiles.parquet").assign(answers="field/a")
     tiles.attrs["note"] = "answers field/a"
     tiles.to_parquet(home / "retrieval" / "tiles.parquet", index=False)
-    crops = pd.read_csv(home / "matching" / "crops.csv").assign(error_m=0.125)
+    crops = pd.read_csv(home / "matching" / "crops.csv").assign(error_m=0.125)[::-1]
     crops.to_csv(home / "matching" / "crops.csv", index=False, lineterminator="\n")
     rewritten_checksums(folder)
     public = sealed_again(folder, str(sealed.key.to_public()))
@@ -154,15 +151,9 @@ def test_columns_rows_and_keys_by_hand_are_sealed(
     assert "answers" not in read.columns
     assert set(TILES) & set(read["id"])
     assert b"answers" not in (public / "scenes" / NAME / "retrieval" / "tiles.parquet").read_bytes()
-    assert "error_m" not in (public / "scenes" / NAME / "matching" / "crops.csv").read_text()
-
-
-def test_rows_in_an_order_that_tells_are_sorted(tmp_path: Path) -> None:
-    from airzoo_bench.leaderboard.sealed.parts import public_table
-
-    path = tmp_path / "queries.csv"
-    path.write_text("id,image,x\nscene/b,b.jpg,1.5\nscene/a,a.jpg,2.5\n")
-    assert public_table(path, QUERIES) == b"id,image\nscene/a,a.jpg\nscene/b,b.jpg\n"
+    written = pd.read_csv(public / "scenes" / NAME / "matching" / "crops.csv")
+    assert "error_m" not in written
+    assert list(written["id"]) == sorted(written["id"])  # an order that tells is gone
 
 
 def test_the_surface_model_is_sealed_where_nobody_is_given_it(
@@ -225,9 +216,10 @@ def test_galleries_of_images_and_maps_of_photos(field: Path, tmp_path: Path) -> 
     scenes = tuple(scene.model_copy(update=update) for scene in benchmark.file.scenes)
     changed = Benchmark(folder, benchmark.file.model_copy(update={"scenes": scenes}))
     found = {
-        name.rsplit("/", 1)[1]: part.kind.name
-        for name, part in public_parts(changed).items()
+        name.rsplit("/", 1)[1]: how
+        for name, how in public_files(changed).items()
         if "/gallery/" in name or "/maps/" in name
     }
-    expected = {"t.png": "PHOTO", "u.png": "PHOTO", "a_dom.tif": "COPY", "a_dsm.tif": "COPY"}
+    photos = dict.fromkeys(("t.png", "u.png"), ("photo",))
+    expected = photos | dict.fromkeys(("a_dom.tif", "a_dsm.tif"), ())
     assert found == expected

@@ -1,25 +1,29 @@
-"""Sealing and opening: bytes, keys, damage, and a process that is killed at any step."""
+"""Sealing and opening: bytes, keys, damage, what is left behind, and a kill at any step."""
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import tarfile
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.leaderboard.sealed.archive import Member, opened_archive, write_archive
-from airzoo_bench.leaderboard.sealed.keys import load_pyrage
-from airzoo_bench.leaderboard.sealed.sealing import seal
-from airzoo_bench.leaderboard.sealed.unsealing import opened_truth
+from airzoo_bench.leaderboard.keys import load_pyrage
+from airzoo_bench.leaderboard.sealed_scoring import opened_truth
+from airzoo_bench.leaderboard.sealing import seal
 from tests.api.place import NAME
 from tests.hostile.crash_points import Fault, run
 from tests.leaderboard.sealed.conftest import SALT, SealedField
+from tests.support import run_main
 
 _NO_FAULT = 3
 
@@ -34,7 +38,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def opened(public: Path, archive: Path, key: Any) -> dict[str, bytes]:
     with opened_truth(public, archive, key) as truth:
-        return content(truth.folder)
+        return content(truth)
 
 
 def test_opened_is_what_was_sealed(sealed: SealedField) -> None:
@@ -43,46 +47,38 @@ def test_opened_is_what_was_sealed(sealed: SealedField) -> None:
     assert whole.keys() - found.keys() == {f"data/{NAME}/images/a.png"}  # it had metadata
 
 
+def test_a_method_is_given_what_it_is_given_of_the_whole(sealed: SealedField) -> None:
+    whole, public = load_benchmark(sealed.folder), load_benchmark(sealed.public)
+    for one, other in zip(whole.scenes, public.scenes, strict=True):
+        assert [tile.id for tile in one.tiles()] == [tile.id for tile in other.tiles()]
+        assert [photo.id for photo in one.photos()] == [photo.id for photo in other.photos()]
+        assert [crop.window for crop in one.crops()] == [crop.window for crop in other.crops()]
+        assert {p.id for p in one.queries()} <= {p.id for p in other.queries()}
+
+
+@pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
+def test_templates_are_checked_and_not_scored(
+    track: str, sealed: SealedField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / ("preds" if track == "reconstruction" else "preds.npz")
+    data = ("--data", sealed.public)
+    assert run_main("template", f"{NAME}-{track}", *data, "--out", out) == 0
+    assert run_main("check", out, *data) == 0
+    assert run_main("eval", track, out, *data) == 2
+    assert "is sealed: only its host can score predictions" in capsys.readouterr().err
+
+
 def test_the_commitment_is_salted(sealed: SealedField, tmp_path: Path) -> None:
     found = set()
-    for number, salt in enumerate((SALT, SALT, "6b" * 32)):
-        made = seal(
-            sealed.folder,
-            tmp_path / f"p{number}",
-            tmp_path / f"{number}.age",
-            sealed.key.to_public(),
-            make_salt=lambda salt=salt: salt,  # type: ignore[misc]
-        )
-        found.add(made.commitment)
-        opened = Benchmark.open(tmp_path / f"p{number}", sealed=True).file.sealed
-        assert opened is not None
-        assert opened.commitment == made.commitment
-    assert len(found) == 2
+    for number, salt in enumerate((SALT, SALT, "6b" * 32, "")):
+        public, archive = tmp_path / f"p{number}", tmp_path / f"{number}.age"
+        made, _ = seal(sealed.folder, public, archive, sealed.key.to_public(), salt=salt)
+        found.add(made)
+        stated = Benchmark.open(public, sealed=True).file.sealed
+        assert stated is not None
+        assert stated.commitment == made
+    assert len(found) == 3
     assert content(tmp_path / "p0") == content(tmp_path / "p1") == content(sealed.public)
-    again = seal(
-        sealed.folder, tmp_path / "p3", tmp_path / "3.age", sealed.key.to_public()
-    ).commitment
-    assert again not in found
-
-
-def test_archives_of_one_truth_differ_and_hide_its_size(
-    sealed: SealedField, tmp_path: Path
-) -> None:
-    sizes = set()
-    for size in range(100_000, 105_000, 97):
-        path = tmp_path / "x.age"
-        with path.open("wb") as stream:
-            member = Member("a", size, lambda size=size: iter([bytes(size)]))  # type: ignore[misc]
-            write_archive(stream, [member], sealed.key.to_public())
-        sizes.add(path.stat().st_size >> 11)  # age adds up to 300 bytes at random
-    assert len(sizes) <= 4
-
-
-def spoiled(archive: Path, path: Path, change: Callable[[bytearray], Any]) -> Path:
-    data = bytearray(archive.read_bytes())
-    change(data)
-    path.write_bytes(data)
-    return path
 
 
 CHANGES: dict[str, Callable[[bytearray], Any]] = {
@@ -100,31 +96,22 @@ CHANGES: dict[str, Callable[[bytearray], Any]] = {
 def test_a_damaged_archive_opens_nothing(
     change: Callable[[bytearray], Any], sealed: SealedField, tmp_path: Path
 ) -> None:
-    archive = spoiled(sealed.archive, tmp_path / "x.age", change)
+    data = bytearray(sealed.archive.read_bytes())
+    change(data)
+    (tmp_path / "x.age").write_bytes(data)
     with pytest.raises(BenchmarkError, match="damaged, cut off"):
-        opened(sealed.public, archive, sealed.key)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.age"]
-
-
-def test_another_key(sealed: SealedField, tmp_path: Path) -> None:
-    other = load_pyrage().x25519.Identity.generate()
-    with pytest.raises(BenchmarkError, match="sealed to another key"):
-        opened(sealed.public, sealed.archive, other)
-
-
-def test_what_is_sealed_is_not_sealed_again(sealed: SealedField, tmp_path: Path) -> None:
-    key = load_pyrage().x25519.Identity.generate().to_public()
-    with pytest.raises(UserError, match="is sealed already"):
-        seal(sealed.public, tmp_path / "again", tmp_path / "again.age", key)
-
-
-def test_an_archive_of_another_run(sealed: SealedField, tmp_path: Path) -> None:
-    seal(sealed.folder, tmp_path / "p", tmp_path / "x.age", sealed.key.to_public())
-    with pytest.raises(BenchmarkError, match="belongs to another public folder"):
         opened(sealed.public, tmp_path / "x.age", sealed.key)
 
 
-def test_a_public_file_that_is_missing(sealed: SealedField, tmp_path: Path) -> None:
+def test_another_key_another_run_and_a_missing_file(sealed: SealedField, tmp_path: Path) -> None:
+    other = load_pyrage().x25519.Identity.generate()
+    with pytest.raises(BenchmarkError, match="sealed to another key"):
+        opened(sealed.public, sealed.archive, other)
+    with pytest.raises(UserError, match="is sealed already"):
+        seal(sealed.public, tmp_path / "again", tmp_path / "again.age", other.to_public())
+    seal(sealed.folder, tmp_path / "p", tmp_path / "x.age", sealed.key.to_public())
+    with pytest.raises(BenchmarkError, match="belongs to another public folder"):
+        opened(sealed.public, tmp_path / "x.age", sealed.key)
     public = Path(shutil.copytree(sealed.public, tmp_path / NAME))
     (public / "data" / NAME / "images" / "b.png").unlink()
     with pytest.raises(BenchmarkError, match=r"b\.png: a file of the public folder is missing"):
@@ -136,70 +123,59 @@ def test_an_archive_that_anybody_could_have_sealed_writes_nowhere_else(
     name: str, sealed: SealedField, tmp_path: Path
 ) -> None:
     """The public key is public: members are held to a manifest whose names stay in the folder."""
+    file = {"sha256": SALT, "size": 1, "how": "sealed"}
+    manifest = {"format": 1, "salt": SALT, "files": {name: file}}
+    plain = BytesIO()
+    with tarfile.open(fileobj=plain, mode="w") as tar:
+        for member, text in (("manifest.json", json.dumps(manifest)), (f"files/{name}", "x")):
+            entry = tarfile.TarInfo(member)
+            entry.size = len(text)
+            tar.addfile(entry, BytesIO(text.encode()))
     path = tmp_path / "x.age"
-    with path.open("wb") as stream:
-        file = {"sha256": SALT, "size": 1, "how": "sealed"}
-        manifest = {"format": 1, "salt": SALT, "files": {name: file}}
-        text = json.dumps(manifest).encode()
-        members = [
-            Member("manifest.json", len(text), lambda: iter([text])),
-            Member(f"files/{name}", 1, lambda: iter([b"x"])),
-        ]
-        write_archive(stream, members, sealed.key.to_public())
+    path.write_bytes(load_pyrage().encrypt(plain.getvalue(), [sealed.key.to_public()]))
     with pytest.raises(BenchmarkError, match=r"another version|another public"):
         opened(sealed.public, path, sealed.key)
 
 
-def test_a_file_that_changes_while_it_is_sealed(sealed: SealedField, tmp_path: Path) -> None:
-    member = Member("a", 5, lambda: iter([b"x"]))
-    with (tmp_path / "x.age").open("wb") as stream:  # noqa: SIM117
-        with pytest.raises(BenchmarkError, match="was changed while"):
-            write_archive(stream, [member], sealed.key.to_public())
+def test_opened_truth_is_private_and_goes(sealed: SealedField) -> None:
+    seen = []
+    for error in (None, UserError("x"), KeyboardInterrupt(), SystemExit(143)):
+        try:
+            with opened_truth(sealed.public, sealed.archive, sealed.key) as truth:
+                seen.append(truth)
+                assert truth.stat().st_mode & 0o077 == 0
+                Benchmark.open(truth)
+                if error is not None:
+                    raise error
+        except type(error or UserError):
+            assert error is not None
+        assert not seen[-1].exists()
+    assert len(set(seen)) == 4
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_full_disk(sealed: SealedField) -> None:
-    member = Member("a", 5_000_000, lambda: iter([bytes(5_000_000)]))
-    with Path("/dev/full").open("wb", buffering=0) as stream:  # noqa: SIM117
-        with pytest.raises(OSError, match="No space left"):
-            write_archive(stream, [member], sealed.key.to_public())
-
-
-def test_large_truth_takes_little_memory(sealed: SealedField, tmp_path: Path) -> None:
-    import tracemalloc
-
-    def pieces() -> Any:
-        for _ in range(96):
-            yield bytes(1 << 20)
-
-    tracemalloc.start()
-    with (tmp_path / "x.age").open("wb") as stream:
-        write_archive(stream, [Member("a", 96 << 20, pieces)], sealed.key.to_public())
-    with opened_archive(tmp_path / "x.age", sealed.key) as members:
-        for _, file in members:
-            while file.read(1 << 20):
-                pass
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 16 << 20
+def test_truth_of_a_killed_run_is_cleared_by_the_next(sealed: SealedField) -> None:
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        with opened_truth(sealed.public, sealed.archive, sealed.key) as truth:
+            os.write(write, str(truth).encode())
+            os.kill(os.getpid(), 9)
+    os.waitpid(child, 0)
+    left = Path(os.read(read, 4096).decode())
+    os.close(read)
+    os.close(write)
+    assert left.exists()
+    with opened_truth(sealed.public, sealed.archive, sealed.key):
+        assert not left.exists()
 
 
 # --- killed ---
 
 
-def replaced(sealed: SealedField) -> Callable[[Path, str], None]:
-    def write(home: Path, salt: str) -> None:
-        place = home / NAME, home / "truth.age"
-        key = sealed.key.to_public()
-        seal(sealed.folder, *place, key, replace=True, make_salt=lambda: salt * 32)
-
-    return write
-
-
 def fits(sealed: SealedField, home: Path) -> str:
     """Return the commitment of a public folder whose archive opens and belongs to it."""
     with opened_truth(home / NAME, home / "truth.age", sealed.key) as truth:
-        assert (truth.folder / f"scenes/{NAME}/retrieval/positives.npz").is_file()
+        assert (truth / f"scenes/{NAME}/retrieval/positives.npz").is_file()
     file = Benchmark.open(home / NAME, sealed=True).file
     assert file.sealed is not None
     return file.sealed.commitment
@@ -214,19 +190,17 @@ def small(sealed: SealedField, tmp_path_factory: pytest.TempPathFactory) -> Seal
     return replace(sealed, folder=folder)
 
 
-@pytest.mark.parametrize(
-    ("every", "shared"),
-    [(28, True), *(pytest.param(2, one, marks=pytest.mark.slow) for one in (False, True))],
-)
-def test_killed_at_many_steps_of_sealing(
-    every: int, shared: bool, small: SealedField, tmp_path: Path
-) -> None:
-    """In a folder of their own both are exchanged in one step; else none may be there."""
+@pytest.mark.parametrize("every", [28, pytest.param(2, marks=pytest.mark.slow)])
+def test_killed_at_many_steps_of_sealing(every: int, small: SealedField, tmp_path: Path) -> None:
+    """Both are exchanged one after the other, beside files of others."""
     home = tmp_path / "board"
     home.mkdir()
-    if shared:
-        (home / "leaderboard.toml").write_text("")
-    write = replaced(small)
+    (home / "leaderboard.toml").write_text("")
+
+    def write(folder: Path, salt: str) -> None:
+        place, key = (folder / NAME, folder / "truth.age"), small.key.to_public()
+        seal(small.folder, *place, key, replace=True, salt=salt * 32)
+
     write(home, "aa")
     old, kept = fits(small, home), 0
     codes = []
@@ -234,7 +208,7 @@ def test_killed_at_many_steps_of_sealing(
         codes.append(run(write, home, "bb", Fault("killed", step)))
         if codes[-1] != -9:
             break
-        left = fits(small, home) if (home / NAME).exists() or not shared else ""
+        left = fits(small, home) if (home / NAME).exists() else ""
         kept += left == old
         if left != old:
             write(home, "aa")

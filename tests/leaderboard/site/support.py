@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.build import Given, build_board
 from airzoo_bench.leaderboard.runs import Run
-from airzoo_bench.leaderboard.site.api_files import Given
-from airzoo_bench.leaderboard.site.build import build_board
 from airzoo_bench.leaderboard.submission import PublicSubmission, submission_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
@@ -102,6 +101,7 @@ def given(root: Path, results: Sequence[Path] = (), **changes: Any) -> Given:
             "schema": 1,
             "title": "A board",
             "url": "https://example.org/board",
+            "repository": "lab/board",
             "benchmarks": (
                 {"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},
             ),
@@ -111,9 +111,16 @@ def given(root: Path, results: Sequence[Path] = (), **changes: Any) -> Given:
     return replace(made, **changes)
 
 
-def built(root: Path, out: str = "site", cache: str = "cache", **changes: Any) -> Path:
+def built(
+    root: Path,
+    out: str = "site",
+    cache: str = "cache",
+    notes: list[str] | None = None,
+    **changes: Any,
+) -> Path:
     """Build the board of a folder."""
-    return build_board(given(root, **changes), root / out, root / cache, note=lambda text: None)
+    said: list[str] = [] if notes is None else notes
+    return build_board(given(root, **changes), root / out, root / cache, said.append)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -125,12 +132,13 @@ def files_of(folder: Path) -> dict[str, bytes]:
     }
 
 
-API = "api/v1"
+def board_of(site: Path) -> Any:
+    return json.loads((site / "board.json").read_text(encoding="utf-8"))
 
 
-def read(site: Path, path: str) -> Any:
-    return json.loads((site / API / path).read_text(encoding="utf-8"))
+def table_of(site: Path, table: str = "made") -> Any:
+    return board_of(site)["tables"][table]
 
 
 def rows_of(site: Path, table: str = "made") -> dict[str, Any]:
-    return {row["id"]: row for row in read(site, f"tables/{table}/table.json")["rows"]}
+    return {row["id"]: row for row in table_of(site, table)["rows"]}

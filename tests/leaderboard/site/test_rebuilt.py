@@ -1,20 +1,25 @@
-"""A board built again: the same bytes from whatever way to them, and whole or not at all."""
+"""A board built again, the same bytes and whole or not at all, and served."""
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.engines.engine import Processes
-from airzoo_bench.leaderboard.site.build import build_board
-from tests.leaderboard.site.support import built, files_of, given, method, some_runs, write_version
+from airzoo_bench.leaderboard.build import serve_folder
+from tests.leaderboard.site.support import built, files_of, method, some_runs, write_version
+from tests.support import HANGS_S
 
 
 def test_the_same_bytes_from_nothing_from_a_cache_and_in_any_order(
@@ -34,7 +39,7 @@ def test_the_same_bytes_from_nothing_from_a_cache_and_in_any_order(
 
 def test_the_cache_forgets_what_has_gone(tmp_path: Path) -> None:
     def kept() -> int:
-        return len([*(tmp_path / "cache").glob("*.values")])
+        return len([*(tmp_path / "cache").glob("*.measured")])
 
     some_runs(tmp_path / "runs")
     built(tmp_path)
@@ -50,35 +55,18 @@ def flipped(content: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("damage", [flipped, lambda content: b""])
-@pytest.mark.parametrize("changed", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_damaged_cache_gives_no_other_page(
-    root: Path, tmp_path: Path, damage: Callable[[bytes], bytes], changed: bool
+    root: Path, tmp_path: Path, damage: Callable[[bytes], bytes]
 ) -> None:
     shutil.copytree(root / "runs", tmp_path / "runs")
     built(tmp_path)
-    if changed:
-        write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.9))
+    write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.9))
     expected = files_of(built(tmp_path, "whole", "other"))
-    kept = [path for path in (tmp_path / "cache").iterdir() if path.suffix != ".values"]
+    kept = [*(tmp_path / "cache").glob("*.*")]
     assert kept
     for path in kept:
         path.write_bytes(damage(path.read_bytes()))
     assert files_of(built(tmp_path)) == expected
-
-
-def test_damaged_values_of_a_method_are_named(tmp_path: Path) -> None:
-    some_runs(tmp_path / "runs")
-    built(tmp_path)
-    for path in (tmp_path / "cache").glob("*.values"):
-        path.write_bytes(flipped(path.read_bytes()))
-    with pytest.raises(UserError, match="is damaged: a build kept it") as refused:
-        built(tmp_path)
-    assert f"delete the folder {tmp_path / 'cache'}" in (refused.value.fix or "")
-
-
-def test_two_processes_give_the_same_bytes(root: Path) -> None:
-    site = build_board(given(root), root / "two", root / "fresh", engine=Processes(2), note=print)
-    assert files_of(site) == files_of(root / "site")
 
 
 def test_a_folder_that_is_no_board_is_not_replaced(tmp_path: Path) -> None:
@@ -88,11 +76,6 @@ def test_a_folder_that_is_no_board_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="not replaced"):
         built(tmp_path)
     assert (tmp_path / "site/thesis.tex").exists()
-
-
-def test_the_folder_above_the_site_is_made(tmp_path: Path) -> None:
-    some_runs(tmp_path / "runs", 2)
-    assert (built(tmp_path, out="new/folder/site") / "index.html").is_file()
 
 
 def test_two_builds_at_once_are_refused(tmp_path: Path) -> None:
@@ -147,3 +130,39 @@ def test_a_killed_build_leaves_the_board_whole(root: Path, tmp_path: Path, momen
         env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.stdout == "held\n", done.stderr
+
+
+def test_serving_a_built_site(tmp_path: Path) -> None:
+    some_runs(tmp_path / "runs", 1)
+    site = built(tmp_path)
+    (tmp_path / "secret").write_text("secret")
+    (site / "link").symlink_to(tmp_path / "secret")
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[3]), *sys.path])
+    }
+    serve = [sys.executable, "-m", "airzoo_bench", "leaderboard", "serve", str(site), "--port", "0"]
+    with subprocess.Popen(
+        serve, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.match(r"http://127\.0\.0\.1:\d+/", line)
+        assert found, line
+        address = found[0]
+        with urllib.request.urlopen(f"{address}board.json") as answer:
+            assert json.load(answer)["title"] == "A board"
+        with urllib.request.urlopen(address) as answer:
+            assert b"A board" in answer.read()
+        for path in ("../secret", "%2e%2e/secret", "link", "nothing", "tables/"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(address + path)
+        with pytest.raises(urllib.error.HTTPError, match="501"):
+            urllib.request.urlopen(urllib.request.Request(address, b"x", method="PUT"))
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=HANGS_S)
+    assert (process.returncode, said) == (0, "")
+
+
+def test_what_is_no_site_is_not_served(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="not the site of a board"):
+        serve_folder(tmp_path, 0, print)

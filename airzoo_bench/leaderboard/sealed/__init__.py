@@ -1,1 +1,0 @@
-"""Sealed truth: public inputs apart from it, archives that only a key opens, coarse answers."""

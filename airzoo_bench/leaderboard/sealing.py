@@ -1,0 +1,352 @@
+"""Sealing a benchmark folder: a public folder without the truth, and an archive with it.
+
+Public is what an allow list names, of tables their known columns; everything else is sealed. The
+archive is a tar in age: a manifest with a salt and the checksum of every file, then the files that
+are not public as they were.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import os
+import secrets
+import shutil
+import tarfile
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.manifest import SceneFile, SealedTruth, write_benchmark_file
+from airzoo_bench.benchmark.queries import (
+    CAMERA_COLUMNS,
+    IDENTITY_COLUMNS,
+    POSE_COLUMNS,
+    PRIOR_COLUMNS,
+)
+from airzoo_bench.benchmark.tables import read_table
+from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
+from airzoo_bench.core.files import (
+    atomic_entries,
+    canonical_json,
+    check_new_folder,
+    check_output_file,
+    sha256_of,
+)
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.validation import Strict
+from airzoo_bench.evaluation.opening import read_truths
+from airzoo_bench.geometry.raster_files import raster_files
+from airzoo_bench.leaderboard.keys import load_pyrage
+from airzoo_bench.leaderboard.photos import write_bare_photo
+from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
+from airzoo_bench.protocol.lookup import load_protocol
+from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
+
+__all__ = ["MANIFEST", "Contents", "SealedFile", "commitment", "public_files", "seal"]
+
+MANIFEST = "manifest.json"
+"""The first member of an archive; the files of the folder stand below `files/`."""
+
+_GRID = ("x", "y", "width", "height")
+_TRANSFORM = (*"abcdef", "crs")
+_TILES = (
+    *("id", "size_px", "size_m", *_GRID, *BOX_COLUMNS, "valid_share", *IMAGE_COLUMNS[1:]),
+    *(name for names in POSITION_COLUMNS for name in names),
+)
+_TABLES = {
+    "queries.csv": (*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *PRIOR_COLUMNS),
+    "retrieval/tiles.parquet": _TILES,
+    "retrieval/dropped_tiles.csv": _TILES,
+    "retrieval/tiles/tiles.csv": ("id", "file", *BOX_COLUMNS, "size_m", *_GRID, *_TRANSFORM),
+    "matching/crops.csv": ("id", *CROP_COLUMNS),
+    "matching/maps.csv": ("id", "width", "height", *_TRANSFORM, "dsm_sha256"),
+    "matching/crops/crops.csv": ("id", "dom_file", "dsm_file", *_GRID, *_TRANSFORM),
+    "reconstruction/photos.csv": IDENTITY_COLUMNS,
+}
+"""By name below a scene's folder, their public columns."""
+_PICTURES = {"retrieval/tiles": (".png",), "matching/crops": ("_dom.tif", "_dsm.tif")}
+_COPY: tuple[str, ...] = ()
+_PHOTO = ("photo",)
+_TIME = 315_532_800  # 1980-01-01: that of files on the host's disk tells when a photo was taken
+_SAME_M, _SAME_ROTATION = 1e-3, 1e-6
+
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+def _inside(name: str) -> str:
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or not path.parts or "\0" in name:
+        raise ValueError(f"{name!r} is no file of a folder")
+    return name
+
+
+class SealedFile(Strict):
+    """A file of the folder: public as it was, in the archive, or public without its metadata."""
+
+    sha256: Sha256
+    size: Annotated[int, Field(ge=0, le=1 << 50)]
+    how: Literal["public", "sealed", "cut"]
+    cuts: tuple[tuple[int, int], ...] = ()  # of earlier archives, without use
+
+
+class Contents(Strict):
+    """The manifest of an archive."""
+
+    format: Literal[1]
+    salt: Sha256
+    files: dict[Annotated[str, AfterValidator(_inside)], SealedFile]
+
+
+def commitment(contents: Contents) -> str:
+    """Return SHA-256 over the salt and the checksums of all files of the sealed folder."""
+    sums = {name: file.sha256 for name, file in contents.files.items()}
+    return hashlib.sha256(bytes.fromhex(contents.salt) + canonical_json(sums).encode()).hexdigest()
+
+
+def seal(
+    folder: Path,
+    public: Path,
+    archive: Path,
+    to: Any,
+    *,
+    replace: bool = False,
+    salt: str = "",
+    progress: Progress = silent,
+) -> tuple[str, Counter[str]]:
+    """Write the public folder and the archive, both or neither.
+
+    Return the commitment, and how many files are public, sealed and cut.
+    """
+    _check_places(folder, public, archive, replace=replace)
+    benchmark = Benchmark.open(folder, sealed=True)
+    if benchmark.is_sealed:
+        fix = "seal the folder that it was made of"
+        raise UsageError("is sealed already", where=folder, fix=fix)
+    _refuse_told(benchmark)
+    given = public_files(benchmark)
+    names = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir())
+    with atomic_entries(archive.parent, (public.name, archive.name)) as staged:
+        target = staged / public.name
+        files = {
+            name: _publish(folder / name, target / name, given.get(name))
+            for name in progress(names, "files", len(names))
+        }
+        contents = Contents(format=1, salt=salt or secrets.token_hex(32), files=files)
+        committed = commitment(contents)
+        _write_benchmark(benchmark, target, committed)
+        for path in sorted((target / "protocols").glob("*.toml")):  # as submitters read it
+            read_truths(load_protocol(path), target, sealed=True)
+        _write_archive(folder, contents, staged / archive.name, to)
+        for path in (*target.rglob("*"), target):
+            os.utime(path, (_TIME, _TIME))
+    return committed, Counter(file.how for file in files.values())
+
+
+def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -> None:
+    source, out, file = (path.resolve() for path in (folder, public, archive))
+    if not (folder / "benchmark.toml").is_file():
+        raise UsageError(
+            "no benchmark folder here",
+            where=folder,
+            expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
+            fix="give its path: what is sealed is not looked for in the data root",
+        )
+    if out.parent != file.parent:
+        raise UsageError(
+            f"{public} and {archive} lie in two folders",
+            where="--out, --archive",
+            expected="both in one folder, so that they appear in one step",
+        )
+    if source in (out, *out.parents) or out in source.parents:
+        raise UsageError("lies in the folder that is sealed, or around it", where=public)
+    check_new_folder(public, replace=replace)
+    check_output_file(archive)
+    if archive.exists() and not replace:
+        fix = "name another, or --force"
+        raise UsageError("the archive exists already", where=archive, fix=fix)
+
+
+def _refuse_told(benchmark: Benchmark) -> None:
+    """Refuse a benchmark whose public parts are the truth by themselves."""
+    prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source", "metadata")
+    if prior != "metadata":
+        raise BenchmarkError(
+            f"its methods are given the truth: prior.source is {prior!r}",
+            where=benchmark.folder,
+            expected="priors from metadata, where poses are to be sealed",
+        )
+    columns = (*POSE_COLUMNS, *PRIOR_COLUMNS)
+    for scene in benchmark.file.scenes:
+        path = benchmark.scene_folder(scene.id) / "queries.csv"
+        photos = read_table(path, ("id",))
+        if not set(columns) <= set(photos.columns):
+            continue
+        pose, given = np.split(photos[list(columns)].to_numpy(np.float64), 2, axis=1)
+        near = np.linalg.norm(pose[:, 4:] - given[:, 4:], axis=1) < _SAME_M
+        near &= np.abs((pose[:, :4] * given[:, :4]).sum(axis=1)) > 1 - _SAME_ROTATION
+        if near.any():
+            raise BenchmarkError(
+                f"priors equal the true pose: {first_of(photos['id'][near], len(photos))}",
+                where=path,
+                expected="priors that are measured apart from the truth",
+            )
+
+
+# --- what is public ---
+
+
+def public_files(benchmark: Benchmark) -> dict[str, tuple[str, ...]]:
+    """Name the public files of a folder except benchmark.toml, which is written anew.
+
+    By path below the folder stand the public columns of a table; a photo, which loses its metadata,
+    has `("photo",)`, and what is copied has nothing.
+    """
+    folder = benchmark.folder
+    found = dict.fromkeys(sorted((folder / "protocols").glob("*.toml")), _COPY)
+    for scene in benchmark.file.scenes:
+        _refuse_outside(benchmark, scene)
+        home = benchmark.scene_folder(scene.id)
+        found |= {home / name: columns for name, columns in _TABLES.items()}
+        found[home / "matching/map.json"] = _COPY
+        for name, endings in _PICTURES.items():
+            pictures = sorted((home / name).rglob("*"))
+            found |= {path: _COPY for path in pictures if path.name.endswith(endings)}
+        found |= dict(_data_files(benchmark, scene, home))
+    return {_below(folder, path): how for path, how in found.items() if path.is_file()}
+
+
+def _public_entry(scene: SceneFile, tracks: Sequence[str]) -> SceneFile:
+    """Return what benchmark.toml says of a scene in public."""
+    sealed: dict[str, None] = dict.fromkeys(("cloud", "cloud_sha256", "truth_accuracy_m"))
+    if "matching" not in tracks:  # whose methods are given the surface model
+        sealed |= dict.fromkeys(("dsm", "dsm_sha256", "plane_height_m", "maps"))
+    return scene.model_copy(update=sealed)
+
+
+def _data_files(
+    benchmark: Benchmark, scene: SceneFile, home: Path
+) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """Yield the photos that there are ids of, and the maps that methods are given."""
+    photos = read_table(home / "queries.csv", IDENTITY_COLUMNS)
+    for name in photos["image"]:
+        yield benchmark.resolve(scene.images) / name, _PHOTO
+    given = _public_entry(scene, tuple(benchmark.file.tracks))
+    rasters = [benchmark.resolve(named) for named in (given.dom, given.dsm) if named is not None]
+    gallery = None if given.gallery is None else benchmark.resolve(given.gallery)
+    if gallery is not None and gallery.is_file():
+        rasters.append(gallery)
+    elif gallery is not None:
+        for name in ("tiles.parquet", "dropped_tiles.csv"):
+            for image in read_table(home / "retrieval" / name, IMAGE_COLUMNS)["image"]:
+                yield gallery / image, _PHOTO
+    for raster in rasters:
+        yield from ((path, _COPY) for path in raster_files(raster))
+    if given.maps is not None:
+        for photo in photos["id"]:
+            yield from ((path, _COPY) for path in own_map(benchmark.resolve(given.maps), photo))
+
+
+def _refuse_outside(benchmark: Benchmark, scene: SceneFile) -> None:
+    places = (scene.images, scene.dom, scene.dsm, scene.gallery, scene.maps, scene.cloud)
+    for place in (PurePosixPath(one) for one in places if one is not None):
+        if place.is_absolute() or ".." in place.parts:
+            raise BenchmarkError(
+                f"scene {scene.id} has data outside the folder: {place}",
+                where=benchmark.folder,
+                expected="photos, maps and clouds in the folder, so that it can be given away",
+                fix="prepare it again with --copy",
+            )
+
+
+def _below(folder: Path, path: Path) -> str:
+    try:
+        return path.absolute().relative_to(folder.absolute()).as_posix()
+    except ValueError:
+        what = f"a map rests on a file outside the folder: {path}"
+        fix = "prepare it again with --copy"
+        raise BenchmarkError(what, where=folder, fix=fix) from None
+
+
+# --- writing ---
+
+
+def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFile:
+    """Write the public version of a file, if it has one, and say where the original is."""
+    if not source.is_file():
+        raise BenchmarkError("no file, and so not to be sealed", where=source, fix="remove it")
+    size, digest = source.stat().st_size, sha256_of(source)
+    if how is None:
+        return SealedFile(sha256=digest, size=size, how="sealed")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    if how == _PHOTO:
+        write_bare_photo(source, place)
+    elif how == _COPY:
+        shutil.copyfile(source, place)
+    else:
+        place.write_bytes(_public_table(source, how))
+    same = sha256_of(place) == digest
+    return SealedFile(
+        sha256=digest, size=size, how="public" if same else "cut" if how == _PHOTO else "sealed"
+    )
+
+
+def _public_table(path: Path, columns: Sequence[str]) -> bytes:
+    """Return a table with its public columns alone, in the order of its ids, digits as they are."""
+    out = io.BytesIO()
+    if path.suffix == ".parquet":
+        table = read_table(path, ("id",))
+        public = table[[name for name in table.columns if name in columns]].sort_values("id")
+        public.attrs = {}
+        public.to_parquet(out, index=False)
+        return out.getvalue()
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        head, *rows = list(csv.reader(stream)) or [[]]
+    if "id" not in head or any(len(row) != len(head) for row in rows):
+        raise BenchmarkError("a table without ids, or with rows of other lengths", where=path)
+    kept, first = [n for n, name in enumerate(head) if name in columns], head.index("id")
+    with io.TextIOWrapper(out, "utf-8", newline="") as text:
+        ordered = [head, *sorted(rows, key=lambda row: row[first])]
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerows([row[place] for place in kept] for row in ordered)
+        text.flush()
+        return out.getvalue()
+
+
+def _write_benchmark(benchmark: Benchmark, target: Path, committed: str) -> None:
+    tracks = tuple(benchmark.file.tracks)
+    scenes = tuple(_public_entry(scene, tracks) for scene in benchmark.file.scenes)
+    update = {
+        "scenes": scenes,
+        "checksums": {},
+        "sealed": SealedTruth(commitment=committed),
+    }
+    write_benchmark_file(target, benchmark.file.model_copy(update=update))
+
+
+def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> None:
+    """Write the sealed files into a tar that tells neither times nor owners, and encrypt it."""
+    with tempfile.TemporaryFile() as plain:
+        with tarfile.open(fileobj=plain, mode="w", format=tarfile.PAX_FORMAT) as tar:
+            text = contents.model_dump_json().encode()
+            tar.addfile(_member(MANIFEST, len(text)), io.BytesIO(text))
+            for name, file in contents.files.items():
+                if file.how == "sealed":
+                    with (folder / name).open("rb") as stream:
+                        tar.addfile(_member(f"files/{name}", file.size), stream)
+        plain.seek(0)
+        with archive.open("wb") as stream:
+            load_pyrage().encrypt_io(plain, stream, [to])
+
+
+def _member(name: str, size: int) -> tarfile.TarInfo:
+    member = tarfile.TarInfo(name)
+    member.size, member.mode = size, 0o644
+    return member

@@ -1,1 +1,0 @@
-"""The public board: JSON files of a stable API, pages made of them alone and downloads."""
