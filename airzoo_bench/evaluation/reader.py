@@ -130,13 +130,13 @@ def reader_named(name: str) -> Reader:
 def find_reader(path: Path, track: str | None = None) -> str | None:
     """Return the name of the reader that recognises a path, if one does."""
     readers: dict[str, Reader] = {name: READERS.get(name) for name in READERS.names()}
-    sure = {name: reader.recognise(path) for name, reader in readers.items()}
-    own = {name: value for name, value in sure.items() if readers[name].track == track}
-    if max(own.values(), default=0.0) >= POSSIBLE:
-        sure = own
+    sure = {name: one.recognise(path) for name, one in readers.items() if one.track == track}
+    least = POSSIBLE if max(sure.values(), default=0.0) >= POSSIBLE else SURE
+    if least == SURE:
+        sure = {name: reader.recognise(path) for name, reader in readers.items()}
     most = max(sure.values(), default=0.0)
     found = [name for name, value in sure.items() if value == most]
-    if most < (POSSIBLE if sure is own else SURE):
+    if most < least:
         return None
     if len(found) > 1:
         raise UnreadableError(

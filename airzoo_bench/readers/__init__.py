@@ -1,1 +1,1 @@
-"""What reads files as methods write them: a file a layout, named in `core.registry.READERS`."""
+"""What reads files as methods write them: a module a shape, methods named in `core.registry`."""

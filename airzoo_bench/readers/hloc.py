@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import itertools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.hdf5 import Hdf5File
-from airzoo_bench.readers.hloc_files import (
-    MATCHES,
-    NO_MATCH,
-    Features,
-    check_indices,
-    hdf5_files,
-    kind_of,
-    pair_of_files,
-    pixels_of,
-)
-
-if TYPE_CHECKING:
-    from airzoo_bench.geometry.arrays import Floats
-    from airzoo_bench.readers.pictures import Picture, Pictures
-
-__all__ = ["HLOC"]
+from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
+from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels, paired
 
 _CENTRE = 0.5  # hloc counts from the centre of the first pixel
+_MATCHES, _DENSE, _KEYPOINTS = "/matches0", "/keypoints0", "/keypoints"
+_SUFFIXES = (".h5", ".hdf5")
+_MOST_FILES, _HEAD = 1000, 40
+_LAST_INT16 = (1 << 15) - 1
 
 
-class Hloc(Reader):
+class _Hloc(Reader):
     """Reads a file of matches with that of features beside it, or a folder with both."""
 
     track = "matching"
@@ -40,152 +32,205 @@ class Hloc(Reader):
     methods = ("hloc", "SuperPoint", "LightGlue", "SuperGlue", "LoFTR")
 
     def recognise(self, path: Path) -> float:
-        """See `Reader.recognise`."""
-        kinds = {kind_of(one) for one in hdf5_files(path)}
+        kinds = {_kind_of(one) for one in _hdf5_files(path)}
         return 0.9 if "matches" in kinds else 0.6 * ("features" in kinds and path.is_file())
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """See `Reader.read`."""
-        from airzoo_bench.readers.matching import scenes_of
-        from airzoo_bench.readers.pictures import MatchRows, Pictures, nothing_matched
-
-        matches, features = pair_of_files(path)
-        scenes = scenes_of(reading, path)
+        matches, features = _pair_of_files(path)
         limit = reading.memory_bytes // 2  # for each of the two files
-        opened = Hdf5File(matches, limit)
-        given = None if features is None else Features.of(features, limit)
-        plain, dashed = (Pictures(scenes, reading.scenes, change) for change in (str, _dashed))
-        pairs = _Pairs(opened, given, plain, dashed)
-        rows = MatchRows(path, opened.budget)
-        left = 0
-        for group, one, other in pairs:
-            if not _joins(one, other):
-                left += 1
-                continue
-            swapped = one.query is None
-            photo, reference = (other, one) if swapped else (one, other)
+        file = Hdf5File(matches, limit)
+        given = None if features is None else _Features(features, limit)
+        names = _PairNames(file, given, path, reading)
+        rows, left = MatchRows(path, file.budget), 0
+        for group in names.groups:
             try:
-                first, second = pairs.pixels(group, one, other)
-                xy = (second, first) if swapped else (first, second)
-                rows.add(photo, reference, *xy, group)
+                pair = names.pair(group)
+                if pair is None:
+                    left += 1
+                else:
+                    rows.add(pair, _pixels(file, given, group, pair), group)
             except PredictionError as error:
                 raise error.inside(f"{matches}, pair {group[:200]}") from error
-        if not pairs.used:
-            raise nothing_matched(path, pairs.groups, pairs.pictures)
-        notes = [f"{counted(left, 'pair')} of other pictures left out"] if left else []
-        steps = [] if given is None else given.steps()
-        return ReadPredictions(
-            rows.predictions(),
-            (
-                "pixels are those of the picture at its full size, and whole numbers at the "
-                "centres of pixels: 0.5 was added",
-                *steps,
-            ),
-            (*notes, *steps),
-            () if features is None or path.is_dir() else (features,),
+        predictions = rows.predictions(names.groups, names.pictures)
+        notes = (f"{counted(left, 'pair')} of other pictures left out",) if left else ()
+        steps = () if given is None else given.steps()
+        said = "pixels of the picture at its full size, whole numbers at centres: 0.5 was added"
+        beside = () if features is None or path.is_dir() else (features,)
+        return ReadPredictions(predictions, (said, *steps), (*notes, *steps), beside)
+
+
+class _Features:
+    """Keypoints by the name of their picture, with - for / as files of matches have it."""
+
+    def __init__(self, path: Path, limit_bytes: int) -> None:
+        self.file = Hdf5File(path, limit_bytes)
+        self.names: dict[str, str] = {}
+        self._step = 0.0
+        self._kept: dict[str, Floats] = {}
+        found = (name for name in self.file.names() if name.endswith(_KEYPOINTS))
+        for name in (one.removesuffix(_KEYPOINTS) for one in found):
+            other = self.names.setdefault(name.replace("/", "-"), name)
+            if other != name:
+                what = f"{other[:200]!r} and {name[:200]!r} are one name where - stands for /"
+                raise PredictionError(what, where=path, fix="rename one, and run hloc again")
+
+    def keypoints(self, picture: Picture) -> Floats:
+        """Return the keypoints of a picture, as hloc counts them."""
+        name = self.names.get(picture.name.replace("/", "-"))
+        if name is None:
+            raise PredictionError(f"no features of {picture.name[:200]!r} in {self.file.path}")
+        if name not in self._kept:
+            given = _pixels_of(self.file, name + _KEYPOINTS)
+            if given.dtype == np.float16 and given.size:
+                self._step = max(self._step, float(np.spacing(np.abs(given).max())))
+            self._check_size(name, picture)
+            self.file.budget.hold(self.file.path, f"pixels of {name[:200]}", given.size * 8)
+            self._kept[name] = given.astype(np.float64)
+        return self._kept[name]
+
+    def _check_size(self, name: str, picture: Picture) -> None:
+        if f"{name}/image_size" not in self.file:
+            return
+        size = tuple(self.file.read(f"{name}/image_size").reshape(-1).tolist())
+        if size != picture.size:
+            what = f"its image_size is {size}, and the picture has {picture.size} px"
+            fix = "extract the features again from the files that prepare wrote"
+            raise PredictionError(what, where=f"{self.file.path}, {name[:200]}", fix=fix)
+
+    def steps(self) -> tuple[str, ...]:
+        """Say how far float16 has rounded the keypoints."""
+        said = (
+            f"keypoints were rounded to float16, in steps of up to {self._step:g} px: hloc keeps "
+            "float32 with as_half=False"
         )
+        return (said,) if self._step else ()
 
 
-def _joins(one: Picture | None, other: Picture | None) -> bool:
-    """Say whether a pair is of a photo and a part of the map of its scene."""
-    if one is None or other is None or one.scene != other.scene:
-        return False
-    return (one.query is None) != (other.query is None)
+class _PairNames:
+    """The pairs of a file of matches, by name, and the pictures that they are of."""
 
+    def __init__(
+        self, file: Hdf5File, features: _Features | None, path: Path, reading: Reading
+    ) -> None:
+        self._names = {} if features is None else features.names
+        self.pictures = Pictures(reading, path)
+        self._dashed = Pictures(reading, path, lambda name: name.replace("-", "/"))
+        ends = (_MATCHES, _DENSE)
+        groups = (name.rsplit("/", 1)[0] for name in file.names() if name.endswith(ends))
+        self.groups = list(dict.fromkeys(groups))
 
-@dataclass(eq=False)
-class _Pairs:
-    """The pairs of a file of matches, with the pictures that their names mean."""
-
-    file: Hdf5File
-    features: Features | None
-    pictures: Pictures
-    dashed: Pictures
-    used: int = 0
-
-    @property
-    def groups(self) -> list[str]:
-        """The names of the pairs."""
-        ends = (MATCHES, "/keypoints0")
-        names = [n.rsplit("/", 1)[0] for n in self.file.names() if n.endswith(ends)]
-        return list(dict.fromkeys(names))
-
-    def __iter__(self) -> Iterator[tuple[str, Any, Any]]:
-        for group in self.groups:
-            one, other = self._split(group)
-            self.used += _joins(one, other)
-            yield group, one, other
-
-    def _split(self, group: str) -> tuple[Picture | None, Picture | None]:
+    def pair(self, group: str) -> Pair | None:
         """Find the two pictures of a pair; older files join their names by _ and not by /."""
         first, slash, second = group.partition("/")
         if slash:
-            return self._picture(first), self._picture(second)
+            return self._pair(first, second)
         cuts = [at for at, letter in enumerate(group) if letter == "_"]
         halves = [(group[:at], group[at + 1 :]) for at in cuts]
-        sides = [tuple(map(self._picture, two)) for two in halves if all(map(_is_file_name, two))]
-        whole = [(one, other) for one, other in sides if one is not None and other is not None]
+        files = [
+            two for two in halves if all(name.lower().endswith(PHOTO_SUFFIXES) for name in two)
+        ]
+        whole = [found for found in (self._pair(*two) for two in files) if found is not None]
         if len(whole) > 1:
             named = [f"{one.name} with {other.name}" for one, other in whole]
-            raise PredictionError(
-                f"{group[:200]!r} could be {first_of(named)}",
-                where=self.file.path,
-                fix="match again with a newer hloc, which writes / between the names",
-            )
-        return whole[0] if whole else (None, None)
+            fix = "match again with a newer hloc, which writes / between the names"
+            raise PredictionError(f"could be {first_of(named)}", fix=fix)
+        return whole[0] if whole else None
+
+    def _pair(self, one: str, other: str) -> Pair | None:
+        return paired(self._picture(one), self._picture(other))
 
     def _picture(self, key: str) -> Picture | None:
-        try:
-            if self.features is None:
-                return self.dashed.find(key)
-            name = self.features.by_key.get(key)
-            return self.dashed.find(key) if name is None else self.pictures.find(name)
-        except PredictionError as error:
-            raise error.inside(self.file.path) from error
-
-    def pixels(self, group: str, one: Picture, other: Picture) -> tuple[Floats, Floats]:
-        """Return the matched pixels of the first and second picture, corners being (0, 0)."""
-        dense = [f"{group}/keypoints{side}" for side in (0, 1)]
-        if not all(name in self.file for name in dense):
-            first, second = self._indexed(group, one, other)
-        elif f"{group}/keypoint_scores0" in self.file:
-            raise PredictionError(
-                "this is glue-factory's, whose matches0 count its own keypoints",
-                fix="write query_xy and map_xy of the matches into an npz (docs/predictions.md)",
-            )
-        else:
-            first, second = (pixels_of(self.file, name) for name in dense)
-        if len(first) != len(second):
-            raise PredictionError(
-                f"keypoints0 has {len(first):,} rows, keypoints1 {len(second):,}",
-                fix="write the file again",
-            )
-        return first + _CENTRE, second + _CENTRE
-
-    def _indexed(self, group: str, one: Picture, other: Picture) -> tuple[Floats, Floats]:
-        import numpy as np
-
-        if self.features is None:
-            raise PredictionError(
-                "counts keypoints of a file of features, which is not beside it",
-                expected="the .h5 of extract_features in the same folder",
-                fix="copy it there, or name the folder that holds both",
-            )
-        first, second = self.features.keypoints(one), self.features.keypoints(other)
-        matches = self.file.read(group + MATCHES)
-        check_indices(matches, len(first), len(second))
-        found = np.flatnonzero(matches != NO_MATCH)
-        return first[found], second[matches[found]]
+        name = self._names.get(key)
+        return self._dashed.find(key) if name is None else self.pictures.find(name)
 
 
-def _is_file_name(key: str) -> bool:
-    return key.lower().endswith(PHOTO_SUFFIXES)
+def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) -> Pixels:
+    """Return the matched pixels of the first and second picture, corners being (0, 0)."""
+    dense = [f"{group}/keypoints{side}" for side in (0, 1)]
+    if not all(name in file for name in dense):
+        first, second = _indexed(file, features, group, pair)
+    elif f"{group}/keypoint_scores0" in file:
+        what = "this is glue-factory's, whose matches0 count its own keypoints"
+        fix = "write query_xy and map_xy of the matches into an npz (docs/predictions.md)"
+        raise PredictionError(what, fix=fix)
+    else:
+        first, second = (_pixels_of(file, name) for name in dense)
+    if len(first) != len(second):
+        raise PredictionError(f"keypoints0 has {len(first):,} rows, keypoints1 {len(second):,}")
+    return first + _CENTRE, second + _CENTRE
 
 
-def _dashed(name: str) -> str:
-    """Make the two separators one, as far as names are compared."""
-    return name.replace("-", "/")
+def _indexed(file: Hdf5File, features: _Features | None, group: str, pair: Pair) -> Pixels:
+    if features is None:
+        what = "counts keypoints of a file of features, which is not beside it"
+        raise PredictionError(what, fix="copy the .h5 of extract_features there")
+    first, second = (features.keypoints(one) for one in pair)
+    matches = file.read(group + _MATCHES)
+    _check_indices(matches, len(first), len(second))
+    found = np.flatnonzero(matches != -1)
+    return first[found], second[matches[found]]
 
 
-HLOC = Hloc()
-"""Registered as ``hloc``."""
+def _pixels_of(file: Hdf5File, name: str) -> NDArray[Any]:
+    """Read a dataset of pixels (N, 2)."""
+    values = file.read(name)
+    if values.ndim != 2 or values.shape[1] != 2 or values.dtype.kind not in "iuf":
+        what = f"{name.rsplit('/', 1)[1]} is {values.dtype} of shape {values.shape}"
+        raise PredictionError(what, expected="numbers of shape (N, 2)")
+    return values
+
+
+def _check_indices(matches: Ints, first: int, second: int) -> None:
+    """Refuse matches that count other keypoints, or wrapped around at 32,767."""
+    fix = "match the features again: these are of another run"
+    what = f"matches0 is {matches.dtype} of shape {matches.shape}, "
+    if matches.ndim != 1 or matches.dtype.kind != "i" or len(matches) != first:
+        raise PredictionError(f"{what}and its picture has {counted(first, 'keypoint')}", fix=fix)
+    what += f"and the other picture has {counted(second, 'keypoint')}: "
+    if (matches.dtype.itemsize == 2 and second - 1 > _LAST_INT16) or (matches < -1).any():
+        fix = "extract fewer keypoints (max_keypoints), and match again"
+        raise PredictionError(f"{what}numbers wrap around beyond {_LAST_INT16:,}", fix=fix)
+    if (matches >= second).any():
+        raise PredictionError(f"{what}it names keypoint {int(matches.max()):,}", fix=fix)
+
+
+def _hdf5_files(path: Path) -> list[Path]:
+    """Return the HDF5 files of a folder, or a file as it is."""
+    if not path.is_dir():
+        return [path] if path.is_file() else []
+    found = itertools.islice(path.iterdir(), _MOST_FILES)
+    return sorted(one for one in found if one.suffix in _SUFFIXES and one.is_file())
+
+
+def _kind_of(path: Path) -> str:
+    """Return "matches" or "features", by the names of the first datasets; "" for others."""
+    names = dataset_names(path, _HEAD)
+    if any(name.endswith((_MATCHES, _DENSE)) and name.count("/") <= 2 for name in names):
+        return "matches"
+    return "features" if any(name.endswith(_KEYPOINTS) for name in names) else ""
+
+
+def _pair_of_files(path: Path) -> tuple[Path, Path | None]:
+    """Return the file of matches, and that of features where there is one."""
+    kinds = {one: _kind_of(one) for one in _hdf5_files(path)}
+    matches = [one for one, kind in kinds.items() if kind == "matches"]
+    if len(matches) != 1:
+        found = f"files of matches: {first_of([one.name for one in matches])}"
+        raise PredictionError(
+            found if matches else "features without matches",
+            where=path,
+            expected="one file of matches, with that of its features beside it",
+        )
+    beside = _hdf5_files(path if path.is_dir() else path.parent)
+    features = sorted(one for one in beside if kinds.get(one, _kind_of(one)) == "features")
+    # hloc begins the name of a file of matches with that of its features.
+    own = [one for one in features if matches[0].stem.startswith(one.stem)]
+    chosen = max(own, key=lambda one: len(one.stem)) if own else None
+    if chosen is None and len(features) > 1:
+        named = first_of([one.name for one in features])
+        what = f"which features {matches[0].name} counts is unclear: {named}"
+        raise PredictionError(what, where=path, fix="put the two into a folder of their own")
+    return matches[0], chosen or (features[0] if features else None)
+
+
+HLOC = _Hloc()

@@ -10,21 +10,20 @@ positions, ``@east@north@...@x@.png``, means the image x.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+import pandas as pd
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = ["ImageNames", "names_in", "read_names", "scene_finder"]
+from airzoo_bench.evaluation.reader import Reading
 
 _LIMIT_BYTES = 256 << 20
 _ENDINGS = {suffix.removeprefix(".") for suffix in (*PHOTO_SUFFIXES, ".npy", ".txt")}
@@ -36,28 +35,13 @@ _Parts = tuple[str, ...]
 
 @dataclass(frozen=True, eq=False)
 class ImageNames:
-    """The images of a benchmark, by what they are called.
-
-    Attributes
-    ----------
-    what : str
-        What they are, in the singular: "query", "tile".
-    alone : mapping of str to str
-        Ids by name without its ending, where that is one part, and the last part of no other name.
-        These are nearly all tiles, and take no more memory than their texts.
-    by_last : mapping of str to list of (parts, scene, id)
-        The other images, by the last part of their names, without its ending.
-    left_out : collection of str
-        Ids of images that the benchmark has and does not ask for: their names mean none.
-    scene_of : callable
-        Returns the innermost scene that a folder's path names, or else that of its home, or None.
-    """
+    """The images of a benchmark by what they are called; `what` they are is "query", "tile"."""
 
     what: str
-    alone: Mapping[str, str]
-    by_last: Mapping[str, list[tuple[_Parts, str, str]]]
-    left_out: Collection[str]
-    scene_of: Callable[[str], str | None]
+    alone: Mapping[str, str]  # ids by names of one part which no other name ends with: nearly all
+    by_last: Mapping[str, list[tuple[_Parts, str, str]]]  # parts, scene and id by the last part
+    left_out: Collection[str]  # ids of images whose names mean none
+    scene_of: Callable[[str], str | None]  # the innermost scene in a folder's path, or its home's
 
     @classmethod
     def of(
@@ -117,61 +101,67 @@ class ImageNames:
 
     def _fitting(self, parts: _Parts) -> list[tuple[int, str]]:
         """Return the ids that a path fits, with how many of its last parts are their names'."""
-        named, unnamed = [], []
-        for own, scene, one in self._called(parts[-1]) if parts else ():
-            shared = 1 if len(own) == 1 else _shared(parts, own)
-            if shared < min(len(parts), len(own)):
+        if not parts:
+            return []
+        called = self.by_last.get(parts[-1], [])
+        if parts[-1] in self.alone:
+            one = self.alone[parts[-1]]
+            called = [(parts[-1:], _scene(one), one)]
+        named: list[tuple[int, str]] = []
+        unnamed: list[tuple[int, str]] = []
+        for own, scene, one in called:
+            shared = min(len(parts), len(own))
+            if parts[-shared:] != own[-shared:]:
                 continue
             said = self.scene_of("/".join(parts[:-shared]))
-            if said is None:
-                unnamed.append((shared, one))
-            elif said == scene:
-                named.append((shared, one))
+            if said in (None, scene):
+                (unnamed if said is None else named).append((shared, one))
         return named or unnamed
 
-    def _called(self, last: str) -> list[tuple[_Parts, str, str]]:
-        """Return the images whose names have this last part."""
-        if last in self.alone:
-            return [((last,), _scene(self.alone[last]), self.alone[last])]
-        return self.by_last.get(last, [])
-
     def find_all(self, paths: Sequence[str], where: Path) -> list[str | None]:
-        """Return the id of each path."""
+        """Return the id of each path; refuse paths that all mean none, and two of one image."""
         try:
             found = [self.find(path) for path in paths]
         except PredictionError as error:
             raise error.inside(where) from error
         if paths and not any(found):
+            ids = chain(self.alone.values(), (one[0][2] for one in self.by_last.values()))
+            asked = (one for one in ids if one not in self.left_out)
+            example = next(asked, "none, since the benchmark folder is missing")
             raise PredictionError(
                 f"none of its names is that of a {self.what}: {first_of(map(repr, paths))}",
                 where=where,
-                expected=f"names such as {self._example()}",
+                expected=f"names such as {example}",
                 fix="name the right protocol with --protocol, or give the names with --names",
             )
         if len(set(found) - {None}) < len(found) - found.count(None):
-            raise self._repeated(paths, found, where)
+            times = Counter(one for one in found if one is not None)
+            twice = next(one for one, count in times.items() if count > 1)
+            named = [paths[row][:200] for row, one in enumerate(found) if one == twice]
+            raise PredictionError(
+                f"{named[0]!r} and {named[1]!r} are both {twice}",
+                where=where,
+                expected=f"each {self.what} once",
+                fix="leave out one of the two",
+            )
         return found
 
-    def _repeated(
-        self, paths: Sequence[str], found: Sequence[str | None], where: Path
-    ) -> PredictionError:
-        """Return the error for the first path that means what one before it means."""
-        seen: dict[str | None, str] = {}
-        for path, one in zip(paths, found, strict=True):
-            if one is not None and one in seen:
-                break
-            seen[one] = path
-        return PredictionError(
-            f"{seen[one][:200]!r} and {path[:200]!r} are both {one}",
-            where=where,
-            expected=f"each {self.what} once",
-            fix="leave out one of the two",
-        )
 
-    def _example(self) -> str:
-        ids = chain(self.alone.values(), (one[0][2] for one in self.by_last.values()))
-        asked = (one for one in ids if one not in self.left_out)
-        return next(asked, "none, since the benchmark folder is missing")
+def scene_finder(
+    scenes: Iterable[str], change: Callable[[str], str] = str, otherwise: str | None = None
+) -> Callable[[str], str | None]:
+    """Return what finds the innermost scene in a folder's path; the images of a folder are many."""
+    spelled = {_folders(change(scene)): scene for scene in sorted(scenes)}
+    lengths = sorted({*map(len, spelled)} - {0}, reverse=True)
+
+    @lru_cache(_FOLDERS_KEPT)
+    def scene_of(folder: str) -> str | None:
+        parts = _folders(folder)
+        ends = ((end, length) for end in range(len(parts), 0, -1) for length in lengths)
+        runs = (parts[max(0, end - length) : end] for end, length in ends)
+        return next((spelled[run] for run in runs if run in spelled), otherwise)
+
+    return scene_of
 
 
 def _parts(path: str) -> _Parts:
@@ -200,39 +190,35 @@ def _scene(one: str) -> str:
     return one.split("/", 1)[0]
 
 
-def scene_finder(
-    scenes: Iterable[str], change: Callable[[str], str] = str, otherwise: str | None = None
-) -> Callable[[str], str | None]:
-    """Return what finds the innermost scene in a folder's path; the images of a folder are many."""
-    spelled = {_folders(change(scene)): scene for scene in sorted(scenes)}
-    lengths = sorted({*map(len, spelled)} - {0}, reverse=True)
-
-    @lru_cache(_FOLDERS_KEPT)
-    def scene_of(folder: str) -> str | None:
-        parts = _folders(folder)
-        ends = ((end, length) for end in range(len(parts), 0, -1) for length in lengths)
-        runs = (parts[max(0, end - length) : end] for end, length in ends)
-        return next((spelled[run] for run in runs if run in spelled), otherwise)
-
-    return scene_of
-
-
-def _shared(one: _Parts, other: _Parts) -> int:
-    """Count the last parts that two paths share."""
-    pairs = zip(reversed(one), reversed(other), strict=False)
-    count = 0
-    for mine, theirs in pairs:
-        if mine != theirs:
-            break
-        count += 1
-    return count
-
-
 def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
     """Yield the ids of images with their names, from the columns ``id`` and ``image``."""
     return chain.from_iterable(
         zip(table["id"].tolist(), table["image"].tolist(), strict=True) for table in tables
     )
+
+
+def query_names(reading: Reading, where: Path, home: str = "") -> ImageNames:
+    """Return the queries of a protocol by name."""
+    truths = truths_of(reading, where)
+    return ImageNames.of(
+        "query",
+        names_in(truth.queries for truth in truths),
+        left_out=names_in(truth.excluded for truth in truths),
+        scenes=reading.scenes,
+        home=home,
+    )
+
+
+def truths_of(reading: Reading, where: Path) -> Sequence[Any]:
+    """Return the scenes whose images names are looked up in; refuse a missing benchmark."""
+    if not reading.truths:
+        raise PredictionError(
+            "its names of images mean nothing without the benchmark, whose folder is missing",
+            where=where,
+            expected="a prepared benchmark",
+            fix="say where it is with --data, or prepare it",
+        )
+    return reading.truths
 
 
 def read_names(path: Path) -> list[str]:

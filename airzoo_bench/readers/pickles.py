@@ -7,12 +7,11 @@ import zlib
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
+from typing import ClassVar
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import first_bytes
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-
-__all__ = ["HLOC_LOGS", "LOFTR_DUMP", "VISMATCH", "PickledMatches"]
 
 _HEAD_BYTES = 1 << 16
 _MOST_FILES = 1000
@@ -22,11 +21,8 @@ _DAMAGE = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
 class PickledMatches(Reader):
     """Files of one kind that only running them would read.
 
-    Parameters
+    Attributes
     ----------
-    title : str
-    layout : str
-    methods : tuple of str
     suffix : str
         Of the files, or of those in a folder.
     mark : bytes
@@ -36,28 +32,18 @@ class PickledMatches(Reader):
     """
 
     track = "matching"
-
-    def __init__(
-        self,
-        title: str,
-        layout: str,
-        methods: tuple[str, ...],
-        *,
-        suffix: str,
-        mark: bytes,
-        lines: str,
-    ) -> None:
-        self._suffix, self._mark, self.lines = suffix, mark, lines
-        self.title, self.layout, self.methods = title, layout, methods  # type: ignore[misc]
+    suffix: ClassVar[str]
+    mark: ClassVar[bytes]
+    lines: ClassVar[str]
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`."""
         first = next(self._files(path), None)
-        return 0.9 * (first is not None and self._mark in _head(first))
+        return 0.9 * (first is not None and self.mark in _head(first))
 
     def _files(self, path: Path) -> Iterator[Path]:
         found = islice(path.iterdir(), _MOST_FILES) if path.is_dir() else iter([path])
-        return (one for one in found if one.suffix == self._suffix and one.is_file())
+        return (one for one in found if one.suffix == self.suffix and one.is_file())
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`; it refuses."""
@@ -79,21 +65,18 @@ def _head(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
-            if len(names) != 1:
-                return b""
-            with archive.open(names[0]) as stream:
+            with archive.open(names[0] if len(names) == 1 else "") as stream:
                 return stream.read(_HEAD_BYTES)
-    except (*_DAMAGE, zipfile.BadZipFile, zlib.error):
+    except (*_DAMAGE, KeyError, zipfile.BadZipFile, zlib.error):
         return b""
 
 
-VISMATCH = PickledMatches(
-    "results of vismatch",
-    "*.torch: what torch.save made of a dictionary with matched_kpts0",
-    ("vismatch", "image-matching-models"),
-    suffix=".torch",
-    mark=b"matched_kpts0",
-    lines="""
+class _Vismatch(PickledMatches):
+    title = "results of vismatch"
+    layout = "*.torch: what torch.save made of a dictionary with matched_kpts0"
+    methods = ("vismatch", "image-matching-models")
+    suffix, mark = ".torch", b"matched_kpts0"
+    lines = """
 import glob, numpy as np, pathlib, torch
 pathlib.Path("matches").mkdir()
 for f in glob.glob("outputs/*/*.torch"):
@@ -102,17 +85,15 @@ for f in glob.glob("outputs/*/*.torch"):
     np.savez(f"matches/{pathlib.Path(r['img0_path']).stem}.npz", mkpts0_f=r["matched_kpts0"],
              mkpts1_f=r["matched_kpts1"], image_size0=size, image_size1=size)
 airzoo-bench eval matching matches --protocol NAME
-""",
-)
-"""Registered as ``vismatch``."""
+"""
 
-LOFTR_DUMP = PickledMatches(
-    "LoFTR's dump of an evaluation",
-    "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f",
-    ("LoFTR",),
-    suffix=".npy",
-    mark=b"mkpts0_f",
-    lines="""
+
+class _LoftrDump(PickledMatches):
+    title = "LoFTR's dump of an evaluation"
+    layout = "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f"
+    methods = ("LoFTR",)
+    suffix, mark = ".npy", b"mkpts0_f"
+    lines = """
 import numpy as np, pathlib
 pathlib.Path("matches").mkdir()
 for r in np.load("LoFTR_pred_eval.npy", allow_pickle=True):
@@ -120,19 +101,18 @@ for r in np.load("LoFTR_pred_eval.npy", allow_pickle=True):
     np.savez(f"matches/{pathlib.Path(r['pair_names'][0]).stem}.npz", mkpts0_f=r["mkpts0_f"],
              mkpts1_f=r["mkpts1_f"], image_size0=size0, image_size1=size1)
 airzoo-bench eval matching matches --protocol NAME
-""",
-)
-"""Registered as ``loftr-dump``."""
+"""
 
-HLOC_LOGS = PickledMatches(
-    "hloc's logs of a localisation",
-    "*_logs.pkl: a dictionary with the PnP of each query",
-    ("hloc",),
-    suffix=".pkl",
-    mark=b"keypoints_query",
-    lines="""
+
+class _HlocLogs(PickledMatches):
+    title = "hloc's logs of a localisation"
+    layout = "*_logs.pkl: a dictionary with the PnP of each query"
+    methods = ("hloc",)
+    suffix, mark = ".pkl", b"keypoints_query"
+    lines = """
 the poses stand in the text beside it, whose name lacks _logs.pkl:
 airzoo-bench eval matching RESULTS.txt --protocol NAME
-""",
-)
-"""Registered as ``hloc-logs``."""
+"""
+
+
+VISMATCH, LOFTR_DUMP, HLOC_LOGS = _Vismatch(), _LoftrDump(), _HlocLogs()

@@ -6,110 +6,125 @@ where these are not on this machine, a list of names says it, or the benchmark's
 
 from __future__ import annotations
 
+import ast
+import os
 import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
+from airzoo_bench.core.ids import rows_among
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.readers.lengths import compared
-from airzoo_bench.readers.retrieval import (
+from airzoo_bench.formats.npz import map_numbers
+from airzoo_bench.readers.descriptors import (
     NamedRows,
     SceneImages,
     aside,
     check_descriptors,
+    compared,
     gallery_rows,
     join,
     query_rows,
-    ranked_lists,
+    tile_images,
 )
-from airzoo_bench.readers.vpr_log import VprLog, read_log
-from airzoo_bench.readers.vpr_names import BY_COUNT, FIX, NameSource, name_source
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-__all__ = ["VPR", "VprReader"]
+from airzoo_bench.readers.names import names_in, read_names
+from airzoo_bench.readers.ranks import ranked_lists, tile_ids
+from airzoo_bench.retrieval.descriptors import Rows
 
 _QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
 _DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand
 _MOST_FOLDERS = 4096
-_NUMBERED = re.compile(r"\d{3,}\.txt")
 _HEADS = ("Query path:", "Predictions paths:", "Positives paths:")
 _LIST_BYTES = 4 << 20
 _BYTES_OF_NAME = 300  # of memory, for a path and what stands for it
 _DOUBLE = 8
 _LISTS_COMPARED = 64
-_ROWS = 4096  # of the gallery at a time
 _ROUNDING = 1e-4  # of squared distances, which the method computes in float32
 _AGAIN = "run the method again with --save_descriptors"
+_LISTED = (".jpg", ".jpeg", ".png")
+_LISTED_BEFORE = (".jpg",)  # until March 2025, and in this case only
+_TIMES_LISTED, _LEAST_LISTED = 8, 100_000  # what a log names may be any folder of this computer
+_LIST_NAMES = (
+    "list the database images, then the queries, in the method's order, and add --names LIST"
+)
+_NAMED = "folders in info.log that are the benchmark's or below the predictions, or a list of names"
+_BY_FILE = "names are those of the _images_paths.txt beside the folders that info.log names"
+_BY_LIST = "names are the lines of --names: each run's database images, then its queries"
+_BY_LISTING = "names are the files in the folders that info.log names, in the order of their paths"
+_BY_COUNT = (
+    "names are taken by order: the folders of info.log are neither the benchmark's nor below the "
+    "predictions, and as many images as were described are in the benchmark, sorted by path"
+)
 
 
-class VprReader(Reader):
-    """See `Reader`."""
+@dataclass(frozen=True)
+class _Log:
+    """A log folder, with what its log says; None where that is not there.
 
-    track = "retrieval"
-    title = "a log folder of VPR-methods-evaluation"
-    layout = "queries_descriptors.npy and database_descriptors.npy, or preds/NNN.txt, with info.log"
-    methods = ("VPR-methods-evaluation", "SALAD", "MegaLoc", "AnyLoc", "BoQ", "CosPlace")
-    takes_names = True
-
-    def recognise(self, path: Path) -> float:
-        """See `Reader.recognise`."""
-        return 0.95 if log_folders(path, first=True) else 0.0
-
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """See `Reader.read`."""
-        images = SceneImages.of(reading, path)
-        budget = Budget(reading.memory_bytes)
-        names = name_source(reading.names, (path, *reading.folders))
-        logs, empty = _with_answers([read_log(folder) for folder in log_folders(path)])
-        if any(_has_descriptors(log.folder) for log in logs):
-            parts = [_descriptors(one, images, names, budget) for one in logs]
-            names.check_used_up()
-            _check_one_run_each(logs, [queries.ids.tolist() for queries, _ in parts])
-            predictions = join(path, [one[0] for one in parts], [one[1] for one in parts])
-            said, notes = compared("l2", reading.protocol, predictions)
-            left = sum(one[0].strange for one in parts)
-        else:
-            lists, left = _all_lists(logs, images, budget)
-            predictions = ranked_lists(path, lists, None, budget)
-            said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
-        conventions = (*_ran(logs), *names.said, *said)
-        listed = all(_list_files(log.folder) for log in logs)
-        assumed = [one for one in names.said if one == BY_COUNT and not listed]
-        said_too = (*_unused(empty), *aside(left), *assumed, *notes)
-        return ReadPredictions(predictions, conventions, said_too, names.beside(path))
-
-
-VPR = VprReader()
-
-
-def log_folders(path: Path, *, first: bool = False) -> list[Path]:
-    """Find the log folders at a path or, where it is none, below it, in the order of their paths.
-
-    Parameters
-    ----------
-    path : Path
-    first : bool
-        Whether the first one is enough.
+    `counts` are of queries and database images; `labels`: names begin with positions, which decide
+    their order; `only_wrong`: lists of rightly answered queries were left out.
     """
-    found: list[Path] = []
-    left, seen = [(path, 0)], 0
-    while left and seen < _MOST_FOLDERS and not (first and found):
-        folder, depth = left.pop()
-        seen += 1
-        if _is_log(folder):
-            found.append(folder)
-        elif depth < _DEEPEST and folder.is_dir() and not folder.is_symlink():
-            below = sorted((one for one in _entries(folder) if one.is_dir()), reverse=True)
-            left += [(one, depth + 1) for one in below]
-    return found
+
+    folder: Path
+    method: str | None = None
+    database: str | None = None
+    queries: str | None = None
+    counts: tuple[int, int] | None = None
+    only_wrong: bool = False
+    labels: bool = False
+
+    @classmethod
+    def read(cls, folder: Path) -> _Log:
+        """Read the arguments of a run, as Python prints them, and its counts of images."""
+        text = first_bytes(folder / "info.log", 1 << 20).decode("utf-8", "replace")
+        begin = text.rfind("Namespace(")
+        arguments = text[begin:].split("\n", 1)[0] if begin >= 0 else ""
+        counts = re.search(r"#queries: (\d{1,12}); #database: (\d{1,12})", text)
+        return cls(
+            folder,
+            _argument(arguments, "method"),
+            _argument(arguments, "database_folder"),
+            _argument(arguments, "queries_folder"),
+            (int(counts[1]), int(counts[2])) if counts else None,
+            "save_only_wrong_preds=True" in arguments,
+            "use_labels=True" in arguments,
+        )
+
+    @property
+    def has_descriptors(self) -> bool:
+        """Whether one of the two files is there."""
+        return any((self.folder / name).is_file() for name in (_QUERIES, _DATABASE))
+
+    @property
+    def lists(self) -> list[Path]:
+        """The lists by number; from 1000 on they have four digits."""
+        files = (one for one in _entries(self.folder / _LISTS) if one.is_file())
+        numbered = (one for one in files if re.fullmatch(r"\d{3,}\.txt", one.name))
+        return sorted(numbered, key=lambda one: int(one.stem))
+
+    @property
+    def is_one(self) -> bool:
+        """Whether the folder is that of a run."""
+        if self.lists and not self.has_descriptors:
+            return first_bytes(self.lists[0], len(_HEADS[0])) == _HEADS[0].encode()
+        return self.has_descriptors or self.database is not None
+
+
+def _argument(arguments: str, name: str) -> str | None:
+    text = r"""('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")"""
+    found = re.search(rf"[(\s]{name}={text}", arguments)
+    try:
+        value = ast.literal_eval(found[1]) if found else None
+    except (SyntaxError, ValueError):
+        return None
+    return value if isinstance(value, str) and "\0" not in value else None
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -119,72 +134,93 @@ def _entries(folder: Path) -> list[Path]:
         return []
 
 
-def _has_descriptors(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in (_QUERIES, _DATABASE))
+def _logs(path: Path, *, first: bool = False) -> list[_Log]:
+    """Find the log folders at a path or, where it is none, below it, by their paths."""
+    found: list[_Log] = []
+    left, seen = [(path, 0)], 0
+    while left and seen < _MOST_FOLDERS and not (first and found):
+        folder, depth = left.pop()
+        seen += 1
+        log = _Log.read(folder)
+        if log.is_one:
+            found.append(log)
+        elif depth < _DEEPEST and folder.is_dir() and not folder.is_symlink():
+            below = sorted((one for one in _entries(folder) if one.is_dir()), reverse=True)
+            left += [(one, depth + 1) for one in below]
+    return found
 
 
-def _with_answers(logs: list[VprLog]) -> tuple[list[VprLog], list[VprLog]]:
-    """Part runs from those that broke off and left a log alone; all are kept where all did."""
-    full = [log for log in logs if _has_descriptors(log.folder) or _list_files(log.folder)]
-    return (full, [log for log in logs if log not in full]) if full else (logs, [])
+class _Vpr(Reader):
+    track = "retrieval"
+    title = "a log folder of VPR-methods-evaluation"
+    layout = "queries_descriptors.npy and database_descriptors.npy, or preds/NNN.txt, with info.log"
+    methods = ("VPR-methods-evaluation", "SALAD", "MegaLoc", "AnyLoc", "BoQ", "CosPlace")
+    takes_names = True
+
+    def recognise(self, path: Path) -> float:
+        return 0.95 if _logs(path, first=True) else 0.0
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        images = SceneImages(reading, path, str(path))
+        budget, names = Budget(reading.memory_bytes), _Names(reading, path)
+        found = _logs(path)
+        # Runs that broke off left a log alone; all are read where all did.
+        logs = [log for log in found if log.has_descriptors or log.lists] or found
+        empty = [
+            str(Path(log.folder.parent.name, log.folder.name)) for log in found if log not in logs
+        ]
+        if any(log.has_descriptors for log in logs):
+            parts = [_descriptors(log, images, names, budget) for log in logs]
+            names.check_used_up()
+            _refuse_second_runs(logs, [queries.ids.tolist() for queries, _ in parts])
+            predictions = join(path, [one[0] for one in parts], [one[1] for one in parts])
+            said, notes = compared("l2", reading, predictions.content)
+            left = sum(one[0].strange for one in parts)
+        else:
+            read = [_lists(log, images, budget) for log in logs]
+            _refuse_second_runs(logs, [list(lists) for lists, _ in read])
+            answered = {query: tiles for lists, _ in read for query, tiles in lists.items()}
+            predictions = ranked_lists(path, answered, None, budget)
+            said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
+            left = sum(count for _, count in read)
+        unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)
+        unused = f"{counted(len(empty), 'run')} with neither descriptors nor lists, left aside: "
+        broken = (unused + first_of(empty),) * bool(empty)
+        conventions = (*_method(logs), *names.used, *said)
+        all_notes = (*broken, *aside(left), *(_BY_COUNT,) * unheld, *notes)
+        # Lists of images that were read and do not lie below the predictions.
+        home = path.resolve()
+        beside = (one for one in names.lists if not one.resolve().is_relative_to(home))
+        return ReadPredictions(predictions, conventions, all_notes, tuple(beside))
 
 
-def _unused(logs: Sequence[VprLog]) -> tuple[str, ...]:
-    runs = [str(Path(log.folder.parent.name, log.folder.name)) for log in logs]
-    said = f"{counted(len(runs), 'run')} with neither descriptors nor lists, left aside: "
-    return (said + first_of(runs),) if runs else ()
-
-
-def _check_one_run_each(logs: Sequence[VprLog], asked: Sequence[Sequence[str]]) -> None:
-    """Refuse two runs that answer the same query."""
-    seen: dict[str, Path] = {}
-    for log, queries in zip(logs, asked, strict=True):
-        for query in queries:
-            if query in seen:
-                raise PredictionError(
-                    f"is a second run of what {seen[query]} answers: {query}",
-                    where=log.folder,
-                    expected="one run for each scene",
-                    fix="move one of the two elsewhere, or name the folder of one run",
-                )
-        seen |= dict.fromkeys(queries, log.folder)
-
-
-def _is_log(folder: Path) -> bool:
-    if _has_descriptors(folder):
-        return True
-    lists = _list_files(folder)
-    if lists:
-        return first_bytes(lists[0], len(_HEADS[0])) == _HEADS[0].encode()
-    return read_log(folder).database is not None
-
-
-def _list_files(folder: Path) -> list[Path]:
-    """Return the lists of a log folder by number; from 1000 on they have four digits."""
-    if not (folder / _LISTS).is_dir():
-        return []
-    found = [one for one in _entries(folder / _LISTS) if _NUMBERED.fullmatch(one.name)]
-    return sorted((one for one in found if one.is_file()), key=lambda one: int(one.stem))
-
-
-def _ran(logs: Sequence[VprLog]) -> tuple[str, ...]:
+def _method(logs: Sequence[_Log]) -> tuple[str, ...]:
     methods = sorted({log.method for log in logs if log.method})
     if len(methods) > 1:
-        raise PredictionError(
-            f"runs of several methods: {first_of(methods)}",
-            where=logs[0].folder.parent,
-            expected="a log folder for each scene, of one method",
-            fix="name the folder of one method's runs",
-        )
+        what, fix = f"runs of several methods: {first_of(methods)}", "name the folder of one's runs"
+        raise PredictionError(what, where=logs[0].folder.parent, fix=fix)
     return tuple(f"info.log says: method {method}" for method in methods)
 
 
+def _refuse_second_runs(logs: Sequence[_Log], asked: Sequence[Sequence[str]]) -> None:
+    """Refuse two runs that answer the same query."""
+    seen: dict[str, Path] = {}
+    for log, queries in zip(logs, asked, strict=True):
+        twice = next((query for query in queries if query in seen), None)
+        if twice is not None:
+            what = f"is a second run of what {seen[twice]} answers: {twice}"
+            fix = "move one of the two elsewhere, or name the folder of one run"
+            raise PredictionError(what, where=log.folder, fix=fix)
+        seen |= dict.fromkeys(queries, log.folder)
+
+
+# --- descriptors ---
+
+
 def _descriptors(
-    log: VprLog, images: SceneImages, names: NameSource, budget: Budget
+    log: _Log, images: SceneImages, names: _Names, budget: Budget
 ) -> tuple[NamedRows, NamedRows]:
     """Map the gallery of one log folder, read its queries, and name both."""
-    from airzoo_bench.formats.npz import map_numbers
-
     folder, rows = log.folder, {}
     for file in (_DATABASE, _QUERIES):
         if not (folder / file).is_file():
@@ -192,22 +228,23 @@ def _descriptors(
         rows[file] = map_numbers(folder / file)
         check_descriptors(folder / file, "it", rows[file])
     gallery, asked = rows[_DATABASE], rows[_QUERIES]
-    _check_counts(log, len(gallery), len(asked))
+    if log.counts not in (None, (len(asked), len(gallery))):
+        stated = f"its info.log speaks of {log.counts[0]:,} and {log.counts[1]:,}"
+        what = f"{len(asked):,} queries and {len(gallery):,} database images, and {stated}"
+        raise PredictionError(what, where=folder, expected="files of one run", fix=_AGAIN)
     budget.hold(folder, "its queries", asked.size * (asked.itemsize + _DOUBLE))
     budget.hold(folder, "the names of its images", (len(gallery) + len(asked)) * _BYTES_OF_NAME)
-    here = images.of_run(log.folders)
+    here = images.of_run((str(folder), log.database or "", log.queries or ""))
     tiles, photos, assumed = names.of(log, here, len(gallery), len(asked))
-    named = (
-        query_rows(photos, _in_memory(asked), here, folder / _QUERIES),
-        gallery_rows(tiles, gallery, here, folder / _DATABASE),
-    )
+    queries = query_rows((photos, np.array(asked)), here, folder / _QUERIES)
+    named = queries, gallery_rows((tiles, gallery), here, folder / _DATABASE)
     if assumed:
         _check_order(log, here, photos, *named, budget)
     return named
 
 
 def _check_order(
-    log: VprLog,
+    log: _Log,
     images: SceneImages,
     photos: Sequence[str],
     queries: NamedRows,
@@ -215,7 +252,7 @@ def _check_order(
     budget: Budget,
 ) -> None:
     """Refuse names by order that positions in names, or the lists in preds/, contradict."""
-    files = _list_files(log.folder)
+    files = log.lists
     if log.labels and not files:
         raise _unnamed(log.folder, "its images were ordered by the positions in their names")
     if not files or queries.rows.shape[1] != gallery.rows.shape[1]:  # `join` refuses the lengths
@@ -229,7 +266,7 @@ def _check_order(
             raise _unnamed(file, f"is of {query[-80:]!r}, by order another photo")
         if found is not None:
             rows.append(described.index(found))
-            tiles.append(_tiles(ranked, images, file))
+            tiles.append(tile_ids(images.tiles, ranked, file))
     wrong = _not_nearest(queries.rows[rows], tiles, gallery)
     if wrong is not None:
         raise _unnamed(files[0].parent, f"{described[rows[wrong]]} has other nearest tiles")
@@ -239,21 +276,15 @@ def _unnamed(where: Path, why: str) -> PredictionError:
     return PredictionError(
         f"rows of descriptors have no names, and the benchmark's order is not theirs: {why}",
         where=where,
-        expected="folders in info.log that are the benchmark's or below the predictions, a list "
-        "of names, or preds/ without descriptors",
-        fix=f"{FIX}, or move both .npy files elsewhere to have the lists of preds/ scored",
+        expected=f"{_NAMED}, or preds/ without descriptors",
+        fix=f"{_LIST_NAMES}, or move both .npy files elsewhere to have the lists of preds/ scored",
     )
 
 
 def _not_nearest(
-    queries: NDArray[np.floating], ranked: Sequence[Sequence[str]], gallery: NamedRows
+    queries: NDArray[Any], ranked: Sequence[Sequence[str]], gallery: NamedRows
 ) -> int | None:
     """Return the first query whose list is not in the order of L2 distances, if there is one."""
-    import numpy as np
-
-    from airzoo_bench.core.ids import rows_among
-    from airzoo_bench.retrieval.descriptors import Rows
-
     asked = queries.astype(np.float64)
     nearest, longest = np.full(len(asked), np.inf), 0.0
     for _, rows in Rows.join(gallery.rows).blocks():
@@ -270,44 +301,12 @@ def _not_nearest(
     return None
 
 
-def _in_memory(rows: NDArray[np.floating]) -> NDArray[np.floating]:
-    import numpy as np
-
-    return np.array(rows)
+# --- lists ---
 
 
-def _check_counts(log: VprLog, tiles: int, photos: int) -> None:
-    if log.counts not in (None, (photos, tiles)):
-        raise PredictionError(
-            f"descriptors of {photos:,} queries and {tiles:,} database images, and its info.log "
-            f"speaks of {log.counts[0]:,} and {log.counts[1]:,}",
-            where=log.folder,
-            expected="the files of one run",
-            fix=_AGAIN,
-        )
-
-
-def _all_lists(
-    logs: Sequence[VprLog], images: SceneImages, budget: Budget
-) -> tuple[dict[str, Sequence[str]], int]:
-    """Read the lists of all log folders; also count those of photos that are no queries."""
-    answered: list[dict[str, Sequence[str]]] = []
-    left = 0
-    for log in logs:
-        files = _list_files(log.folder)
-        _check_complete(log, files)
-        here = images.of_run(log.folders)
-        read = [_read_list(file, budget) for file in files]
-        asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
-        named = zip(files, asked, read, strict=True)
-        answered.append({one: _tiles(paths, here, file) for file, one, (_, paths) in named if one})
-        left += asked.count(None)
-    _check_one_run_each(logs, [list(lists) for lists in answered])
-    return {query: tiles for lists in answered for query, tiles in lists.items()}, left
-
-
-def _check_complete(log: VprLog, files: list[Path]) -> None:
-    """Refuse lists some of which were not written."""
+def _lists(log: _Log, images: SceneImages, budget: Budget) -> tuple[dict[str, list[str]], int]:
+    """Read the lists of a log folder; also count those of photos that are no queries."""
+    files = log.lists
     numbers = {int(file.stem) for file in files}
     expected = max(numbers, default=-1) + 1 if log.counts is None else log.counts[0]
     lacking = sorted(set(range(expected)) - numbers)
@@ -317,12 +316,15 @@ def _check_complete(log: VprLog, files: list[Path]) -> None:
             what = "has neither descriptors nor lists"
         elif not lacking:
             what = "has lists of wrongly answered queries only"
-        raise PredictionError(
-            what + ": --save_only_wrong_preds leaves queries out" * log.only_wrong,
-            where=log.folder,
-            expected="a list for each query, or the descriptors",
-            fix=_AGAIN,
-        )
+        what += ": --save_only_wrong_preds leaves queries out" * log.only_wrong
+        wanted = "a list for each query, or the descriptors"
+        raise PredictionError(what, where=log.folder, expected=wanted, fix=_AGAIN)
+    here = images.of_run((str(log.folder), log.database or "", log.queries or ""))
+    read = [_read_list(file, budget) for file in files]
+    asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
+    named = zip(files, asked, read, strict=True)
+    found = {one: tile_ids(here.tiles, paths, file) for file, one, (_, paths) in named if one}
+    return found, asked.count(None)
 
 
 def _read_list(file: Path, budget: Budget) -> tuple[str, list[str]]:
@@ -336,23 +338,138 @@ def _read_list(file: Path, budget: Budget) -> tuple[str, list[str]]:
         elif line.strip() and parts:
             list(parts.values())[-1].append(line)
     if len(parts.get(_HEADS[0], ())) != 1 or not parts.get(_HEADS[1]):
-        raise PredictionError(
-            "no list of predictions, or a damaged one",
-            where=file,
-            expected=f"{_HEADS[0]!r}, a path, {_HEADS[1]!r}, paths",
-            fix="run the method again",
-        )
+        expected = f"{_HEADS[0]!r}, a path, {_HEADS[1]!r}, paths"
+        raise PredictionError("no list, or a damaged one", where=file, expected=expected)
     return parts[_HEADS[0]][0], parts[_HEADS[1]]
 
 
-def _tiles(paths: Sequence[str], images: SceneImages, file: Path) -> list[str]:
-    found = images.tiles.find_all(paths, file)
-    strange = [path for path, one in zip(paths, found, strict=True) if one is None]
-    if strange:
-        raise PredictionError(
-            f"ranks what is no tile: {first_of([repr(path[:200]) for path in strange])}",
-            where=file,
-            expected="tiles of the benchmark's gallery",
-            fix="let --database_folder hold the benchmark's tiles alone, and run again",
+# --- names of rows ---
+
+
+@dataclass
+class _Names:
+    """Names of rows: by a list where there is one, else by what is in some folders.
+
+    What a log names must lie in one of these folders: it comes from a stranger. `used` says where
+    names came from, `lists` are files of paths that were read.
+    """
+
+    reading: Reading
+    path: Path
+    used: dict[str, None] = field(default_factory=dict)
+    lists: dict[Path, None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._left = None if self.reading.names is None else read_names(self.reading.names)
+
+    def of(
+        self, log: _Log, images: SceneImages, tiles: int, photos: int
+    ) -> tuple[Sequence[str], Sequence[str], bool]:
+        """Return the names of a run's database images and queries, and whether they are assumed."""
+        if self._left is not None:
+            self.used[_BY_LIST] = None
+            given = self._left
+            if len(given) < tiles + photos:
+                what = f"{tiles:,} database images and {counted(photos, 'query')}"
+                raise _other_count(self.reading.names, f"{counted(len(given), 'name')} for {what}")
+            self._left = given[tiles + photos :]
+            return given[:tiles], given[tiles : tiles + photos], False
+        folders = [self._ours(log.database), self._ours(log.queries)]
+        if None in folders:
+            self.used[_BY_COUNT] = None
+            return *_by_count(log, images, tiles, photos), True
+        counts = zip(folders, (tiles, photos), strict=True)
+        listed = [self._listed(str(folder), rows) for folder, rows in counts]
+        return listed[0], listed[1], False
+
+    def _ours(self, folder: str | None) -> str | None:
+        """Return a folder that is here and may be listed, None for another."""
+        if not folder:
+            return None
+        place = Path(os.path.realpath(folder))
+        roots = [Path(os.path.realpath(root)) for root in (self.path, *self.reading.folders)]
+        if not any(place.is_relative_to(root) for root in roots):
+            return None
+        try:
+            return folder if place.is_dir() else None
+        except OSError:  # a name that is longer than names can be
+            return None
+
+    def _listed(self, folder: str, rows: int) -> Sequence[str]:
+        """Name the images of a folder as the method's dataset class does."""
+        listed = Path(folder + "_images_paths.txt")
+        if listed.is_file() and not listed.is_symlink():
+            names, said = read_names(listed), _BY_FILE
+            self.lists[listed] = None
+        else:
+            files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
+            names = [name for name in files if name.lower().endswith(_LISTED)]
+            before = [name for name in files if name.endswith(_LISTED_BEFORE)]
+            names, said = before if len(before) == rows != len(names) else names, _BY_LISTING
+        self.used[said] = None
+        if len(names) != rows:
+            raise _other_count(folder, f"{counted(len(names), 'image')} for {counted(rows, 'row')}")
+        return [f"{folder}/{name}" for name in names]
+
+    def check_used_up(self) -> None:
+        """Refuse a list of names that is longer than all rows."""
+        if self._left:
+            what = f"{counted(len(self._left), 'name')} more than rows"
+            raise _other_count(self.reading.names, what)
+
+
+def _other_count(path: object, what: str) -> PredictionError:
+    expected = "a name for each row of the descriptors"
+    return PredictionError(what, where=path, expected=expected, fix=_LIST_NAMES)
+
+
+def _files(folder: str, most: int) -> Iterator[str]:
+    """Yield files below a folder, relative to it, as ``glob("**/*")`` finds them."""
+    count = 0
+    for home, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        inside = Path(home).relative_to(folder).as_posix()
+        for name in files:
+            count += 1
+            if count > most:
+                raise _other_count(folder, f"more than {most:,} files")
+            if not name.startswith("."):
+                yield name if inside == "." else f"{inside}/{name}"
+
+
+def _by_count(
+    log: _Log, images: SceneImages, tiles: int, photos: int
+) -> tuple[list[str], list[str]]:
+    """Take the benchmark's own order where one scene, or all, has as many images as rows."""
+    choices = [[truth] for truth in images.truths if images.home in ("", truth.scene)]
+    if len(images.truths) > 1:
+        choices.append(list(images.truths))
+    found = []
+    for truths in choices:
+        squares = sorted(
+            f"{truth.scene}/{name}" for truth in truths for _, name in tile_images(truth)
         )
-    return [one for one in found if one is not None]
+        asked = [truth.queries for truth in truths]
+        left_out = [truth.excluded for truth in truths]
+        for tables in [asked, asked + left_out] if any(map(len, left_out)) else [asked]:
+            images_of = ((one.split("/", 1)[0], image) for one, image in names_in(tables))
+            names = sorted(f"{scene}/{image}" for scene, image in images_of)
+            if (len(squares), len(names)) == (tiles, photos):
+                found.append((squares, names))
+    if len(found) != 1:
+        fit = "could be several scenes by their numbers" if found else "fit no scene"
+        what = f"{counted(tiles, 'database image')} and {counted(photos, 'query')} without names"
+        raise _nameless(log, f"{what}, which {fit}")
+    for paths in found[0]:
+        last = [path.rsplit("/", 1)[1] for path in paths]
+        if len(set(last)) == len(last) and sorted(last) != last:
+            what = "images without names, and all in one folder they have another order than in a"
+            raise _nameless(log, f"{what} folder a scene")
+    return found[0]
+
+
+def _nameless(log: _Log, what: str) -> PredictionError:
+    return PredictionError(what, where=log.folder, expected=_NAMED, fix=_LIST_NAMES)
+
+
+VPR = _Vpr()

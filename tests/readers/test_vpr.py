@@ -15,7 +15,6 @@ from tests.readers.retrieval_support import (
     Place,
     made_scenes,
     perfect,
-    photo_file,
     scored,
     tile_file,
 )
@@ -37,15 +36,6 @@ def test_an_exact_input_is_perfect(tmp_path: Path, home: Path) -> None:
     assert "L2 distance" in reader.conventions[2]
 
 
-def test_the_score_is_that_of_the_canonical_file(tmp_path: Path, home: Path) -> None:
-    place = Place(noise=0.4)
-    ours = scored(place.canonical(tmp_path / "own.npz"), home)
-    theirs = scored(vpr.write(tmp_path, place), home)
-    assert not perfect(ours)
-    assert theirs.overall == ours.overall
-    assert theirs.records.equals(ours.records)
-
-
 @pytest.mark.parametrize("labels", [False, True])
 def test_lists_of_paths(tmp_path: Path, home: Path, labels: bool) -> None:
     for scene in Place().scenes:
@@ -64,11 +54,6 @@ def test_photos_of_another_scene_are_no_queries(tmp_path: Path, home: Path) -> N
     result = scored(log, home)
     assert result.records.groupby("scene")["answered"].sum().to_dict() == {"east": 0, "west": 4}
     assert any("1 photo described that are no queries" in note for note in result.result.notes)
-
-
-def test_a_part_of_a_folder_is_refused_as_such(one: Path, log: Path) -> None:
-    with pytest.raises(UserError, match=r"database_descriptors\.npy"):
-        scored(log / "database_descriptors.npy", one)
 
 
 @pytest.mark.parametrize("lists", [False, True])
@@ -113,22 +98,14 @@ class TestNames:
     def test_listing(self, tmp_path: Path, one: Path, log: Path) -> None:
         images = str(log / "images")
         vpr.write_images(images, ONE[0])
-        vpr.write_log(log, ONE[0], images)
-        result = scored(log, one)
-        assert perfect(result)
-        assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
-
-    def test_listing_is_of_the_images_that_the_method_takes(
-        self, tmp_path: Path, one: Path, log: Path
-    ) -> None:
-        images = str(log / "images")
-        vpr.write_images(images, ONE[0])
         tiles = Path(tile_file(images, ONE[0], 0)).parent
         for extra in ("tiles.csv", ".t00000.png", "t00000.tif", ".hidden/t.png"):
             (tiles / extra).parent.mkdir(exist_ok=True)
             (tiles / extra).touch()
         vpr.write_log(log, ONE[0], images)
-        assert perfect(scored(log, one))
+        result = scored(log, one)
+        assert perfect(result)
+        assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
 
     def test_folders_of_the_machine_are_not_listed(
         self, tmp_path: Path, one: Path, log: Path, monkeypatch: pytest.MonkeyPatch
@@ -154,15 +131,6 @@ class TestNames:
                     scored(log, one)
             assert "12 images" not in str(refused.value)
         assert not any(os.path.realpath(place).startswith(images) for place in seen)
-
-    def test_photos_of_the_benchmark_are_listed(self, one: Path, log: Path) -> None:
-        photos = Path(photo_file(str(one / "made" / "images"), ONE[0], 0)).parent
-        vpr.write_images(str(one / "made" / "images"), ONE[0])
-        vpr.write_log(log, ONE[0], str(one / "made" / "images"))
-        assert photos.is_dir()
-        result = scored(log, one)
-        assert perfect(result)
-        assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
 
     def test_another_number_of_images_is_refused(
         self, tmp_path: Path, one: Path, log: Path
@@ -298,3 +266,70 @@ class TestNames:
         result = scored(log, one, names=tmp_path / "names.txt")
         assert perfect(result)
         assert any("1 photo described that" in note for note in result.result.notes)
+
+
+def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
+    scene = MadeScene("east", [[0]], 400)
+    data = Place([scene]).prepare(tmp_path / "data")
+    rows = np.random.default_rng(0).standard_normal((400, 5000), np.float32)
+    vpr.write_log(tmp_path / "log", scene)
+    np.save(tmp_path / "log" / "database_descriptors.npy", rows)
+    np.save(tmp_path / "log" / "queries_descriptors.npy", rows[:1])
+    assert rows.nbytes > 4e6
+    assert scored(tmp_path / "log", data, max_memory=2_000_000).overall["recall@1"] == 1.0
+
+
+def test_a_run_that_broke_off_is_left_aside(tmp_path: Path, home: Path) -> None:
+    """It has a log alone; the one after it, beside it, is whole."""
+    logs = vpr.write(tmp_path, Place())
+    vpr.write_log(logs / "west" / "2026-11-22_18-00-00", Place().scenes[1])
+    result = scored(logs, home)
+    assert perfect(result)
+    assert any("left aside: 1 (west/2026-11-22_18" in note for note in result.result.notes)
+
+
+@pytest.mark.parametrize("lists", [False, True])
+def test_two_runs_of_one_scene(tmp_path: Path, home: Path, lists: bool) -> None:
+    place = Place()
+    for name in ("first", "second"):
+        vpr.write_log(tmp_path / "logs" / name, place.scenes[0])
+        if lists:
+            vpr.write_lists(tmp_path / "logs" / name, place, place.scenes[0])
+        else:
+            vpr.write_descriptors(tmp_path / "logs" / name, place, place.scenes[0])
+    with pytest.raises(UserError, match=r"second: is a second run of what .*first answers: east/q"):
+        scored(tmp_path / "logs", home)
+
+
+class TestRefusals:
+    """What a run left incomplete, or was not of this benchmark."""
+
+    @pytest.mark.parametrize("name", ["queries", "database"])
+    def test_half_of_the_files(self, one: Path, log: Path, name: str) -> None:
+        (log / f"{name}_descriptors.npy").unlink()
+        with pytest.raises(UserError, match=f"lacks {name}_descriptors.npy"):
+            scored(log, one)
+
+    def test_only_wrong_lists(self, tmp_path: Path, one: Path) -> None:
+        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
+        vpr.write_log(tmp_path / "log", ONE[0], save_only_wrong_preds=True)
+        with pytest.raises(UserError, match="--save_only_wrong_preds leaves queries out"):
+            scored(tmp_path / "log", one)
+
+    def test_a_list_that_is_lacking(self, tmp_path: Path, one: Path) -> None:
+        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
+        (tmp_path / "log" / "preds" / "002.txt").unlink()
+        with pytest.raises(UserError, match=r"lacks the lists of 1 of 6 queries \(2\)"):
+            scored(tmp_path / "log", one)
+
+    def test_tiles_of_elsewhere(self, tmp_path: Path, one: Path) -> None:
+        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
+        file = tmp_path / "log" / "preds" / "000.txt"
+        file.write_text(file.read_text().replace("t00000.png", "map.png"))
+        with pytest.raises(UserError, match=r"ranks what is no tile: 1 .*map.png"):
+            scored(tmp_path / "log", one)
+
+    def test_pickles_are_not_loaded(self, one: Path, log: Path) -> None:
+        np.save(log / "database_descriptors.npy", np.array([{}], dtype=object))
+        with pytest.raises(UserError, match="pickled Python objects, never loaded"):
+            scored(log, one)

@@ -1,66 +1,39 @@
 """Reads tables ``query,tile,similarity`` into predictions of the retrieval track."""
 
-from __future__ import annotations
-
 import csv
-import io
 from pathlib import Path
 
-import numpy as np
-
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.files import read_text
-from airzoo_bench.evaluation.queries import QueryPredictions
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.readers.names import ImageNames, names_in
-from airzoo_bench.retrieval.predictions import RankedIds
-
-__all__ = ["RANKS"]
+from airzoo_bench.core.files import first_bytes
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.readers.ranks import RankedLists, RankedTiles
 
 HEADER = "query,tile,similarity"
 
 
-class RanksCsv(Reader):
-    """See `Reader`."""
+class RanksCsv(RankedLists):
+    """A line a ranked tile, in any order."""
 
-    track = "retrieval"
     title = "ranks.csv of my method"
     layout = f"a CSV file that begins with {HEADER}"
     methods = ("my method",)
+    conventions = ("the largest similarity is the first rank",)
 
     def recognise(self, path: Path) -> float:
-        """See `Reader.recognise`."""
-        if not path.is_file():
-            return 0.0
-        with path.open("rb") as stream:
-            return 0.9 if stream.read(len(HEADER)) == HEADER.encode() else 0.0
+        """Return how sure it is that a path is of my method."""
+        return 0.9 * (first_bytes(path, len(HEADER)) == HEADER.encode())
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """See `Reader.read`."""
-        text = read_text(path, PredictionError, "table of ranks", reading.memory_bytes // 16)
-        found: dict[str, list[tuple[float, str]]] = {}
-        for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
-            try:
-                found.setdefault(row["query"], []).append((-float(row["similarity"]), row["tile"]))
-            except (KeyError, TypeError, ValueError) as error:
-                where = f"{path}, line {number}"
-                raise PredictionError("is no row", where=where, expected=HEADER) from error
-        if not found:
-            raise PredictionError("has no row", where=path, expected=HEADER)
-        photos = ImageNames.of(
-            "query",
-            names_in(truth.queries for truth in reading.truths),
-            left_out=names_in(truth.excluded for truth in reading.truths),
-            scenes=reading.scenes,
-        )
-        ids = photos.find_all(list(found), path)
-        lists = [sorted(rows) for one, rows in zip(ids, found.values(), strict=True) if one]
-        depth = max(map(len, lists))
-        tiles = [[tile for _, tile in rows] + [""] * (depth - len(rows)) for rows in lists]
-        scores = [[-value for value, _ in rows] + [0.0] * (depth - len(rows)) for rows in lists]
-        ranked = RankedIds(np.array(tiles), np.array(scores))
-        predictions = QueryPredictions(path, None, np.array([one for one in ids if one]), ranked)
-        return ReadPredictions(predictions, ("the largest similarity is the first rank",))
+    def ranked(self, path: Path, budget: Budget) -> RankedTiles:
+        """Read names of queries and tiles, with similarities."""
+        found = RankedTiles()
+        with path.open(encoding="utf-8", newline="") as stream:
+            for number, row in enumerate(csv.DictReader(stream), start=2):
+                try:
+                    found.add(row["query"], row["tile"], float(row["similarity"]))
+                except (KeyError, TypeError, ValueError) as error:
+                    where = f"{path}, line {number}"
+                    raise PredictionError("is no row", where=where, expected=HEADER) from error
+        return found
 
 
 RANKS = RanksCsv()

@@ -1,4 +1,4 @@
-"""Poses of hloc, LTVL, TUM and KITTI texts: exact ones score perfect, wrong ones are refused."""
+"""Poses as text and in COLMAP models: what they mean, and what is refused."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.evaluation.reader import Reading, find_reader
-from airzoo_bench.readers.hloc_poses import HLOC_POSES
+from airzoo_bench.readers.poses import HLOC_POSES
 from tests.matching.world import World
-from tests.readers.samples import poses
+from tests.readers.samples import colmap, poses
 
 Evaluated = Callable[..., Any]
 
@@ -32,8 +32,7 @@ def test_hloc_results_score_as_the_same_poses_do(
     assert same.result.predictions.reader is None
     used = found.result.predictions.reader
     assert used.name == "hloc-poses"
-    assert "quaternions are w x y z" in used.conventions
-    assert any("unmarked" in note for note in found.result.notes)
+    assert "quaternions w x y z" in used.conventions[0]
 
 
 @pytest.mark.parametrize("name", ["images/town/q1.png", "hills/images/town/q1.png"])
@@ -154,3 +153,34 @@ def test_names_mean_nothing_without_the_benchmark(world: World, tmp_path: Path) 
     path = poses.write(tmp_path, world)
     found = ab.check(path, protocol="aerialextrematch-matching", data=tmp_path / "nowhere")
     assert "whose folder is missing" in str(found.errors[0])
+
+
+@pytest.mark.parametrize("text", [False, True])
+@pytest.mark.parametrize("below", [".", "sparse/0"])
+def test_a_colmap_model_is_read(
+    text: bool, below: str, world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    home = tmp_path / "out" / below
+    home.parent.mkdir(parents=True, exist_ok=True)
+    colmap.write_model(tmp_path, world, text=text).rename(home)
+    path = tmp_path / "out"
+    assert find_reader(path) is None
+    assert find_reader(path, "matching") == "colmap-poses"
+    found = evaluated(path)
+    assert found.overall["error_m"] < 1e-6
+    assert "1 pose of photos that are no queries left out" in found.result.notes
+
+
+def test_another_world_is_named(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    with pytest.raises(PredictionError, match=r"by \(-299970\.0, -299988\.0\) m"):
+        evaluated(colmap.write_model(tmp_path, world, offset=3e5))
+
+
+@pytest.mark.parametrize("content", ["1 2 3\n", "1 a b c d e f g 1 x.png\n\n", "# nothing\n"])
+def test_texts_that_are_no_images(
+    content: str, world: World, tmp_path: Path, evaluated: Evaluated
+) -> None:
+    path = colmap.write_model(tmp_path, world, text=True)
+    (path / "images.txt").write_text(content)
+    with pytest.raises(PredictionError, match=r"no image|damaged"):
+        evaluated(path)

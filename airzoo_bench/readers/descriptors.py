@@ -1,0 +1,494 @@
+"""Descriptors with names: what readers of the retrieval track share, and such methods."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+import weakref
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.files import cannot_write, npz_fields, temporary_file
+from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.evaluation.queries import QueryPredictions
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.formats.arrays import as_floating, check_fields, texts
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
+from airzoo_bench.formats.mat5 import MatFile
+from airzoo_bench.formats.npz import NpzFile, map_numbers
+from airzoo_bench.readers.names import (
+    ImageNames,
+    names_in,
+    query_names,
+    read_names,
+    scene_finder,
+    truths_of,
+)
+from airzoo_bench.retrieval.descriptors import Rows, exact_norms
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.truth import RetrievalTruth
+
+_BYTES_OF_NAME = 400  # of memory, for a name and what stands for it
+_DOUBLE = 8
+_ROUNDING = 2e-3  # of lengths, next to each other: half precision rounds by half of it
+_LOOKED_AT = 256
+_METRICS = {"l2": "L2 distance", "cosine": "cosine", "inner_product": "inner product"}
+
+Described = tuple[Sequence[str], NDArray[Any]]
+Opened = tuple[Sequence[str], Callable[[int], NDArray[Any]], Budget]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneImages:
+    """The photos and tiles of a protocol's scenes by name; names without a scene are of `home`."""
+
+    reading: Reading
+    path: Path
+    home: str
+
+    @property
+    def truths(self) -> Sequence[RetrievalTruth]:
+        """The scenes, of which names are taken and nothing else."""
+        return truths_of(self.reading, self.path)
+
+    @cached_property
+    def queries(self) -> ImageNames:
+        """The photos that are queries."""
+        return query_names(self.reading, self.path, self.home)
+
+    @cached_property
+    def tiles(self) -> ImageNames:
+        """The galleries."""
+        tiles = chain.from_iterable(map(tile_images, self.truths))
+        return ImageNames.of("tile", tiles, scenes=self.reading.scenes, home=self.home)
+
+    def of_run(self, folders: Iterable[str]) -> SceneImages:
+        """Take the scene that the folders of a run name for that of its names without one."""
+        scene_of = scene_finder(truth.scene for truth in self.truths)
+        named = {scene_of(folder) for folder in folders} - {None}
+        return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
+
+
+def tile_images(truth: RetrievalTruth) -> Iterator[tuple[str, str]]:
+    """Yield ids of tiles with the names of their files, as `prepare --tiles files` writes them."""
+    if truth.of_images:
+        return names_in([truth.tiles])
+    return ((one, f"{one.split('/', 1)[1]}.png") for one in truth.tiles["id"].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class NamedRows:
+    """Descriptors (N, D) with N ids; `strange` are names that are those of no image asked for."""
+
+    ids: NDArray[np.str_]
+    rows: NDArray[np.floating[Any]]
+    strange: int = 0
+
+
+def query_rows(given: Described, images: SceneImages, where: Path) -> NamedRows:
+    """Keep the rows of queries; other photos may be described too, and are counted."""
+    names, rows = given
+    found = images.queries.find_all(names, where)
+    kept = [row for row, one in enumerate(found) if one is not None]
+    ids = np.array([found[row] for row in kept], dtype=str)
+    return NamedRows(ids, rows if len(kept) == len(rows) else rows[kept], len(rows) - len(kept))
+
+
+def gallery_rows(given: Described, images: SceneImages, where: Path) -> NamedRows:
+    """Name the rows of a gallery, which may be mapped; what is no tile keeps its own name."""
+    names, rows = given
+    found = images.tiles.find_all(names, where)
+    ids = [one or f"row {row}/{names[row][-80:]!r}" for row, one in enumerate(found)]
+    return NamedRows(np.array(ids, dtype=str), rows)
+
+
+def aside(strange: int) -> tuple[str, ...]:
+    """Say how many described photos are no queries, if any."""
+    said = (f"{counted(strange, 'photo')} described that are no queries, left aside",)
+    return said * (strange > 0)
+
+
+def check_descriptors(path: Path, what: str, rows: NDArray[Any], names: int | None = None) -> None:
+    """Refuse what are no descriptors, or not as many as there are names."""
+    fine = rows.ndim == 2 and rows.dtype.kind in "biuf" and rows.dtype.itemsize <= 8
+    if not fine or not rows.size:
+        what += f" has type {rows.dtype} and shape {rows.shape}"
+        expected = "descriptors: numbers of at most 64 bits, a row an image"
+        raise PredictionError(what, where=path, expected=expected)
+    if names is not None and names != len(rows):
+        what += f" has {counted(len(rows), 'row')}, and there are {counted(names, 'name')}"
+        raise PredictionError(what, where=path, expected="a name for each row")
+
+
+def join(
+    path: Path, queries: Sequence[NamedRows], galleries: Sequence[NamedRows]
+) -> RetrievalPredictions:
+    """Make predictions of descriptors; the galleries of several files stay where they are."""
+    lengths = sorted({one.rows.shape[1] for one in (*queries, *galleries)})
+    if len(lengths) > 1:
+        what = f"descriptors of {' and '.join(map(str, lengths))} dimensions"
+        fix = "describe photos and tiles of all scenes with one model"
+        raise PredictionError(what, where=path, expected="as many in all files", fix=fix)
+    asked = np.concatenate([one.ids for one in queries])
+    parts = [as_floating(one.rows) for one in queries]
+    rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    tiles = np.concatenate([one.ids for one in galleries])
+    gallery = Rows.join(*(one.rows for one in galleries))
+    return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
+
+
+def compared(
+    own: str, reading: Reading, content: RankedIds | Descriptors
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Say how descriptors are compared, and whether that is another way than the method's own."""
+    metric = reading.protocol.scores.descriptor_metric  # type: ignore[attr-defined]
+    said = (f"descriptors are compared by {_METRICS[metric]}, as the protocol says",)
+    lengths = _lengths(content.gallery) if isinstance(content, Descriptors) else np.ones(1)
+    if metric == own or not lengths.max() - lengths.min() > _ROUNDING * lengths.max():
+        return said, ()
+    return said, (
+        f"the method ranks by {_METRICS[own]}, the protocol by {_METRICS[metric]}, and the "
+        f"descriptors of tiles are {lengths.min():.3g} to {lengths.max():.3g} long: the ranking "
+        "may be another than the method's own",
+    )
+
+
+def _lengths(rows: Rows | NDArray[Any]) -> NDArray[np.float64]:
+    """Return the lengths of some rows, spread over all of them."""
+    source = rows if isinstance(rows, Rows) else Rows.join(rows)
+    some = np.unique(np.linspace(0, len(source) - 1, _LOOKED_AT).astype(int)).tolist()
+    return np.concatenate([exact_norms(source.read(row, row + 1)) for row in some])
+
+
+# --- queries and tiles apart ---
+
+
+class DescribedSets(Reader):
+    """Reads descriptors and names of queries, and those of tiles."""
+
+    track = "retrieval"
+    metric: ClassVar[str] = "inner_product"  # by which the method ranks; or "l2", "cosine"
+    conventions: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def described(self, path: Path, kind: str, memory: int) -> Described:
+        """Return names and descriptors of "query" or "gallery"."""
+
+    def beside(self, path: Path) -> tuple[Path, ...]:
+        """Return what was read besides the file."""
+        return ()
+
+    def check(self, path: Path, content: Descriptors) -> None:
+        """Refuse what the method would not compare."""
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`."""
+        images = SceneImages(reading, path, str(path))
+        given = {}
+        budget = Budget(reading.memory_bytes)
+        for kind in ("query", "gallery"):
+            names, rows = given[kind] = self.described(path, kind, reading.memory_bytes)
+            check_descriptors(path, f"'{kind}' features", rows, len(names))
+            budget.hold(path, f"names of {kind}", len(names) * _BYTES_OF_NAME)
+        budget.hold(path, "queries in double precision", given["query"][1].size * _DOUBLE)
+        queries = query_rows(given["query"], images, path)
+        predictions = join(path, [queries], [gallery_rows(given["gallery"], images, path)])
+        self.check(path, predictions.content)  # type: ignore[arg-type]
+        said, notes = compared(self.metric, reading, predictions.content)
+        left = aside(queries.strange)
+        return ReadPredictions(
+            predictions, (*self.conventions, *said), (*left, *notes), self.beside(path)
+        )
+
+
+LINES = """\
+gallery_features = []  # before the loop over gallery_loader
+gallery_features.append(gallery_features_batch.float().cpu())  # last in it, once normalised
+np.savez(  # after it
+    "features.npz",
+    query_features=img_features_query.cpu().numpy(),
+    query_names=np.array(query_list),
+    gallery_features=torch.cat(gallery_features).numpy(),
+    gallery_names=np.array(gallery_list),
+)
+"""
+"""What is added to `evaluate` in game4loc/evaluate/gta.py."""
+
+
+class _Game4Loc(DescribedSets):
+    """Features and names that a user of Game4Loc saves: the method's evaluation saves nothing."""
+
+    title = "features and names of images in one npz"
+    layout = "npz with query_features, query_names, gallery_features, gallery_names"
+    methods = ("Game4Loc",)
+    fields = ("query_features", "query_names", "gallery_features", "gallery_names")
+
+    def recognise(self, path: Path) -> float:
+        return 0.95 * (npz_fields(path) >= {"query_features", "gallery_features"})
+
+    def described(self, path: Path, kind: str, memory: int) -> Described:
+        file = NpzFile(path, memory)
+        check_fields(file, self.fields, self.fields, "what these lines save:\n" + LINES)
+        rows = (file.read if kind == "query" else file.map)(f"{kind}_features")
+        return texts(file, f"{kind}_names", 1).tolist(), rows
+
+    def check(self, path: Path, content: Descriptors) -> None:
+        """Refuse queries of unit length with tiles of others, kept before they were normalised."""
+        lengths = _lengths(content.gallery)
+        fine = (abs(lengths - 1) <= _ROUNDING).all()
+        if not fine and (abs(_lengths(content.queries) - 1) <= _ROUNDING).all():
+            found = f"those of the gallery are {lengths.min():.3g} to {lengths.max():.3g} long"
+            what = f"features of queries are of unit length, and {found}"
+            fix = "keep gallery_features after they are normalised, as the last line of the loop"
+            raise PredictionError(what, where=path, fix=fix)
+
+
+class _University1652(DescribedSets):
+    """``pytorch_result.mat`` of University-1652 and those after it: features, classes and paths."""
+
+    title = "features that test.py of University-1652 writes"
+    layout = (
+        "MATLAB 5 with gallery_f, gallery_label, gallery_path, query_f, query_label, query_path"
+    )
+    methods = ("University1652-Baseline", "LPN", "FSRA", "SUES-200", "DenseUAV")
+    conventions = ("images are named by the ends of their paths: class folder, file",)
+
+    def recognise(self, path: Path) -> float:
+        try:
+            return 0.95 * (MatFile(path, 1 << 20).names() >= {"gallery_f", "query_f"})
+        except (OSError, PredictionError):
+            return 0.0
+
+    def described(self, path: Path, kind: str, memory: int) -> Described:
+        file = MatFile(path, memory)
+        names = self._paths(file, kind)
+        if f"{kind}_label" in file.names():
+            labels = file.numbers(f"{kind}_label").reshape(-1).tolist()
+            _check_classes(f"{path}, variable '{kind}_label'", labels, names)
+        return names, file.numbers(f"{kind}_f")
+
+    def _paths(self, file: MatFile, kind: str) -> list[str]:
+        """Return the paths that the file has, or those of the list beside it."""
+        if f"{kind}_path" in file.names():
+            return file.texts(f"{kind}_path")
+        beside = file.path.with_name(f"{kind}_name.txt")
+        if not beside.is_file():
+            what = f"has no {kind}_path, and {beside.name} is not beside it"
+            fix = f"add '{kind}_path': {kind}_path to what test.py saves"
+            raise PredictionError(what, where=file.path, fix=fix)
+        return read_names(beside)
+
+    def beside(self, path: Path) -> tuple[Path, ...]:
+        names = MatFile(path, 1 << 20).names()
+        kinds = [kind for kind in ("query", "gallery") if f"{kind}_path" not in names]
+        return tuple(path.with_name(f"{kind}_name.txt") for kind in kinds)
+
+
+def _check_classes(where: str, labels: Sequence[float], names: Sequence[str]) -> None:
+    """Refuse classes that are not those of the folders: the rows are of other images then."""
+    folders = [re.split(r"[/\\]+", name)[-2:-1] for name in names]
+    other = [
+        f"{name} has {label:g}"
+        for name, folder, label in zip(names, folders, labels, strict=False)
+        if folder and folder[0].isdecimal() and int(folder[0][-18:]) != label
+    ]
+    if other or len(labels) != len(names):
+        what = f"{len(labels):,} classes and {len(names):,} paths"
+        if other:
+            what = f"classes that are not those of the folders: {first_of(other)}"
+        raise PredictionError(what, where=where, fix="run test.py again")
+
+
+# --- queries and tiles together ---
+
+
+class DescribedImages(Reader):
+    """Reads descriptors by image, queries and tiles together: its name tells which one it is."""
+
+    track = "retrieval"
+    metric: ClassVar[str]
+
+    @abstractmethod
+    def opened(self, path: Path, memory: int) -> Opened:
+        """Return the names of images, and what reads the descriptor of one by its number."""
+
+    @abstractmethod
+    def conventions(self, content: Descriptors) -> tuple[str, ...]:
+        """Return what is taken to be so."""
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`; descriptors of tiles may go into a temporary file."""
+        images = SceneImages(reading, path, str(path))
+        names, read, budget = self.opened(path, reading.memory_bytes)
+        budget.hold(path, "the names of its images", len(names) * _BYTES_OF_NAME)
+        photos, tiles = (_found(known, names, path) for known in (images.queries, images.tiles))
+        both = [name for name, one, two in zip(names, photos, tiles, strict=True) if one and two]
+        if both:
+            what = f"could be a query or a tile: {first_of([repr(name[:200]) for name in both])}"
+            fix = "keep the folders of queries and tiles in the names"
+            raise PredictionError(what, where=path, fix=fix)
+        parts = [
+            _rows(path, names, found, read, budget, spill)
+            for found, spill in ((photos, False), (tiles, True))
+        ]
+        predictions = join(path, parts[:1], parts[1:])
+        content: Any = predictions.content
+        said, notes = compared(self.metric, reading, content)
+        others = zip(names, photos, tiles, strict=True)
+        left = [name[-80:] for name, one, two in others if one is two is None]
+        asides = (f"images that are neither queries nor tiles, left aside: {first_of(left)}",)
+        return ReadPredictions(
+            predictions,
+            (*self.conventions(content), *said),
+            (*asides * bool(left), *notes),
+        )
+
+
+def _found(known: ImageNames, names: Sequence[str], path: Path) -> list[str | None]:
+    """Return the id of each name that means one; refuse names that mean none at all."""
+    try:
+        strange = not any(map(known.find, names))
+    except PredictionError as error:
+        raise error.inside(path) from error
+    if strange:
+        what = f"describes no {known.what} of the protocol: {first_of(map(repr, names))}"
+        fix = "describe both folders; a method that takes *.jpg only passes over .JPG and .png"
+        raise PredictionError(what, where=path, fix=fix)
+    return known.find_all(names, path)
+
+
+def _rows(
+    path: Path,
+    names: Sequence[str],
+    found: Sequence[str | None],
+    read: Callable[[int], NDArray[Any]],
+    budget: Budget,
+    spill: bool,
+) -> NamedRows:
+    """Read descriptors in the order of their ids, all of the first one's length and type."""
+    ids = {one: number for number, one in enumerate(found) if one is not None}
+    some = [ids[one] for one in sorted(ids)]
+    first = read(some[0]).reshape(-1)
+    check_descriptors(path, f"{names[some[0]][:200]!r}", first[None])
+
+    def row(number: int) -> NDArray[Any]:
+        one = read(number).reshape(-1)
+        if one.shape != first.shape or one.dtype != first.dtype:
+            what = f"{names[number][:200]!r} has {one.size:,} numbers of type {one.dtype}"
+            expected = f"{first.size:,} of type {first.dtype}, as {names[some[0]][:200]!r} has"
+            raise PredictionError(what, where=path, expected=expected)
+        return one
+
+    shape = (len(some), first.size)
+    needed = len(some) * first.size * (first.itemsize + _DOUBLE)
+    too_much = sum(budget.taken.values()) + needed > budget.limit_bytes
+    if spill and too_much and needed <= shutil.disk_usage(tempfile.gettempdir()).free // 2:
+        rows = _mapped(shape, first.dtype)
+    else:
+        budget.hold(path, "the descriptors of " + ("tiles" if spill else "queries"), needed)
+        rows = np.empty(shape, first.dtype)
+    for place, number in enumerate(some):
+        rows[place] = row(number)
+    return NamedRows(np.array(sorted(ids), dtype=str), rows)
+
+
+def _mapped(shape: tuple[int, int], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Map a temporary file, which goes with the array."""
+    place = Path(tempfile.gettempdir())
+    with ExitStack() as kept:
+        try:
+            handle, file = kept.enter_context(temporary_file(place / "descriptors"))
+            os.close(handle)
+            mapped = np.memmap(file, dtype, "w+", shape=shape)
+        except OSError as error:
+            raise cannot_write(place, error) from error
+        weakref.finalize(mapped, kept.pop_all().close)
+    return mapped
+
+
+class _AnyLoc(DescribedImages):
+    """What AnyLoc's own demo writes: a file for each image, ``DJI_0001.jpg.npy``."""
+
+    title = "a folder of descriptors by image"
+    layout = "files IMAGE.jpg.npy of shape (1, D), in one folder or several below it"
+    methods = ("AnyLoc",)
+    metric = "l2"
+
+    def recognise(self, path: Path) -> float:
+        # A run that broke off may have left a file without content.
+        shapes = [shape for shape in map(_shape, islice(_npy_files(path), 4)) if shape]
+        described = [len(shape) == 2 and shape[0] == 1 and shape[1] >= 16 for shape in shapes]
+        return 0.9 * (bool(shapes) and all(described))
+
+    def opened(self, path: Path, memory: int) -> Opened:
+        files = sorted(_npy_files(path))
+
+        def read(number: int) -> NDArray[Any]:
+            rows = map_numbers(files[number])
+            if rows.ndim == 2 and len(rows) == 1:
+                return rows
+            where = files[number]
+            raise PredictionError(f"has shape {rows.shape}", where=where, expected="(1, D)")
+
+        names = [file.relative_to(path).as_posix().removesuffix(".npy") for file in files]
+        return names, read, Budget(memory)
+
+    def conventions(self, content: Descriptors) -> tuple[str, ...]:
+        return ("images are named by their files, without .npy",)
+
+
+def _npy_files(path: Path) -> Iterator[Path]:
+    endings = tuple(f"{suffix}.npy" for suffix in PHOTO_SUFFIXES)
+    for home, folders, files in os.walk(path):
+        folders.sort()
+        yield from (Path(home) / name for name in sorted(files) if name.lower().endswith(endings))
+
+
+def _shape(path: Path) -> tuple[int, ...]:
+    """Return the shape of a file's numbers; none where it is no such file, or damaged."""
+    try:
+        return map_numbers(path).shape if path.is_file() else ()
+    except PredictionError:
+        return ()
+
+
+class _HlocGlobal(DescribedImages):
+    """Global features of hloc: HDF5, a group for each image with ``global_descriptor``."""
+
+    title = "global features of hloc"
+    layout = "HDF5 with a group for each image that holds global_descriptor"
+    methods = ("hloc", "NetVLAD", "DIR", "OpenIBL", "MegaLoc")
+    metric = "inner_product"
+    key = "/global_descriptor"
+
+    def recognise(self, path: Path) -> float:
+        return 0.9 * any(name.endswith(self.key) for name in dataset_names(path, 8))
+
+    def opened(self, path: Path, memory: int) -> Opened:
+        file = Hdf5File(path, memory)
+        names = [name.removesuffix(self.key) for name in file.names() if name.endswith(self.key)]
+        if not names:
+            fix = "give local features and matches to the matching track"
+            raise PredictionError("holds no global_descriptor", where=path, fix=fix)
+        return names, lambda number: file.read(names[number] + self.key), file.budget
+
+    def conventions(self, content: Descriptors) -> tuple[str, ...]:
+        return (f"descriptors are {content.queries.dtype}, as the file has them",)
+
+
+GAME4LOC, UNIVERSITY1652 = _Game4Loc(), _University1652()
+ANYLOC, HLOC_GLOBAL = _AnyLoc(), _HlocGlobal()
+"""Registered in `core.registry` under their names."""

@@ -1,0 +1,308 @@
+"""Frames in a file each, of which one at a time is in memory, with their cameras beside them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.files import npz_fields, read_text
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import NpzFile, map_numbers
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.readers.scenes import Layout, SceneOutput, ViewNames
+from airzoo_bench.readers.trajectories import (
+    TUM,
+    Trajectory,
+    cameras_only,
+    read_trajectory,
+    trajectory_columns,
+)
+from airzoo_bench.readers.views import CENTRES_AND_SIZE, inverted, scene_of
+from airzoo_bench.reconstruction.fusion import LazyMaps
+from airzoo_bench.reconstruction.predictions import ScenePrediction
+
+_AGAIN = "copy the whole folder, of one run, or run the method again, to its end"
+
+
+def frame_files(folder: Path, pattern: str, wanted: Sequence[float] | None = None) -> list[Path]:
+    """Return the files of numbers, from 0 on unless they are given; refuse others and gaps.
+
+    The pattern's only group is the number in a name.
+    """
+    found: dict[float, Path] = {}
+    names = sorted(one.name for one in folder.iterdir()) if folder.is_dir() else []
+    for match in filter(None, (re.fullmatch(pattern, name) for name in names)):
+        other = found.setdefault(float(match[1]), folder / match[0])
+        if other.name != match[0]:
+            raise _not_whole(folder, f"two files of one number: {other.name}, {match[0]}")
+    numbers = range(len(found)) if wanted is None else wanted
+    lost = [f"{number:g}" for number in numbers if number not in found]
+    others = sorted(found[number].name for number in found.keys() - {*numbers})
+    if lost or not found:
+        raise _not_whole(folder, f"files are missing: {first_of(lost, len(numbers))}")
+    if others:
+        raise _not_whole(folder, f"files of no frame: {first_of(others)}")
+    return [found[number] for number in numbers]
+
+
+def _not_whole(where: Path, what: str) -> PredictionError:
+    expected = "all files of a run that went to its end, as the method wrote them"
+    return PredictionError(what, where=where, expected=expected, fix=_AGAIN)
+
+
+def lazy_maps(files: Sequence[Path], read: Callable[[Path], NDArray[Any]]) -> LazyMaps:
+    """Return the maps of files, each read when it is asked for, all of the first one's size."""
+    first = read(files[0])
+    if first.ndim not in (2, 3):
+        raise PredictionError(f"has shape {first.shape}", where=files[0], expected="a map a file")
+
+    def frame(row: int) -> NDArray[Any]:
+        found = read(files[row])
+        if found.shape != first.shape or found.dtype != first.dtype:
+            what = f"is {found.dtype} of shape {found.shape}"
+            expected = f"{first.dtype} of shape {first.shape}, as in {files[0].name}"
+            raise PredictionError(what, where=files[row], expected=expected)
+        return found
+
+    return LazyMaps(np.arange(len(files)), first.shape, first.dtype, frame)
+
+
+def read_fields(path: Path, names: Sequence[str], memory: int) -> list[NDArray[Any]]:
+    """Read some fields of an npz, which has them all."""
+    file = NpzFile(path, memory, npz_fields(path) - {*names})
+    if not {*names} <= file.names():
+        raise _not_whole(path, f"lacks {' or '.join(names)}")
+    return [file.read(name) for name in names]
+
+
+class Cut3rDemo(Layout):
+    """The folders that CUT3R's demo.py writes: depth, conf and camera, a file a view in each."""
+
+    said = ("pose camera-to-world, axes of OpenCV", *CENTRES_AND_SIZE)
+
+    def sure(self, place: Path) -> float:
+        """See `Layout.sure`."""
+        fields = npz_fields(place / "camera" / "000000.npz")
+        return 0.9 * ({"pose", "intrinsics"} <= fields and (place / "depth").is_dir())
+
+    def order(self, output: SceneOutput) -> str:
+        """See `Layout.order`."""
+        return output.order(output.place / "images")
+
+    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+        """See `Layout.read`."""
+        place = output.place
+        depth = frame_files(place / "depth", r"(\d+)\.npy")
+        views = range(len(depth))
+        cameras = frame_files(place / "camera", r"(\d+)\.npz", views)
+        poses = np.stack([_matrix(path, "pose", 4, memory) for path in cameras])
+        intrinsics = np.stack([_matrix(path, "intrinsics", 3, memory) for path in cameras])
+        fields: dict[str, Any] = {"intrinsics": intrinsics, "extrinsics": inverted(poses)}
+        fields["depth"] = lazy_maps(depth, _read_npy)
+        if (place / "conf").is_dir():
+            confidence = frame_files(place / "conf", r"(\d+)\.npy", views)
+            fields["conf"] = lazy_maps(confidence, _read_npy)
+        return scene_of(place, Budget(memory), fields, output.view_names(place / "images"))
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    return np.array(map_numbers(path))
+
+
+def _matrix(path: Path, name: str, side: int, memory: int) -> Floats:
+    (value,) = read_fields(path, (name,), memory)
+    if value.shape != (side, side) or value.dtype.kind != "f":
+        what = f"field '{name}' is {value.dtype} of shape {value.shape}"
+        raise PredictionError(what, where=path, expected=f"({side}, {side})")
+    return value.astype(np.float64)
+
+
+class Streaming(Layout):
+    """A streaming run of Depth Anything 3: poses and intrinsics as text, and an npz a frame.
+
+    The poses are written last, so that frames without them are those of a run that did not end.
+    """
+
+    poses, lenses, frames = "camera_poses.txt", "intrinsic.txt", "results_output"
+    said = ("camera_poses.txt camera-to-world, axes of OpenCV", *CENTRES_AND_SIZE)
+
+    def sure(self, place: Path) -> float:
+        """See `Layout.sure`; runs that did not end are recognised too."""
+        there = [(place / name).is_file() for name in (self.poses, self.lenses)]
+        half = (any(there) or (place / "pcd").is_dir()) and (place / self.frames).is_dir()
+        return 0.9 * (all(there) or (half and any((place / self.frames).glob("frame_*.npz"))))
+
+    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+        """See `Layout.read`."""
+        place, budget = output.place, Budget(memory)
+        poses = self._table(place / self.poses, 16).reshape(-1, 4, 4)
+        focal = self._table(place / self.lenses, 4)
+        if len(focal) != len(poses):
+            lines = f"{len(poses):,} lines of poses, {len(focal):,} of intrinsics"
+            raise _not_whole(place, f"is a run that did not end: {lines}")
+        if not (place / self.frames).is_dir():
+            what = f"has no {self.frames}/frame_<i>.npz: the run wrote no depth"
+            fix = "set save_depth_conf_result: True in the config, and run it again"
+            raise PredictionError(what, where=place, fix=fix)
+        files = frame_files(place / self.frames, r"frame_(\d{1,9})\.npz", range(len(poses)))
+        matrices = np.tile(np.eye(3), (len(focal), 1, 1))
+        matrices[:, (0, 1, 0, 1), (0, 1, 2, 2)] = focal
+        fields: dict[str, Any] = {"intrinsics": matrices, "extrinsics": inverted(poses)}
+        fields["depth"] = lazy_maps(files, lambda path: read_fields(path, ("depth",), memory)[0])
+        fields["conf"] = lazy_maps(files, lambda path: read_fields(path, ("conf",), memory)[0])
+        return scene_of(place, budget, fields, output.view_names())
+
+    def _table(self, path: Path, columns: int) -> Floats:
+        """Read lines of numbers, all with as many."""
+        if not path.is_file():
+            raise _not_whole(path.parent, f"is a run that did not end: it lacks {path.name}")
+        lines = read_text(path, PredictionError, "text of numbers", 256 << 20).splitlines()
+        try:
+            rows = [[float(word) for word in line.split()] for line in lines if line.strip()]
+            if {len(row) for row in rows} != {columns}:
+                raise ValueError
+        except ValueError as error:
+            raise _not_whole(path, f"is no text of {columns} numbers a line") from error
+        return np.array(rows)
+
+
+_NUMBER = r"\d+(?:\.\d+)?"
+_RENAME = """rename the photos to bare numbers first, and give their names with --names:
+  photos = sorted(Path("photos").iterdir())
+  Path("names.txt").write_text("\\n".join(photo.name for photo in photos))
+  Path("numbered").mkdir()
+  for number, photo in enumerate(photos):
+      shutil.copy(photo, f"numbered/{number:06d}{photo.suffix}")"""
+_TWICE = 2  # neighbouring submaps share a frame
+
+
+class PosesAndPoints(Layout):
+    """``poses.txt`` of VGGT-SLAM's --log_results, and the point maps in ``poses_logs`` beside it.
+
+    A camera's number is the first number in the name of its photo, and the name of its points.
+    """
+
+    said = (
+        "poses camera-to-world, quaternions x y z w, axes of OpenCV",
+        "pixels outside the mask are no surface",
+        "of a frame that two submaps share, the later one's pose and points",
+    )
+
+    def sure(self, place: Path) -> float:
+        """See `Layout.sure`; without maps, digits as it writes them are all there is."""
+        text = self._text(place)
+        if text is None:
+            return 0.0
+        first = next(_logs(text).glob("*.npz"), None)
+        if first is not None and npz_fields(first) >= {"pointcloud", "mask"}:
+            return 0.9
+        with text.open("rb") as stream:
+            line = stream.readline(512)
+        own = re.fullmatch(rb"-?\d+\.\d{8}( -?\d+\.\d{8}){7}\n", line) is not None
+        return 0.6 * (own and text.name == "poses.txt")
+
+    def _text(self, place: Path) -> Path | None:
+        """Return the text of a scene: itself, or the one in its folder with maps beside it."""
+        if not place.is_dir():
+            return place if place.suffix == ".txt" and trajectory_columns(place) == TUM else None
+        texts = [
+            one
+            for one in sorted(place.glob("*.txt"))
+            if (one.name == "poses.txt" or _logs(one).is_dir()) and trajectory_columns(one) == TUM
+        ]
+        return texts[0] if len(texts) == 1 else None
+
+    def order(self, output: SceneOutput) -> str:
+        """See `Layout.order`."""
+        listed = output.reading.names
+        if listed is None:
+            return "numbers are the first number in the name of each photo"
+        return f"numbers are lines, from 0, of {listed.name}, or those that stand there"
+
+    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+        """See `Layout.read`."""
+        text = self._text(output.place) or output.place
+        trajectory = _last_of_each(read_trajectory(text, TUM, memory))
+        names = _names_by_number(output, trajectory)
+        if not _logs(text).is_dir():
+            return cameras_only(trajectory, names, "leave out --skip_dense_log")
+        files = frame_files(_logs(text), rf"({_NUMBER})\.npz", trajectory.numbers)
+        maps = lazy_maps(files, lambda path: _masked_points(path, memory))
+        extrinsics = inverted(trajectory.camera_to_world)
+        fields = {"world_points": maps, "extrinsics": extrinsics}
+        return scene_of(text, Budget(memory), fields, names)
+
+
+def _logs(text: Path) -> Path:
+    return text.with_name(text.name.replace(".txt", "_logs"))
+
+
+def _last_of_each(trajectory: Trajectory) -> Trajectory:
+    """Keep the last line of each number; refuse numbers that too many lines share."""
+    times = Counter(trajectory.numbers)
+    shared = [f"{number:.10g}" for number, count in times.items() if count > _TWICE]
+    if shared or (len(times) == 1 and len(trajectory.numbers) > 1):
+        raise PredictionError(
+            f"{counted(len(trajectory.numbers), 'line')} share "
+            f"{counted(len(times), 'number')}: {first_of(shared or times)}",
+            where=trajectory.path,
+            expected="a number a photo; VGGT-SLAM takes the first number in a name, which is the "
+            "date in DJI_20260101101500_0001.JPG",
+            fix=_RENAME,
+        )
+    last = {number: row for row, number in enumerate(trajectory.numbers)}
+    poses = trajectory.camera_to_world[[*last.values()]]
+    return Trajectory(trajectory.path, list(last), poses)
+
+
+def _names_by_number(output: SceneOutput, trajectory: Trajectory) -> ViewNames:
+    """Return the photo of each number; the numbers where the benchmark is missing."""
+    listed = output.reading.names is not None
+    photos = output.numbered_photos() if listed else _first_numbers(output, trajectory.path)
+    if not (listed or output.reading.truths):
+        return ViewNames([f"{number:.10g}" for number in trajectory.numbers], "")
+    lost = [f"{number:.10g}" for number in trajectory.numbers if number not in photos]
+    if lost:
+        raise PredictionError(
+            f"numbers that are of no photo: {first_of(lost, len(trajectory.numbers))}",
+            where=trajectory.path,
+            expected="the first number in the name of each photo, or lines of --names: "
+            "'number name', or names alone, counted from 0",
+            fix=_RENAME,
+        )
+    return ViewNames([photos[number] for number in trajectory.numbers], "")
+
+
+def _first_numbers(output: SceneOutput, where: Path) -> dict[float, str]:
+    found: dict[float, str] = {}
+    for name in output.photos_of_scene():
+        number = re.search(_NUMBER, name.rsplit("/", 1)[-1])
+        if number is None or float(number[0]) in found:
+            what = "has no number" if number is None else "has the first number of another photo"
+            raise PredictionError(
+                f"the photo {name!r} {what}: its camera cannot be told",
+                where=where,
+                expected="another first number in the name of each photo",
+                fix=_RENAME,
+            )
+        found[float(number[0])] = name
+    return found
+
+
+def _masked_points(path: Path, memory: int) -> NDArray[Any]:
+    """Return the points (H, W, 3) of a frame, NaN where its mask is False."""
+    points, mask = read_fields(path, ("pointcloud", "mask"), memory)
+    kinds = points.dtype.kind + mask.dtype.kind
+    if points.ndim != 3 or mask.shape != points.shape[:2] or kinds != "fb":
+        has = [f"{one.dtype} of shape {one.shape}" for one in (points, mask)]
+        what = f"pointcloud is {has[0]}, mask {has[1]}"
+        raise PredictionError(what, where=path, expected="(H, W, 3), and (H, W) of bool")
+    found: NDArray[Any] = np.where(mask.view(np.uint8)[..., None] != 0, points, np.nan)
+    return found

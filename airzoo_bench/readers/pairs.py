@@ -1,0 +1,403 @@
+"""A file a pair of pictures: matches as the calls of matchers return them, saved by NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from math import exp, log
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
+from airzoo_bench.core.files import npz_fields
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.formats.arrays import Arrays, numbers
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import NpzFile, map_numbers, read_header
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels
+from airzoo_bench.readers.trajectories import first_rows, numbers_of
+
+_MOST_FILES, _HEAD = 100_000, 3
+_CENTRE = 0.5
+_NORMALISED = 1.0 + 1e-6
+_ALL_TAKEN = "all matches are taken, whatever their confidence"
+
+
+class PairFiles(Reader):
+    """Reads a file a pair of pictures, or a folder of them.
+
+    A file is called after the photo, which was then matched to its crop, or after photo and crop or
+    map in the order of the fields, as in ``q0_q0_dom_matches.npz`` or ``q0.jpg/q0_dom.tif.npz``.
+    Where `takes_image_size` is True pixels are those of resized pictures, whose sizes the file
+    states, or ``--image-size``.
+    """
+
+    track = "matching"
+    fields: ClassVar[tuple[str, str]]  # pixels (N, 2), whole numbers being centres of pixels
+    conventions: ClassVar[tuple[str, ...]]
+    suffix: ClassVar[str] = ".npz"
+
+    def knows(self, path: Path) -> bool:
+        """Say whether a file is of this layout."""
+        names = npz_fields(path)
+        return {*self.fields} <= names and not names & {"query_ids", "protocol"}
+
+    def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
+        """Return the matched pixels of both pictures at full size, corners being (0, 0)."""
+        arrays = NpzFile(path, reading.memory_bytes // 4)  # numbers may grow as doubles
+        first, second = self.pixels(arrays)
+        if len(first) != len(second):
+            one, other = self.fields
+            what = f"{one} has {len(first):,} rows, {other} {len(second):,}"
+            raise PredictionError(what, where=path)
+        sides = zip((0, 1), (first, second), pair, strict=True)
+        found = [self.enlarged(arrays, side, xy + _CENTRE, one, reading) for side, xy, one in sides]
+        return found[0], found[1]
+
+    def pixels(self, arrays: Arrays) -> Pixels:
+        """Return the matched pixels, as the file has them."""
+        one, other = self.fields
+        return pixels_of(arrays, one), pixels_of(arrays, other)
+
+    def enlarged(
+        self, arrays: Arrays, side: int, xy: Floats, picture: Picture, reading: Reading
+    ) -> Floats:
+        """Bring pixels (N, 2), corners being (0, 0), to a picture's full size."""
+        if not self.takes_image_size:
+            return xy
+        size = size_of(arrays, side, reading)
+        outside = (xy > np.add(size, 1)).any(axis=1)
+        if outside.any():
+            x, y = xy[outside][0]
+            said = f"a picture that is said to have {size[0]:.0f}x{size[1]:.0f} px"
+            what = f"a pixel at ({x:.1f}, {y:.1f}) in {said}"
+            raise PredictionError(what, where=arrays.path, expected="width before height")
+        return xy * np.divide(picture.size, size)
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`: all of the first few files are of this layout."""
+        files = list(islice(_files(path, self.suffix), _HEAD))
+        return 0.8 if files and all(self.knows(one) for one in files) else 0.0
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`."""
+        pictures = Pictures(reading, path)
+        rows, padding, left = MatchRows(path, Budget(reading.memory_bytes)), _Padding(), []
+        for one in sorted(_files(path, self.suffix)):
+            name = (one.name if one == path else one.relative_to(path).as_posix()).removesuffix(
+                self.suffix
+            )
+            try:
+                pair = _pair(name, pictures)
+                if pair is None:
+                    left.append(name)
+                    continue
+                xy = self.matches(one, pair, reading)
+                rows.add(pair, xy, name)
+                if self.takes_image_size:
+                    arrays = NpzFile(one, reading.memory_bytes)
+                    padding.add(pair, xy, [size_of(arrays, side, reading) for side in (0, 1)])
+            except PredictionError as error:
+                raise error if str(one) in str(error.where) else error.inside(one) from error
+        predictions = rows.predictions(left, pictures)
+        padding.check(path)
+        notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
+        size = reading.image_size
+        said = () if size is None else (f"pictures were {size[0]:g}x{size[1]:g} px: --image-size",)
+        return ReadPredictions(predictions, (*self.conventions, *said), notes)
+
+
+def _files(path: Path, suffix: str) -> Iterator[Path]:
+    """Yield the files of a suffix, in no order."""
+    if path.is_file() and path.suffix == suffix:
+        yield path
+    for number, one in enumerate(path.rglob(f"*{suffix}") if path.is_dir() else ()):
+        if number == _MOST_FILES:
+            raise UnreadableError(f"more than {_MOST_FILES:,} files", where=path)
+        if one.is_file():
+            yield one
+
+
+def _pair(name: str, pictures: Pictures) -> Pair | None:
+    """Find the photo and the part of the map in the name of a file, in its order."""
+    stem = name.removesuffix("_matches")
+    folder, _, last = stem.rpartition("/")
+    above, slash, _ = folder.rpartition("/")
+    found = pictures.pair(folder, above + slash + last)
+    if found is not None:
+        return found
+    cuts = [at for at, letter in enumerate(stem) if letter == "_" and at >= len(folder)]
+    home = folder and f"{folder}/"
+    halves = [(stem[:at], stem[at + 1 :]) for at in cuts]
+    halves += [(one, other.removeprefix("_")) for one, other in halves]  # as in A__B
+    different = {pictures.pair(one, home + other) for one, other in halves} - {None}
+    if len(different) == 1:
+        return different.pop()
+    alone = pictures.find(stem)
+    return None if alone is None or alone.query is None else (alone, pictures.crop_of(alone))
+
+
+def check_there(arrays: Arrays, *names: str) -> None:
+    """Refuse a file that lacks a field: the first few were looked at alone."""
+    lacking = [name for name in names if name not in arrays.names()]
+    if lacking:
+        raise PredictionError(f"lacks the field {lacking[0]!r}", where=arrays.path)
+
+
+def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
+    """Read a field of pixels, whole or not, in double precision."""
+    check_there(arrays, name)
+    pixels = numbers(arrays, name, (None, columns)).astype(np.float64)
+    if not np.isfinite(pixels).all():
+        raise PredictionError(f"field {name!r} has pixels that are not finite", where=arrays.path)
+    return pixels
+
+
+def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
+    """Return the width and height of what the model was given, as the file or the user says."""
+    name, turned = f"image_size{side}", f"hw{side}_i"
+    stated = next((one for one in (name, turned) if one in arrays.names()), None)
+    if stated is None and reading.image_size is not None:
+        return reading.image_size
+    if stated is None:
+        raise PredictionError(
+            "does not say to which size of the pictures its pixels belong",
+            where=arrays.path,
+            expected="image_size0 and image_size1, width and height of what the model was given",
+            fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]"
+            ", or give --image-size WxH",
+        )
+    if reading.image_size is not None:
+        what = "states to which size of the pictures its pixels belong, and so does --image-size"
+        raise PredictionError(what, where=arrays.path, fix="leave --image-size out")
+    values: Any = arrays.read(stated)
+    if values.dtype.kind not in "iu" or values.size != 2 or values.min() < 1:
+        what = f"field {stated!r} is {values.reshape(-1)[:4].tolist()}"
+        raise PredictionError(what, where=arrays.path, expected="width and height, in pixels")
+    first, second = map(float, values.reshape(-1))
+    return (first, second) if stated == name else (second, first)
+
+
+_PADDED_SHARE = 0.9  # of a side, from which on rounding to multiples of 32 may be all there is
+_LEAST_PADDED, _LEAST_MATCHES = 10, 500
+
+
+class _Padding:
+    """Holds the sizes that files state against the shapes of the pictures."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, list[tuple[int, bool]]] = {}
+
+    def add(self, pair: Pair, xy: Pixels, sizes: Sequence[tuple[float, float]]) -> None:
+        """Take a file: its pictures, pixels of their full sizes, and the sizes that it states."""
+        for picture, pixels, size in zip(pair, xy, sizes, strict=True):
+            wider = log(size[0] / size[1]) - log(picture.size[0] / picture.size[1])
+            share, axis = exp(-abs(wider)), 0 if wider > 0 else 1
+            if share <= _PADDED_SHARE and len(pixels):
+                # Where a picture of its own shape would end, and two pixels.
+                end = (share + 2.0 / size[axis]) * picture.size[axis]
+                kind = "crop" if picture.query is None else "photo"
+                seen = self._seen.setdefault(kind, [])
+                seen.append((len(pixels), bool(pixels[:, axis].max() > end)))
+
+    def check(self, path: Path) -> None:
+        """Refuse pictures that look padded."""
+        for kind, seen in self._seen.items():
+            few = len(seen) < _LEAST_PADDED or sum(count for count, _ in seen) < _LEAST_MATCHES
+            if few or any(beyond for _, beyond in seen):
+                continue
+            raise PredictionError(
+                f"the sizes that {counted(len(seen), 'file')} state have another shape than the "
+                f"{kind}, which fills a part of them alone: the pictures look padded",
+                where=path,
+                expected="the sizes of the pictures without padding",
+                fix="take those before the padding, [w_new, h_new] of LoFTR's datasets",
+            )
+
+
+# --- methods ---
+
+
+class _Resized(PairFiles):
+    takes_image_size = True
+    conventions = (
+        "pixels are those of the resized pictures, whose sizes the file states, and whole numbers "
+        "at the centres of pixels: 0.5 was added, and each axis scaled by itself",
+        _ALL_TAKEN,
+    )
+
+
+class _Loftr(_Resized):
+    title = "matches of LoFTR"
+    layout = "npz a pair: mkpts0_f, mkpts1_f, mconf; image_size0, image_size1"
+    methods = ("LoFTR", "EfficientLoFTR", "GIM")
+    fields = ("mkpts0_f", "mkpts1_f")
+
+
+class _SuperGlue(_Resized):
+    title = "matches of SuperGlue"
+    layout = "npz a pair: keypoints0, keypoints1, matches, match_confidence; image_size0 and 1"
+    methods = ("SuperGlue", "LightGlue")
+    fields = ("keypoints0", "keypoints1")
+
+    def knows(self, path: Path) -> bool:
+        return super().knows(path) and "matches" in npz_fields(path)
+
+    def pixels(self, arrays: Arrays) -> Pixels:
+        first, second = super().pixels(arrays)
+        check_there(arrays, "matches")
+        matches = arrays.read("matches")
+        fits = matches.dtype.kind == "i" and matches.shape == (len(first),)
+        if not fits or ((matches < -1) | (matches >= len(second))).any():
+            what = "field 'matches' does not count the keypoints that are there"
+            expected = f"whole numbers of shape ({len(first)},): -1, or 0 to {len(second) - 1}"
+            raise PredictionError(what, where=arrays.path, expected=expected)
+        found = np.flatnonzero(matches >= 0)
+        return first[found], second[matches[found]]
+
+
+class _Roma(PairFiles):
+    title = "matches of RoMa"
+    layout = "npz a pair: matches (N, 4), certainty"
+    methods = ("RoMa", "RoMa (GIM)", "RoMa (Ours)", "DKM")
+    fields = ("matches", "matches")
+    conventions = (
+        "matches are normalised from -1 to 1, edge to edge, or pixels of the full size whose "
+        "corner is (0, 0), as to_pixel_coordinates makes them",
+        _ALL_TAKEN,
+    )
+
+    def knows(self, path: Path) -> bool:
+        return super().knows(path) and not npz_fields(path) & {*_SuperGlue.fields}
+
+    def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
+        values = pixels_of(NpzFile(path, reading.memory_bytes // 4), "matches", 4)
+        beyond = int((np.abs(values) > _NORMALISED).any(axis=1).sum())
+        if beyond > 0.5 * len(values):  # pixels of a picture are hardly ever in its first
+            return values[:, :2], values[:, 2:]
+        if beyond:
+            raise PredictionError(
+                f"{counted(beyond, 'match')} of {len(values):,} beyond -1 to 1, up to "
+                f"{np.abs(values).max():.4g}: normalised or not?",
+                where=path,
+                expected="matches from -1 to 1, as RoMa cuts them off, or all in pixels",
+                fix="leave out what lies beyond -1 to 1, or save pixels (to_pixel_coordinates)",
+            )
+        first, second = pair
+        return (values[:, :2] + 1) / 2 * first.size, (values[:, 2:] + 1) / 2 * second.size
+
+
+class _Dust3r(PairFiles):
+    title = "matches of DUSt3R or MASt3R"
+    layout = "npz a pair: matches_im0, matches_im1, size"
+    methods = ("DUSt3R", "MASt3R")
+    fields = ("matches_im0", "matches_im1")
+    conventions = (
+        "pixels are those of dust3r.utils.image.load_images at the size that the file states, "
+        "whole numbers at the centres of pixels: 0.5 was added, and cropping and resizing undone",
+        _ALL_TAKEN,
+    )
+
+    def enlarged(
+        self, arrays: Arrays, side: int, xy: Floats, picture: Picture, reading: Reading
+    ) -> Floats:
+        """Undo what `dust3r.utils.image.load_images` does with ``square_ok=False``."""
+        value = arrays.read("size") if "size" in arrays.names() else np.zeros(0)
+        if value.size != 1 or value.dtype.kind not in "iu" or value.min() < 16:
+            what = "does not say at which size the pictures were loaded"
+            fix = "add to np.savez: size=512, as load_images(..., size=512) was called"
+            raise PredictionError(what, where=arrays.path, fix=fix)
+        size = int(value.reshape(-1)[0])
+        wide, high = picture.size
+        longest = round(size * max(wide / high, high / wide)) if size == 224 else size
+        resized = [round(one * longest / max(wide, high)) for one in (wide, high)]
+        centre = [one // 2 for one in resized]
+        half = [float(2 * one // 16 * 8) for one in centre]
+        if size == 224:
+            half = [float(min(centre))] * 2
+        elif resized[0] == resized[1]:
+            half[1] = 3 * half[0] / 4
+        if (xy > np.multiply(2, half) + 1).any():
+            x, y = xy.max(axis=0)
+            made = f"{2 * half[0]:.0f}x{2 * half[1]:.0f} px of {wide}x{high} at size={size}"
+            what = f"pixels up to ({x:.1f}, {y:.1f}), and load_images makes {made}"
+            expected = "the size that load_images had, with square_ok=False, patch_size=16"
+            raise PredictionError(what, where=arrays.path, expected=expected)
+        found: Floats = (xy + np.subtract(centre, half)) * np.divide(picture.size, resized)
+        return found
+
+
+class _Mast3rVisloc(PairFiles):
+    title = "matches that MASt3R's visloc.py keeps"
+    layout = "npz QUERY/MAP.npz: valid_pts3d, matches_im_query, matches_im_map, matches_conf"
+    methods = ("MASt3R",)
+    fields = ("matches_im_query", "matches_im_map")
+    conventions = (
+        "pixels are those of the full size, whole numbers at the centres of pixels: 0.5 was added",
+        "the map's pixels are lifted by the benchmark's surface model, not by valid_pts3d",
+        _ALL_TAKEN,
+    )
+
+    def pixels(self, arrays: Arrays) -> Pixels:
+        check_there(arrays, *self.fields)
+        if all(arrays.read(name).size == 0 for name in self.fields):  # saved as an empty list
+            return np.zeros((0, 2)), np.zeros((0, 2))
+        return super().pixels(arrays)
+
+
+class _AerialExtreMatch(PairFiles):
+    title = "matches of AerialExtreMatch's benchmark"
+    layout = "npy a pair: x y of the photo, x y of the map, (N, 4)"
+    methods = ("AerialExtreMatch",)
+    suffix = ".npy"
+    conventions = (
+        "pixels are taken as they stand, those of the full size whose corner is (0, 0): RoMa's are "
+        "such, those of LoFTR and its kin may be off by up to half a pixel of what the model saw",
+    )
+
+    def knows(self, path: Path) -> bool:
+        try:
+            with path.open("rb") as stream:
+                shape, _, dtype = read_header(stream)
+        except (OSError, ValueError):
+            return False
+        return dtype.kind == "f" and len(shape) == 2 and shape[1] == 4
+
+    def recognise(self, path: Path) -> float:
+        return 0.8 * _has_errors(path) or super().recognise(path)
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        if _has_errors(path):
+            raise UnreadableError(
+                "holds errors in metres and degrees, a line a photo, and no poses: they were "
+                "measured against its own truth, and photos with fewer than 5 matches are left out",
+                where=path,
+                expected="the matches, or poses as lines of name qw qx qy qz tx ty tz",
+                fix="in run_localization.py save what the matcher returns: "
+                "np.save(f'{name}.npy', matches)",
+            )
+        return super().read(path, reading)
+
+    def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
+        mapped = map_numbers(path)
+        if mapped.ndim != 2 or mapped.shape[1] != 4:
+            what = f"an array of shape {mapped.shape}"
+            raise UnreadableError(what, where=path, expected="(N, 4): x y and x y")
+        Budget(reading.memory_bytes).hold(path, "its matches", mapped.size * 8)
+        values = np.array(mapped, dtype=np.float64)
+        return values[:, :2], values[:, 2:]
+
+
+def _has_errors(path: Path) -> bool:
+    """Say whether a text begins with a line of name, metres, degrees."""
+    rows = first_rows(path)[:1]
+    named = bool(rows) and len(rows[0]) == 3 and numbers_of(rows, 0) is None
+    return named and numbers_of(rows, 1) is not None
+
+
+LOFTR, SUPERGLUE, ROMA = _Loftr(), _SuperGlue(), _Roma()
+DUST3R_MATCHES, MAST3R_VISLOC, AERIALEXTREMATCH = _Dust3r(), _Mast3rVisloc(), _AerialExtreMatch()
+"""Registered in `core.registry` under their names."""

@@ -1,0 +1,236 @@
+"""Poses that a method computed itself, by the names of photos or in the order of a list."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
+from airzoo_bench.evaluation.queries import QueryPredictions
+from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import change_of_plane
+from airzoo_bench.geometry.rasters import open_info, pixel_to_world
+from airzoo_bench.matching.predictions import GivenPoses, given_poses
+from airzoo_bench.readers.models import images_file, read_images
+from airzoo_bench.readers.names import query_names, read_names, truths_of
+from airzoo_bench.readers.trajectories import (
+    KITTI,
+    TUM,
+    first_rows,
+    numbers_of,
+    read_rows,
+    trajectory_columns,
+    unit_share,
+)
+
+_FAR_M = 50_000.0  # no photo of a map is taken so far from its middle
+_BY_TRACK = 0.4  # other tracks have such files, too: it must be known that matching is meant
+
+
+@dataclass(frozen=True, eq=False)
+class NamedPoses:
+    """Poses of N images, world-to-camera; a row that is not finite is none.
+
+    `rotation` has quaternions w x y z (N, 4) or matrices (N, 3, 3), `place` translations or, if
+    `centred`, centres (N, 3).
+    """
+
+    names: Sequence[str]
+    rotation: Floats
+    place: Floats
+    centred: bool = False
+
+
+class PoseReader(Reader):
+    """Reads poses by the names of photos, in the CRS of the scene.
+
+    `conventions` say what is taken to be so.
+    """
+
+    track = "matching"
+    conventions: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def poses(self, path: Path, reading: Reading) -> NamedPoses:
+        """Read the poses."""
+
+    def notes(self, found: GivenPoses) -> tuple[str, ...]:
+        """Return what must be known of the poses; refuse those of another world."""
+        return ()
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`."""
+        given = self.poses(path, reading)
+        ids = query_names(reading, path).find_all(given.names, path)
+        kept = np.array([row for row, one in enumerate(ids) if one is not None], dtype=np.int64)
+        rotation, place = given.rotation[kept], given.place[kept]
+        flat = np.column_stack([rotation.reshape(len(kept), -1), place])
+        there = np.isfinite(flat).all(axis=1)
+        rotation[~there], place[~there] = np.nan, np.nan
+        names = [given.names[row] for row in kept]
+        content = given_poses(path, names, rotation, place, centred=given.centred)
+        self.check_world(content, reading, path)
+        query_ids = np.array([ids[row] for row in kept], dtype=str)
+        predictions = QueryPredictions(path, None, query_ids, content)
+        strange = len(ids) - len(kept)
+        left = (f"{counted(strange, 'pose')} of photos that are no queries left out",)
+        return ReadPredictions(
+            predictions, self.conventions, (*left * (strange > 0), *self.notes(content))
+        )
+
+    def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
+        """Refuse cameras that all stand far from every map."""
+        centres = content.poses.centres[content.found]
+        scenes = [scene for scene in truths_of(reading, path) if scene.scene_map is not None]
+        if not len(centres) or not scenes:
+            return
+        middle = np.median(centres[:, :2], axis=0)
+        offsets = [(middle - _map_centre(scene.scene_map), scene.scene) for scene in scenes]
+        offset, nearest = min(offsets, key=lambda one: float(np.hypot(*one[0])))
+        if float(np.hypot(*offset)) > _FAR_M:
+            raise PredictionError(
+                f"its cameras stand around ({middle[0]:.1f}, {middle[1]:.1f}), off the map of "
+                f"{nearest} by ({offset[0]:.1f}, {offset[1]:.1f}) m",
+                where=path,
+                expected="poses in the scene's CRS, in metres",
+                fix="add the offset that was taken off, or align the model (colmap model_aligner)",
+            )
+
+
+def _map_centre(reference: Any) -> Floats:
+    """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
+    dom = reference.dom
+    middle = pixel_to_world(dom.transform, np.array([[dom.width / 2, dom.height / 2]]))
+    found: Floats = change_of_plane(dom.crs, open_info(reference.dsm).crs)(middle)[0]
+    return found
+
+
+class _HlocPoses(PoseReader):
+    """The results of hloc's localisation, and of LTVL, whose names are no ids of the benchmark."""
+
+    title = "poses of hloc"
+    layout = "text, a line a photo: its name without a scene, qw qx qy qz, tx ty tz"
+    methods = ("hloc", "MASt3R", "DUSt3R")
+    conventions = (
+        "poses are world-to-camera, quaternions w x y z, OpenCV axes, in the scene's CRS",
+        "the identity stands for a pose that was not found",
+    )
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`; names with a scene are those of the suite's own pose lists."""
+        rows = first_rows(path)
+        values = numbers_of(rows, 1) if {len(row) for row in rows} == {TUM} else None
+        if values is None or unit_share(values[:, :4]) < SURE:
+            return 0.0
+        if unit_share(values[:, 3:]) >= SURE and numbers_of(rows, 0) is not None:
+            return 0.0  # a time stamp and an odd place
+        return 0.2 if any("/" in row[0] for row in rows) else 0.8
+
+    def poses(self, path: Path, reading: Reading) -> NamedPoses:
+        names, values = read_rows(path, 7, named=True, memory=reading.memory_bytes)
+        values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
+        return NamedPoses(names, values[:, :4], values[:, 4:])
+
+    def notes(self, found: GivenPoses) -> tuple[str, ...]:
+        failed = int((~found.found).sum())
+        if failed:
+            return (f"{counted(failed, 'photo')} at the identity or NaN count as not found",)
+        return (
+            "hloc writes the pose of the best retrieved image, unmarked, where it found none: such "
+            "poses are scored as they stand",
+        )
+
+    def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
+        """Accept any world: all photos may have failed."""
+
+
+class _Trajectory(PoseReader):
+    """A trajectory of TUM's layout; poses are in the order of ``--names``."""
+
+    title = "a trajectory in the layout of TUM"
+    layout = "text, rows of 8 numbers: time stamp, tx ty tz, qx qy qz qw"
+    methods = ("SLAM systems", "evo")
+    takes_names = True
+    columns: ClassVar[int] = TUM
+    conventions = (
+        "a row is time stamp, tx ty tz, qx qy qz qw, camera-to-world, OpenCV axes, in the scene's "
+        "CRS",
+        "rows are in the order of --names",
+    )
+
+    def recognise(self, path: Path) -> float:
+        return _BY_TRACK * (trajectory_columns(path) == self.columns)
+
+    def poses(self, path: Path, reading: Reading) -> NamedPoses:
+        _, values = read_rows(path, self.columns, named=False, memory=reading.memory_bytes)
+        names = _listed(reading.names, len(values), path)
+        return NamedPoses(names, *self.split(values), centred=True)
+
+    def split(self, values: Floats) -> tuple[Floats, Floats]:
+        """Return world-to-camera rotations, as quaternions or matrices, and centres."""
+        x, y, z, w = values[:, 4:].T
+        return np.stack([w, -x, -y, -z], axis=1), values[:, 1:4]
+
+
+class _Kitti(_Trajectory):
+    title = "a trajectory in the layout of KITTI"
+    layout = "text, rows of 12 numbers: a 3 x 4 matrix row by row"
+    methods = ("visual odometry", "evo")
+    columns = KITTI
+    conventions = (
+        "a row is the 3 x 4 matrix [R | C] row by row, camera-to-world, OpenCV axes, in the "
+        "scene's CRS",
+        "rows are in the order of --names",
+    )
+
+    def split(self, values: Floats) -> tuple[Floats, Floats]:
+        matrices = values.reshape(-1, 3, 4)
+        return matrices[:, :, :3].swapaxes(1, 2), matrices[:, :, 3]
+
+
+def _listed(path: Path | None, count: int, where: Path) -> list[str]:
+    names = [] if path is None else read_names(path)
+    if len(names) != count:
+        what = f"{counted(count, 'pose')}, and {counted(len(names), 'name')} in {path}"
+        if path is None:
+            what = f"{counted(count, 'pose')} without the names of their photos"
+        expected = "--names LIST, a text with the photo of each row, in their order"
+        raise PredictionError(what, where=where, expected=expected)
+    return names
+
+
+class _Colmap(PoseReader):
+    """Queries registered in a COLMAP model: the poses of its images, and nothing else of it."""
+
+    title = "photos registered in a COLMAP model"
+    layout = "a folder with cameras and images, .bin or .txt, whose world is the scene's CRS"
+    methods = ("COLMAP", "hloc", "pycolmap")
+    conventions = (
+        "poses are world-to-camera, quaternions w x y z, in the scene's CRS",
+        "cameras of the model are not read: those of the benchmark count",
+    )
+
+    def _file(self, path: Path) -> Path | None:
+        files = (images_file(path / below) for below in (".", "sparse/0", "sparse"))
+        return next((one for one in files if one is not None), None)
+
+    def recognise(self, path: Path) -> float:
+        return _BY_TRACK * (self._file(path) is not None)
+
+    def poses(self, path: Path, reading: Reading) -> NamedPoses:
+        file = self._file(path)
+        if file is None:
+            raise UnreadableError("no COLMAP model", where=path, expected="images.bin or .txt")
+        names, values = read_images(file, Budget(reading.memory_bytes))
+        return NamedPoses(names, values[:, :4], values[:, 4:])
+
+
+HLOC_POSES, TUM_POSES, KITTI_POSES, COLMAP_POSES = _HlocPoses(), _Trajectory(), _Kitti(), _Colmap()
+"""Registered in `core.registry` as hloc-poses, tum, kitti and colmap-poses."""

@@ -1,0 +1,171 @@
+"""Lists of ranked tiles: what methods that have no descriptors write, such as runs of TREC."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.files import first_bytes
+from airzoo_bench.evaluation.queries import QueryPredictions
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.readers.descriptors import SceneImages, aside
+from airzoo_bench.readers.names import ImageNames
+from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
+
+_COPIES_OF_TEXT = 5  # the ids, and what a run makes while it splits, sorts and compares them
+
+
+@dataclass(frozen=True)
+class RankedTiles:
+    """Lists of one file: of each query, by name, numbers of `tiles` and similarities."""
+
+    tiles: dict[str, int] = field(default_factory=dict)
+    numbers: dict[str, array[int]] = field(default_factory=dict)
+    scores: dict[str, array[float]] = field(default_factory=dict)
+
+    def add(self, query: str, tile: str, score: float) -> None:
+        """Take a tile of a query, in any order: the largest score is the first rank."""
+        number = self.tiles.setdefault(tile, len(self.tiles))
+        self.numbers.setdefault(query, array("l")).append(number)
+        self.scores.setdefault(query, array("d")).append(score)
+
+
+class RankedLists(Reader):
+    """Reads the tiles of each query with a score, which are ranked by it."""
+
+    track = "retrieval"
+    conventions: ClassVar[tuple[str, ...]] = ("the largest score is the first rank",)
+
+    @abstractmethod
+    def ranked(self, path: Path, budget: Budget) -> RankedTiles:
+        """Read names of queries and tiles, with scores."""
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """See `Reader.read`."""
+        images = SceneImages(reading, path, str(path))
+        asked_of, tiles_of = images.queries, images.tiles
+        budget = Budget(reading.memory_bytes)
+        given = self.ranked(path, budget)
+        asked = asked_of.find_all(list(given.numbers), path)
+        tiles = tile_ids(tiles_of, list(given.tiles), path)
+        lists, scores = {}, {}
+        for query, numbers, own in zip(
+            asked, given.numbers.values(), given.scores.values(), strict=True
+        ):
+            if query is not None:
+                order = np.argsort(-np.array(own), kind="stable").tolist()
+                lists[query] = [tiles[numbers[place]] for place in order]
+                scores[query] = [own[place] for place in order]
+        predictions = ranked_lists(path, lists, scores, budget)
+        return ReadPredictions(predictions, self.conventions, aside(len(asked) - len(lists)))
+
+
+def tile_ids(known: ImageNames, names: Sequence[str], path: Path) -> list[str]:
+    """Return the ids of tiles; refuse what is none."""
+    found = known.find_all(names, path)
+    strange = [name for name, one in zip(names, found, strict=True) if one is None]
+    if strange:
+        what = f"ranks what is no tile: {first_of([repr(name[:200]) for name in strange])}"
+        fix = "rank the tiles of the benchmark's gallery alone, and run the method again"
+        raise PredictionError(what, where=path, fix=fix)
+    return [str(one) for one in found]
+
+
+def ranked_lists(
+    path: Path,
+    lists: Mapping[str, Sequence[str]],
+    scores: Mapping[str, Sequence[float]] | None,
+    budget: Budget,
+) -> RetrievalPredictions:
+    """Make predictions of ranked ids, best first, of any lengths."""
+    if not lists:
+        raise PredictionError("ranks no tile", where=path, expected="a list for each query")
+    depth = max(map(len, lists.values()))
+    letters = max((len(one) for ids in lists.values() for one in set(ids)), default=1)
+    size = len(lists) * depth * (4 * letters * _COPIES_OF_TEXT + 8)
+    budget.hold(path, f"lists of {depth:,} tiles", size, "rank fewer tiles for each query")
+    ids = np.full((len(lists), depth), "", f"<U{letters}")
+    given = None if scores is None else np.zeros(ids.shape)
+    for row, query in enumerate(lists):
+        ids[row, : len(lists[query])] = lists[query]
+        if given is not None and scores is not None:
+            given[row, : len(lists[query])] = scores[query]
+    return QueryPredictions(path, None, np.array(list(lists), dtype=str), RankedIds(ids, given))
+
+
+_LONGEST_LINE = 1 << 12
+_LINES_COUNTED = 1024
+_BYTES_OF_LINE, _BYTES_OF_NAME = 48, 400  # of memory
+
+
+class _Trec(RankedLists):
+    """Runs as TREC has them: a line a ranked tile, ``query Q0 tile rank score tag``."""
+
+    title = "a TREC run"
+    layout = "text of six columns: query, Q0, tile, rank, score, tag"
+    methods = ("trec_eval", "ranx", "ir_measures", "Pyserini")
+    conventions = (
+        "tiles are ranked by score, as trec_eval does; ranks in the file decide nothing",
+    )
+
+    def recognise(self, path: Path) -> float:
+        lines = first_bytes(path, 1 << 14).decode("utf-8", "replace").split("\n")[:20]
+        whole = [line.split() for line in lines[: max(1, len(lines) - 1)] if line.strip()]
+        if not whole or any(_parsed(fields) is None for fields in whole):
+            return 0.0
+        return 0.95 if all(fields[1] == "Q0" for fields in whole) else 0.6
+
+    def ranked(self, path: Path, budget: Budget) -> RankedTiles:
+        run = RankedTiles()
+        ranks: dict[str, array[int]] = {}
+        with path.open("rb") as stream:
+            for number, line in enumerate(iter(lambda: stream.readline(_LONGEST_LINE), b""), 1):
+                fields = line.decode("utf-8", "replace").split()
+                parsed = _parsed(fields)
+                if fields and (parsed is None or len(line) == _LONGEST_LINE):
+                    where = f"{path}, line {number:,}"
+                    raise PredictionError("is no line of a run", where=where, expected=self.layout)
+                if parsed is None:
+                    continue
+                if number % _LINES_COUNTED == 1:
+                    held = (number + _LINES_COUNTED) * _BYTES_OF_LINE
+                    budget.hold(path, "its lines", held + len(run.tiles) * _BYTES_OF_NAME)
+                run.add(fields[0], fields[2], parsed[1])
+                ranks.setdefault(fields[0], array("q")).append(parsed[0])
+        rising = [query for query in ranks if _rises(ranks[query], run.scores[query])]
+        if rising:
+            what = f"scores rise with the rank for {first_of(map(repr, rising), len(ranks))}"
+            raise PredictionError(what, where=path, fix="write distances with a minus sign")
+        return run
+
+
+def _rises(ranks: Sequence[int], scores: Sequence[float]) -> bool:
+    """Whether scores rise with the rank, as distances do."""
+    if len(set(ranks)) < len(ranks):
+        return False
+    order = sorted(range(len(ranks)), key=lambda place: ranks[place])
+    return any(scores[after] > scores[before] for before, after in pairwise(order))
+
+
+def _parsed(fields: list[str]) -> tuple[int, float] | None:
+    """Return rank and score of a line; None where it is none of a run."""
+    if len(fields) != 6 or not fields[3].lstrip("-").isdecimal() or len(fields[3]) > 18:
+        return None
+    try:
+        rank, score = int(fields[3]), float(fields[4])
+    except ValueError:
+        return None
+    return (rank, score) if math.isfinite(score) else None
+
+
+TREC = _Trec()

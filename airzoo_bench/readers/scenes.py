@@ -1,0 +1,269 @@
+"""Readers of reconstructions: where the outputs of scenes lie, and of which photos views are.
+
+A path is one scene's output, where the protocol has one scene or the path is named by its scene;
+or a folder with such an output a scene, ``PATH/<scene>/...``. A reader is a class that names the
+layouts that an output may have.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.ids import IMAGE_SUFFIXES
+from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.readers.names import ImageNames, names_in, read_names
+from airzoo_bench.reconstruction.predictions import NativeScenes, ScenePrediction
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
+
+_LOOKED_AT = 256
+_IN_ORDER = "list the photos in the order in which the method was given them, a line each"
+
+
+@dataclass(frozen=True)
+class SceneOutput:
+    """One scene's output: a file or a folder, `alone` where the path has no other."""
+
+    place: Path
+    scene: str
+    reading: Reading
+    alone: bool = True
+
+    def view_names(self, beside: Path | None = None) -> ViewNames | None:
+        """Name the views by ``--names``, else by the sorted images in a folder beside them."""
+        if self.reading.names is not None:
+            listed = self._of_scene(read_names(self.reading.names))
+            return ViewNames(self.photos(listed), f"in {self.reading.names}")
+        found = sorted_images(beside)
+        return ViewNames(self.photos(found), f"of images in {beside}") if found else None
+
+    def order(self, beside: Path | None = None) -> str:
+        """Say how views are named, for a reader's conventions."""
+        if self.reading.names is not None:
+            return f"views named by {self.reading.names.name}, in its order"
+        if beside is not None and sorted_images(beside):
+            return f"views named by the images in {beside.name}/, sorted by name"
+        return "views are the scene's photos in the order of their names, which poses must fit"
+
+    def numbered_photos(self) -> dict[float, str]:
+        """Return the photos that ``--names`` lists by number: ``number name``, or lines from 0."""
+        listed = read_names(self.reading.names or self.place)
+        lines = [re.fullmatch(r"(\d+(?:\.\d+)?)\s+(.+)", line) for line in listed]
+        numbers = {line[2]: float(line[1]) for line in lines if line is not None}
+        if len(numbers) < len(lines):
+            return dict(enumerate(self.photos(self._of_scene(listed))))
+        names = self._of_scene(list(numbers))
+        found = dict(zip((numbers[name] for name in names), self.photos(names), strict=True))
+        if len(found) < len(names):
+            what = f"gives {counted(len(names), 'photo')} {len(found):,} numbers"
+            expected = "another number for each photo of a scene"
+            raise PredictionError(what, where=self.reading.names, expected=expected)
+        return found
+
+    def photos(self, names: Sequence[str]) -> list[str]:
+        """Return the benchmark's names of the photos that names mean; others stay as they are."""
+        truths = [one for one in self.reading.truths if one.scene == self.scene]
+        if not truths:
+            return list(names)
+        images = dict(names_in([truths[0].photos]))
+        found = _photo_names(truths, self.reading).find_all(names, self.place)
+        return [images.get(str(one), name) for name, one in zip(names, found, strict=True)]
+
+    def photos_of_scene(self) -> list[str]:
+        """Return the benchmark's names of the scene's photos; none where it is missing."""
+        truths = (one for one in self.reading.truths if one.scene == self.scene)
+        return [image for truth in truths for image in truth.photos["image"].tolist()]
+
+    def _of_scene(self, names: list[str]) -> list[str]:
+        """Return the listed names that are of this scene."""
+        if self.alone:
+            return names
+        where = self.reading.names or self.place
+        found = _photo_names(self.reading.truths, self.reading).find_all(names, where)
+        lost = [repr(name) for name, one in zip(names, found, strict=True) if one is None]
+        if lost:
+            raise PredictionError(
+                f"names that are of no photo, so that their scene is not known: {first_of(lost)}",
+                where=where,
+                expected="the photos of all scenes, such as school/DJI_0001.JPG, a line each",
+                fix=_IN_ORDER,
+            )
+        scenes = (str(one).split("/", 1)[0] for one in found)
+        return [name for name, scene in zip(names, scenes, strict=True) if scene == self.scene]
+
+
+def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> ImageNames:
+    photos = names_in(truth.photos for truth in truths)
+    left_out = names_in(truth.excluded for truth in truths)
+    return ImageNames.of("photo", photos, left_out=left_out, scenes=reading.scenes)
+
+
+def sorted_images(folder: Path | None) -> list[str]:
+    """Return the names of the images in a folder, sorted; none where there is no such folder."""
+    files = folder.iterdir() if folder is not None and folder.is_dir() else ()
+    names = (one.name for one in files if not one.name.startswith("."))
+    return sorted(name for name in names if name.lower().endswith(IMAGE_SUFFIXES))
+
+
+@dataclass(frozen=True)
+class ViewNames:
+    """Photos of a scene's views in their order, as the benchmark names them, and their source."""
+
+    names: list[str]
+    source: str
+
+    def check(self, path: Path, count: int) -> None:
+        """Refuse names of another number than the views."""
+        if len(self.names) != count:
+            raise PredictionError(
+                f"holds {counted(count, 'view')}, and there are {len(self.names):,} names "
+                f"{self.source}",
+                where=path,
+                expected="the name of each view",
+                fix=f"{_IN_ORDER}, and give the list with --names",
+            )
+
+
+class Layout(ABC):
+    """What the output of a scene may look like; `said` are conventions, see `ReadPredictions`."""
+
+    said: tuple[str, ...] = ()
+
+    @abstractmethod
+    def sure(self, place: Path) -> float:
+        """Say how sure it is that a file or folder is one scene's output, 0 to 1."""
+
+    def accepts(self, place: Path) -> bool:
+        """Say whether a place is read once its reader is chosen."""
+        return self.sure(place) > 0.0
+
+    def order(self, output: SceneOutput) -> str:
+        """Say which photo each view is of, for a reader's conventions."""
+        return output.order()
+
+    @abstractmethod
+    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+        """Read the output of one scene."""
+
+
+@dataclass(frozen=True)
+class Refused(Layout):
+    """What a method writes and nothing can be scored from; the fix says what can."""
+
+    knows: Callable[[Path], bool]
+    what: str
+    expected: str
+    fix: str  # PLACE in it is the path
+
+    def sure(self, place: Path) -> float:
+        """See `Layout.sure`."""
+        return 0.9 * self.knows(place)
+
+    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+        """See `Layout.read`; it refuses."""
+        fix = self.fix.replace("PLACE", str(output.place))
+        raise PredictionError(self.what, where=output.place, expected=self.expected, fix=fix)
+
+
+class SceneReader(Reader):
+    """Reads what a method writes of a scene: the output of one scene, or a folder of them."""
+
+    track = "reconstruction"
+    takes_names = True
+    layouts: ClassVar[tuple[Layout, ...]]
+
+    def sure(self, place: Path) -> float:
+        """Say how sure it is that a file or folder is one scene's output."""
+        return max(layout.sure(place) for layout in self.layouts)
+
+    def sure_within(self, place: Path) -> float:
+        """Do the same for what lies in a folder of scenes' outputs."""
+        return self.sure(place)
+
+    def recognise(self, path: Path) -> float:
+        """See `Reader.recognise`."""
+        try:
+            found = self.sure(path)
+            if found or not path.is_dir():
+                return found
+            return max(map(self.sure_within, _children(path)[:_LOOKED_AT]), default=0.0)
+        except OSError:  # a folder that may not be listed is nobody's
+            return 0.0
+
+    def layout_of(self, place: Path) -> Layout | None:
+        """Return the layout that a place has."""
+        return next((layout for layout in self.layouts if layout.accepts(place)), None)
+
+    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+        """List the scenes; each is read when it is scored."""
+        whole = self.layout_of(path)
+        if isinstance(whole, Refused):
+            whole.read(SceneOutput(path, "", reading), 0)
+        outputs, others = find_outputs(path, reading, lambda one: self.layout_of(one) is not None)
+
+        def read_scene(place: Path, memory: int) -> ScenePrediction:
+            layout = self.layout_of(place)
+            if layout is None:
+                raise PredictionError("is no output of a scene any more", where=place)
+            return layout.read(outputs[place], memory)
+
+        places = {output.scene: place for place, output in outputs.items()}
+        predictions = NativeScenes(path, places, read_scene, others)
+        layouts = ((self.layout_of(place), output) for place, output in outputs.items())
+        said = ((*one.said, one.order(output)) for one, output in layouts if one and one.said)
+        return ReadPredictions(predictions, next(said, ()))
+
+
+def find_outputs(
+    path: Path, reading: Reading, is_output: Callable[[Path], bool]
+) -> tuple[dict[Path, SceneOutput], tuple[str, ...]]:
+    """Find each scene's output by its place, and what is none; refuse none, and two of a scene."""
+    known = [scene.id for scene in reading.protocol.scenes]
+    if is_output(path):
+        return {path: SceneOutput(path, _only_scene(path, known), reading)}, ()
+    children = _children(path) if path.is_dir() else []
+    found = [child for child in children if is_output(child)]
+    if not found:
+        raise PredictionError(
+            "holds no scene's output that this reader reads",
+            where=path,
+            expected=f"a folder a scene, such as {path.name}/{known[0]}/, as the method wrote it",
+            fix="`airzoo-bench readers` says what each reader recognises",
+        )
+    by_scene: dict[str, Path] = {}
+    for child in found:
+        scene = _scene_name(child)
+        other = by_scene.setdefault(scene, child)
+        if other != child:
+            what = f"scene {scene!r} has two outputs: {other.name} and {child.name}"
+            raise PredictionError(what, where=path, expected="one a scene", fix="keep one")
+    alone = len(found) == 1
+    outputs = {one: SceneOutput(one, scene, reading, alone) for scene, one in by_scene.items()}
+    return outputs, tuple(child.name for child in children if child not in outputs)
+
+
+def _only_scene(path: Path, known: list[str]) -> str:
+    for name in (_scene_name(path), path.resolve().parent.name if path.is_file() else ""):
+        if name in known:
+            return name
+    if len(known) == 1:
+        return known[0]
+    raise PredictionError(
+        f"is the output of one scene, and the protocol has {len(known)}",
+        where=path,
+        expected=f"a folder with an output a scene: {first_of(known)}",
+        fix=f"put it into a folder named by its scene, such as preds/{known[0]}/, and score preds",
+    )
+
+
+def _scene_name(place: Path) -> str:
+    return place.name if place.is_dir() else place.stem
+
+
+def _children(path: Path) -> list[Path]:
+    return sorted(one for one in path.iterdir() if not one.name.startswith("."))

@@ -1,0 +1,384 @@
+"""Retrieval: names of several scenes, images by name, TREC, Game4Loc's lines, University-1652."""
+
+from __future__ import annotations
+
+import gc
+import shutil
+import tempfile
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+
+from airzoo_bench import evaluate
+from airzoo_bench.core.errors import UnreadableError, UserError
+from airzoo_bench.core.files import sha256_of
+from airzoo_bench.core.registry import DATASETS, READERS
+from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
+from airzoo_bench.evaluation.reader import Reading, find_reader
+from airzoo_bench.readers.descriptors import LINES
+from airzoo_bench.retrieval.truth import read_truth
+from tests.datasets.published import image_trees
+from tests.readers.retrieval_support import DIMENSIONS, PLENTY, Place, perfect, scored, tile_file
+from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652
+from tests.support import MadeScene, made_truth
+
+RECIPE = Path(__file__).parents[2] / "docs" / "recipes" / "retrieval.md"
+
+
+def changed(path: Path, **changes: Any) -> Path:
+    arrays = dict(np.load(path)) | changes
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+    return path
+
+
+def test_half_precision_of_hloc(tmp_path: Path, home: Path) -> None:
+    result = scored(hloc_global.write(tmp_path, Place(), np.float16), home)
+    assert perfect(result)
+    assert "float16, as the file has them" in result.result.predictions.reader.conventions[0]
+    assert not any("another than the method's own" in note for note in result.result.notes)
+
+
+@pytest.fixture
+def crowded(home: Path) -> Path:
+    """Return a benchmark whose west has two photos more than queries, called as east's are."""
+    left_out = home / "made" / "scenes" / "west" / "retrieval" / "excluded.csv"
+    file, before = home / "made" / "benchmark.toml", sha256_of(left_out)
+    left_out.write_text("id,image,reason\nwest/q00004,q00004.jpg,x\n")
+    text, line = file.read_text(), '"scenes/west/retrieval/excluded.csv" = "{}"'.format
+    assert line(before) in text
+    file.write_text(text.replace(line(before), line(sha256_of(left_out))))
+    return home
+
+
+def photos(scene: str) -> list[str]:
+    return [f"{scene}/q{number:05d}.jpg" for number in range(6)]
+
+
+def described(folder: Path, names: list[str]) -> Path:
+    """Write Game4Loc's features of photos, in this order."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = game4loc.write(folder, Place())
+    arrays = dict(np.load(path))
+    rows = dict(zip(arrays["query_names"].tolist(), arrays["query_features"], strict=True))
+    features = np.stack([rows.get(name, rows["east/q00005.jpg"]) for name in names])
+    named = np.array([f"/data/{name}" for name in names])
+    return changed(path, query_features=features, query_names=named)
+
+
+class TestScenesWithTheSameNames:
+    """East has the queries q00000 to q00005, west the first four; q00004 and q00005 are none."""
+
+    def test_photos_of_one_are_no_queries_of_the_other(self, tmp_path: Path, crowded: Path) -> None:
+        result = scored(described(tmp_path, photos("west")), crowded)
+        answered = result.records.groupby("scene")["recall@1"].mean()
+        assert answered.to_dict() == {"east": 0.0, "west": 1.0}
+        notes = " | ".join(result.result.notes)
+        assert "2 photos described that are no queries, left aside" in notes
+        assert "scored at their worst: 6 of 10 (first 3: east/q00000" in notes
+
+    @pytest.mark.parametrize("folder", ["run", "west"])
+    def test_all_photos_may_be_described(self, tmp_path: Path, crowded: Path, folder: str) -> None:
+        path = described(tmp_path / folder, photos("east") + photos("west"))
+        assert perfect(scored(path, crowded))
+
+    def test_names_without_scene_are_of_that_of_the_file(
+        self, tmp_path: Path, crowded: Path
+    ) -> None:
+        path = described(tmp_path / "east" / "west", photos("west"))
+        names = np.load(path)["query_names"]
+        changed(path, query_names=np.array([name.rsplit("/")[-1] for name in names]))
+        answered = scored(path, crowded).records.groupby("scene")["recall@1"].mean()
+        assert answered.to_dict() == {"east": 0.0, "west": 1.0}
+
+    def test_a_name_that_a_photo_left_out_has_too(self, tmp_path: Path, crowded: Path) -> None:
+        path = described(tmp_path, photos("east"))
+        names = np.load(path)["query_names"]
+        names[4] = "q00004.jpg"
+        with pytest.raises(UserError, match=r"'q00004.jpg' could be 2 \(east/q00004, west/q00004"):
+            scored(changed(path, query_names=names), crowded)
+
+    @pytest.mark.parametrize("sample", [anyloc, hloc_global], ids=["anyloc", "hloc-global"])
+    def test_photos_beside_tiles(self, sample: ModuleType, tmp_path: Path, crowded: Path) -> None:
+        path, row = sample.write(tmp_path, Place()), np.ones((1, DIMENSIONS), np.float32)
+        for number in (4, 5):
+            name = f"west/photos/q{number:05d}"
+            if sample is anyloc:
+                np.save(path / f"{name}.jpg.npy", row)
+                continue
+            with h5py.File(path, "a") as file:
+                file[f"{name}.png/global_descriptor"] = row[0]
+        result = scored(path, crowded)
+        assert perfect(result)
+        assert any("neither queries nor tiles, left aside: 2" in one for one in result.result.notes)
+
+    def test_trec(self, tmp_path: Path, crowded: Path) -> None:
+        path = trec.write(tmp_path, Place())
+        text = path.read_text()
+        more = [f"west/q0000{n} Q0 west/t00000 1 0.5 mine\n" for n in (4, 5)]
+        path.write_text(text + "".join(more))
+        assert perfect(scored(path, crowded))
+
+    def test_university1652(self, tmp_path: Path, crowded: Path) -> None:
+        path = university1652.write(tmp_path, Place())
+        found = scipy.io.loadmat(path)
+        sets = []
+        for kind, more in (("query", "west/0004/q00004.jpeg"), ("gallery", "west/0009/t00009.jpg")):
+            rows = np.concatenate([found[f"{kind}_f"], np.full((1, DIMENSIONS), -9, np.float32)])
+            paths = [*(one.strip() for one in found[f"{kind}_path"]), f"/data/{more}"]
+            sets.append((rows, paths))
+        result = scored(university1652.save(path, *sets), crowded)
+        assert perfect(result)
+        assert any("1 photo described that" in note for note in result.result.notes)
+
+
+class TestImagesByName:
+    """Descriptors of photos and tiles in one folder or file."""
+
+    def test_a_run_that_broke_off_at_its_first_file(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        (path / "east" / "photos" / "q00000.jpg.npy").write_bytes(b"")
+        assert find_reader(path) == "anyloc"
+        with pytest.raises(UserError, match=r"q00000\.jpg\.npy: no array"):
+            scored(path, home)
+
+    def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        shutil.copytree(path / "east", path, dirs_exist_ok=True)
+        shutil.rmtree(path / "east")
+        with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
+            scored(path, home)
+
+    def test_photos_alone(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        for tile in path.rglob("t*.npy"):
+            tile.unlink()
+        with pytest.raises(UserError, match="describes no tile of the protocol"):
+            scored(path, home)
+
+    def test_names_of_both(self, tmp_path: Path) -> None:
+        asked, tiles = (
+            pd.DataFrame({"id": [one], "image": [image]})
+            for one, image in (("e/a", "a.jpg"), ("e/b", "a.png"))
+        )
+        truth = replace(made_truth(MadeScene("e", [[0]], 1)), queries=asked, tiles=tiles)
+        path = tmp_path / "x"
+        path.mkdir()
+        np.save(path / "a.jpg.npy", np.ones((1, 20)))
+        protocol: Any = SimpleNamespace()
+        with pytest.raises(UserError, match=r"could be a query or a tile: 1 \('a.jpg'\)"):
+            READERS.get("anyloc").read(path, Reading(protocol, [truth], None, PLENTY))
+
+    def test_another_length(self, tmp_path: Path, home: Path) -> None:
+        path = anyloc.write(tmp_path, Place())
+        np.save(path / "west" / "tiles" / "t00003.jpg.npy", np.ones((1, 40), np.float32))
+        with pytest.raises(UserError, match="has 40 numbers of type float32"):
+            scored(path, home)
+
+    def test_a_gallery_larger_than_the_memory(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        scene = MadeScene("east", [[0]], 400)
+        data = Place([scene]).prepare(tmp_path / "data")
+        rows = np.random.default_rng(0).standard_normal((400, 5000), np.float32)
+        (tmp_path / "room").mkdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "room"))
+        for kind, count in (("tiles/t", 400), ("photos/q", 1)):
+            (tmp_path / "any" / kind).parent.mkdir(parents=True)
+            for number in range(count):
+                file = tmp_path / "any" / f"{kind}{number:05d}.jpg.npy"
+                np.save(file, rows[number : number + 1])
+        assert rows.nbytes > 4e6
+        spilt = scored(tmp_path / "any", data, max_memory=2_000_000)
+        assert spilt.overall["recall@1"] == 1.0
+        assert spilt.records.equals(scored(tmp_path / "any", data).records)
+        gc.collect()
+        assert not list(Path(tempfile.gettempdir()).glob(".descriptors*"))
+        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=4_000_000))
+        with pytest.raises(UserError, match="more than the limit"):
+            scored(tmp_path / "any", data, max_memory=2_000_000)
+
+    def test_local_features_are_not_global(self, tmp_path: Path, home: Path) -> None:
+        with h5py.File(tmp_path / "f.h5", "w") as file:
+            file.create_group("a.jpg").create_dataset("keypoints", data=np.zeros((3, 2)))
+        with pytest.raises(UserError, match="holds no global_descriptor"):
+            scored(tmp_path / "f.h5", home, reader="hloc-global")
+
+
+class TestTrec:
+    def test_ties_are_broken_against_the_method(self, tmp_path: Path, home: Path) -> None:
+        path = trec.write(tmp_path, Place())
+        lines = [line.split() for line in path.read_text().splitlines()]
+        path.write_text("".join(" ".join([*one[:4], "0.5", "x"]) + "\n" for one in lines))
+        assert scored(path, home).overall["recall@1"] == 0.0
+
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ("east/t00004", "east/elsewhere", "ranks what is no tile"),
+            (" mine", "", "is no line of a run"),
+            ("0.", "nan0.", "is no line of a run"),
+            ("-", "", "scores rise with the rank"),
+        ],
+    )
+    def test_refusals(self, tmp_path: Path, home: Path, old: str, new: str, words: str) -> None:
+        path = trec.write(tmp_path, Place())
+        path.write_text(path.read_text().replace(old, new))
+        with pytest.raises(UserError, match=words):
+            scored(path, home, reader="trec")
+        with pytest.raises(UnreadableError, match="a folder, and so not"):
+            scored(tmp_path, home, reader="trec")
+
+    def test_order_of_lines_is_nothing(self, tmp_path: Path, home: Path) -> None:
+        path = trec.write(tmp_path, Place())
+        lines = path.read_text().splitlines(keepends=True)
+        order = np.random.default_rng(0).permutation(len(lines))
+        path.write_text("".join(lines[number] for number in order))
+        assert perfect(scored(path, home))
+
+
+class _Tensor:
+    """As much of a tensor as the lines for Game4Loc use."""
+
+    def __init__(self, rows: Any) -> None:
+        self.numpy = lambda: rows
+        self.cpu = self.float = lambda: self
+
+    @staticmethod
+    def cat(parts: list[Any]) -> Any:
+        return _Tensor(np.concatenate([part.numpy() for part in parts]))
+
+
+class TestGame4Loc:
+    def test_the_lines_write_what_is_read(
+        self, tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        place = Place()
+        arrays = np.load(game4loc.write(tmp_path, place))
+        recipe = RECIPE.read_text()
+        assert LINES in recipe
+        queries, gallery = (_Tensor(arrays[f"{kind}_features"]) for kind in ("query", "gallery"))
+        known = {"np": np, "torch": _Tensor, "gallery_features_batch": gallery}
+        known |= {"img_features_query": queries, "img_features_gallery": gallery}
+        known["query_list"] = arrays["query_names"].tolist()
+        known["gallery_list"] = arrays["gallery_names"].tolist()
+        known["query_path_list"] = [
+            f"/bench/data/{scene.id}/images/{one.split('/')[1]}.jpg"
+            for scene in place.scenes
+            for one in scene.query_ids
+        ]
+        known["gallery_path_list"] = [
+            tile_file("/bench", scene, number)
+            for scene in place.scenes
+            for number in range(scene.n_tiles)
+        ]
+        for name, lines in (
+            ("evaluate", LINES),
+            ("eval_custom", recipe.split("```python\n")[-1].split("```")[0]),
+        ):
+            (tmp_path / name).mkdir()
+            monkeypatch.chdir(tmp_path / name)
+            exec(lines, dict(known))  # noqa: S102 - what users paste
+            assert perfect(scored(tmp_path / name / "features.npz", home))
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"gallery_names": None}, r"gallery_features\.append"),
+            ({"query_names": np.array(["a"], object)}, "never loaded"),
+            ({"query_names": np.array(["a"] * 9)}, "has 10 rows, and there are 9 names"),
+        ],
+    )
+    def test_refusals(
+        self, changes: dict[str, Any], words: str, tmp_path: Path, home: Path
+    ) -> None:
+        path = changed(game4loc.write(tmp_path, Place()), **changes)
+        with pytest.raises(UserError, match=words):
+            scored(path, home, reader="game4loc")
+
+    def scaled(self, folder: Path, queries: float, tiles: float) -> Path:
+        """Write features, with queries and every other tile that much longer."""
+        path = game4loc.write(folder, Place())
+        arrays = dict(np.load(path))
+        arrays["query_features"] *= queries
+        arrays["gallery_features"][::2] *= tiles
+        return changed(path, **arrays)
+
+    def test_lengths_of_tiles_turn_rankings(self, tmp_path: Path, home: Path) -> None:
+        notes = scored(self.scaled(tmp_path, 3, 1.5), home).result.notes
+        assert any("ranks by inner product, the protocol by L2" in note for note in notes)
+        result = scored(self.scaled(tmp_path, 3, 1), home)
+        assert perfect(result)
+        assert not any("another than the method's own" in note for note in result.result.notes)
+        with pytest.raises(UserError, match=r"of the gallery are 1 to 1\.5 long"):
+            scored(self.scaled(tmp_path, 1, 1.5), home)
+
+    def test_a_signalling_nan_is_refused_without_a_warning(
+        self, tmp_path: Path, home: Path
+    ) -> None:
+        arrays = dict(np.load(game4loc.write(tmp_path, Place())))
+        for name in ("query_features", "gallery_features"):
+            arrays[name].view(np.uint32)[0, 0] = 0x7F800001
+        path = changed(tmp_path / "features.npz", **arrays)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(UserError, match="NaN or infinite descriptors: 1 of"):
+                scored(path, home)
+
+
+class TestUniversity1652:
+    @pytest.mark.parametrize(
+        ("tree", "protocol"),
+        [
+            ("university-1652", "university-1652-drone-to-satellite"),
+            ("university-1652", "university-1652-satellite-to-drone"),
+            ("denseuav", "denseuav-drone-to-satellite"),
+        ],
+    )
+    def test_its_benchmarks(self, tmp_path: Path, tree: str, protocol: str) -> None:
+        write = {"university-1652": image_trees.university_1652, "denseuav": image_trees.denseuav}
+        data = tmp_path / "data"
+        options = SourceOptions(write[tree](tmp_path / "source"), None, False)
+        made = DATASETS.get(tree).prepare(options, PrepareSettings(data / tree, data))
+        scene = protocol.removeprefix(f"{tree}-")
+        truth = read_truth(made.folder / "scenes" / scene, scene)
+        asked, _, given = scene.split("-")
+        sets = []
+        for home, table in ((f"query_{asked}", truth.queries), (f"gallery_{given}", truth.tiles)):
+            paths = [f"/data/test/{home}/{image}" for image in table["image"]]
+            classes = [int(Path(one).parent.name) for one in paths]
+            order = sorted({*classes, *range(2255, 2260), *range(701, 713)})
+            rows = np.eye(len(order), dtype=np.float32)[[order.index(one) for one in classes]]
+            sets.append((rows, paths))
+        path = university1652.save(tmp_path / "pytorch_result.mat", *sets)
+        assert evaluate(path, protocol=protocol, data=data).overall["recall@1"] == 1.0
+
+    def test_names_from_the_lists_beside(self, tmp_path: Path, home: Path) -> None:
+        path = university1652.write(tmp_path, Place())
+        found = scipy.io.loadmat(path)
+        kept = {key: value for key, value in found.items() if "path" not in key and key[0] != "_"}
+        scipy.io.savemat(path, kept)
+        with pytest.raises(UserError, match=r"has no query_path, and query_name.txt is not"):
+            scored(path, home)
+        lists = [tmp_path / f"{kind}_name.txt" for kind in ("query", "gallery")]
+        for kind, one in zip(("query", "gallery"), lists, strict=True):
+            one.write_text("\n".join(found[f"{kind}_path"]))
+        result = scored(path, home)
+        assert perfect(result)
+        said = [f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in lists]
+        assert list(result.result.predictions.reader.conventions[-2:]) == said
+
+    def test_classes_of_other_images(self, tmp_path: Path, home: Path) -> None:
+        path = university1652.write(tmp_path, Place())
+        found = {key: value for key, value in scipy.io.loadmat(path).items() if key[0] != "_"}
+        found["gallery_label"] = found["gallery_label"][:, ::-1]
+        scipy.io.savemat(path, found)
+        with pytest.raises(UserError, match="classes that are not those of the folders"):
+            scored(path, home)
