@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,11 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import geodesic_distance_m
-from airzoo_bench.results.scores import Score
+from airzoo_bench.results.result import Reference
+from airzoo_bench.results.scores import Score, concatenate, summarise
 from airzoo_bench.retrieval import metrics
+from airzoo_bench.retrieval.metrics import ap_name as ap_name
+from airzoo_bench.retrieval.metrics import share_name
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.settings import (
     ApVariant,
@@ -41,21 +45,6 @@ _CELLS = 1 << 20  # distances at a time
 
 Between = Callable[[Floats, Floats], Floats]
 """Takes positions (..., 2) of queries and of images, and returns distances (...)."""
-
-
-def ap_name(k: int, variant: str) -> str:
-    """Name an AP variant: plain ``ap@5`` is mean precision at 5, every other carries its name."""
-    return f"ap@{k}" if variant == "precision" else f"ap@{k}/{variant}"
-
-
-def share_name(share: float) -> str:
-    """Name the recall at a share of the gallery: ``recall@1%``."""
-    return f"recall@{100 * share:g}%"
-
-
-def rank_of_share(n_tiles: int, share: float) -> int:
-    """Return the rank that the recall at a share of the gallery reads, as University-1652 does."""
-    return round(n_tiles * share) + 1
 
 
 def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
@@ -90,6 +79,23 @@ def _image_scores(settings: ImageScores) -> list[Score]:
         ]
         scores += [Score.share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
     return [*scores, Score.share(other, beyond), Score.share("mrr", "MRR")]
+
+
+def chance_level(
+    truths: Sequence[RetrievalTruth], settings: RetrievalScores | ImageScores
+) -> Reference:
+    """Return what tiles in random order score, by scene; see `chance_scores`."""
+    tables = []
+    for truth in truths:
+        found = metrics.chance_scores(truth.positives.counts, len(truth.tiles), settings)
+        tables.append(pd.DataFrame(found).assign(scene=truth.scene))
+    records = concatenate(tables)
+    scores = [score for score in retrieval_scores(settings) if score.column in records]
+    summary = summarise(records, scores, [truth.scene for truth in truths])
+    return Reference(
+        meaning="what tiles in random order score on average, computed exactly",
+        **asdict(summary),
+    )
 
 
 def score_scene(
@@ -184,7 +190,7 @@ def _list_columns(
     first = np.zeros(positives.n_queries, np.int64)
     some = positives.counts > 0
     first[some] = ranks[positives.offsets[:-1][some]]
-    deepest = rank_of_share(len(truth.tiles), settings.recall_at_share)
+    deepest = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
     plain, trapezoid = metrics.list_precisions(ranks, positives)
     return {
         share_name(settings.recall_at_share): ((first > 0) & (first <= deepest)).astype(float),

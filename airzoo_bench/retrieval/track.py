@@ -17,7 +17,6 @@ from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score
-from airzoo_bench.retrieval.chance import chance_level
 from airzoo_bench.retrieval.checks import (
     deep_validation_errors,
     list_facts,
@@ -27,7 +26,12 @@ from airzoo_bench.retrieval.checks import (
 from airzoo_bench.retrieval.info import INFO
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions, read_retrieval
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
-from airzoo_bench.retrieval.scoring import RECORDED, retrieval_scores, score_scene
+from airzoo_bench.retrieval.scoring import (
+    RECORDED,
+    chance_level,
+    retrieval_scores,
+    score_scene,
+)
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import hypergeom
 
-from airzoo_bench.retrieval.chance import chance_scores
+from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import RetrievalScores
