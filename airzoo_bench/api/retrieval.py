@@ -16,8 +16,8 @@ from airzoo_bench.core.errors import ArgumentError, first_of
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.chance import chance_scores
 from airzoo_bench.retrieval.checks import list_errors
+from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from airzoo_bench.retrieval.scoring import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
