@@ -264,12 +264,16 @@ def points_one_way(rows: Rows, metric: Metric) -> bool:
     No ranking of such a gallery means anything.
     """
     first: Floats | None = None
+    stored, lost = np.finfo(rows.dtype), np.zeros((1, 1))
     for start in range(0, len(rows), _FEW):
         some = rows.read(start, start + _FEW)
         with np.errstate(all="ignore"):  # what is not finite is near nothing, and refused elsewhere
             deciding = normalised(some) if metric == "cosine" else some.astype(np.float64)
             first = deciding[:1] if first is None else first
-            lost = 4 * float(np.finfo(rows.dtype).eps) if metric == "cosine" else 0.0
-            if not (np.linalg.norm(deciding - first, axis=1) <= lost).all():
+            if metric == "cosine":  # how far storage may have turned a row
+                largest = np.abs(some).max(axis=1, keepdims=True).astype(np.float64)
+                lost = 4 * float(stored.eps) * np.abs(first)
+                lost = lost + 2 * float(stored.smallest_subnormal) / largest
+            if not (np.abs(deciding - first) <= lost).all():
                 return False
     return len(rows) > 1

@@ -247,7 +247,8 @@ def read_tiles(home: Path) -> pd.DataFrame:
     path = home / "tiles.parquet"
     tiles = _read_tile_table(path)
     ids = tiles["id"].tolist()
-    falls = np.array([*(False for _ in ids[:1]), *map(str.__gt__, ids, ids[1:])], np.bool_)
+    falls = np.zeros(len(ids), np.bool_)
+    falls[1:] = [*map(str.__gt__, ids, ids[1:])]
     refuse_cells(path, "id", ids, falls, "rows sorted by id, as positives count them")
     if "image" in tiles.columns:
         return tiles
