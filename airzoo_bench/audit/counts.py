@@ -138,7 +138,7 @@ def resolve_queries(
     queries: dict[Key, Queries] = {}
     conclusions: list[Conclusion] = []
     for key, cells in groups.items():
-        given = _given(cells, counts)
+        given = _stated_count(cells, counts)
         own = [cell for cell in cells if not averaged(cell)]
         implied = _implied([cell for cell in own if cell.row not in doubtful], precise)
         if given is not None:
@@ -151,7 +151,7 @@ def resolve_queries(
     return queries, conclusions
 
 
-def _given(cells: Sequence[PrintedValue], counts: Mapping[str, int]) -> int | None:
+def _stated_count(cells: Sequence[PrintedValue], counts: Mapping[str, int]) -> int | None:
     first = cells[0]
     stated = {cell.queries: f"line {cell.line}" for cell in cells if cell.queries is not None}
     for name in (f"{first.benchmark}/{first.scene}", first.scene):

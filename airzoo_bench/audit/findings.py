@@ -42,7 +42,7 @@ _MEANING = {
 
 @dataclass(frozen=True)
 class Finding:
-    """A cell that something is wrong with, by which check, and the arithmetic in words."""
+    """A finding: a cell, the check that failed, and its arithmetic in words."""
 
     grade: Grade
     check: str
@@ -84,7 +84,7 @@ class Outcome:
 
     @property
     def text(self) -> str:
-        """Say how much was checked, with which result, and how much was not."""
+        """Summarise one check: its cells, its findings, and the cells left out."""
         if not self.tested:
             return f"not checked: {self.left}"
         found = f"{len(self.findings)} found" if self.findings else ""

@@ -1,4 +1,4 @@
-"""What the benchmark folder adds to a section: positions of queries, and their photos."""
+"""Positions of queries and their photos, which the benchmark folder adds to a section."""
 
 from __future__ import annotations
 

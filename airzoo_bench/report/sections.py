@@ -89,7 +89,7 @@ class Section:
 
     @property
     def conditions_apart(self) -> list[str]:
-        """Columns of conditions by which not all methods' queries have the same groups."""
+        """Conditions whose groups differ between the methods."""
         return [name for name in condition_names(self.methods[0]) if self._is_apart(name)]
 
     def _is_apart(self, condition: str) -> bool:

@@ -165,7 +165,7 @@ def wrapped(label: str, room_in: float, size: float) -> str:
 
 
 def slant(axes: Axes, longest: int, slot_pt: float, size: float) -> None:
-    """Slant the names below an axis, and let the figure grow by what they need."""
+    """Slant the names below an axis, and let the figure grow to fit them."""
     turn = 45 if slot_pt > 1.8 * size else 90
     for text in axes.get_xticklabels():
         text.set(rotation=turn, ha="right", va="center", rotation_mode="anchor")

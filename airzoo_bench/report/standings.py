@@ -207,11 +207,11 @@ def _corrected(
                 better, other = (step, one) if pair.is_better else (one, step)
                 row = holm(np.delete(p_values[better], better), family)
                 p_holm = float(row[other - (other > better)])
-                shown[one][step - one - 1].append(_shown(replace(pair, p_holm=p_holm), plan))
+                shown[one][step - one - 1].append(_pair_values(replace(pair, p_holm=p_holm), plan))
     return shown
 
 
-def _shown(pair: Pair, plan: ResamplingConfig) -> dict[str, Any]:
+def _pair_values(pair: Pair, plan: ResamplingConfig) -> dict[str, Any]:
     score = pair.score
     difference, low, high = pair.difference, pair.interval.low, pair.interval.high
     limits = [] if low is None or high is None else [as_shown(score, low), as_shown(score, high)]

@@ -88,7 +88,7 @@ def _amount(pair: Pair) -> str:
 
 
 def _evidence(pair: Pair, resampling: ResamplingConfig) -> str:
-    """Return the interval of the amount by which the better one is ahead, p, and what is odd."""
+    """Return the interval of the better one's lead, p, and any disagreement between them."""
     low, high = pair.interval.low, pair.interval.high
     if low is None or high is None:
         text = " (no interval)"

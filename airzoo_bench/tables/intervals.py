@@ -100,7 +100,7 @@ def intervals_made(
 def brackets_note(
     intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> list[str]:
-    """Say what stands in square brackets, if anything does."""
+    """Explain the square brackets, if there are any."""
     made = intervals_made(intervals, resampling, drawn, what)
     return [f"in square brackets: {made}"] if made else []
 
@@ -108,7 +108,7 @@ def brackets_note(
 def notes_by_reason(
     entries: Iterable[tuple[str, ScoreColumn, str]], prefix: str = "", linked: str = "in"
 ) -> list[str]:
-    """Say each reason once, with all that share it: scores, in or of which scenes or methods."""
+    """Name each reason once, with the scores, scenes or methods that share it."""
     listed = list(entries)
     every_score = list(dict.fromkeys(score.title for _, score, _ in listed))
     every_member = list(dict.fromkeys(member for *_, member in listed))

@@ -153,7 +153,7 @@ def _notes(parts: Sequence[MethodTable], titles: Sequence[str]) -> dict[str, str
 
 
 def _numbered(rows: Sequence[MethodRow]) -> dict[tuple[str, bool, bool, int], MethodRow]:
-    """Return rows by what makes them one across benchmarks: two of one name stay two."""
+    """Return rows by their identity across benchmarks: two of one name stay two."""
     seen: Counter[tuple[str, bool, bool]] = Counter()
     found = {}
     for row in rows:
@@ -164,7 +164,7 @@ def _numbered(rows: Sequence[MethodRow]) -> dict[tuple[str, bool, bool, int], Me
 
 
 def _benchmark_titles(parts: Sequence[MethodTable]) -> list[str]:
-    """Return the title of each benchmark, with what tells those of one title apart."""
+    """Return the title of each benchmark; equal titles get a distinguishing suffix."""
     protocols = [load_protocol(path) for path in shipped_protocols().values()]
     # A protocol's title is the benchmark's, and behind a comma what is measured.
     shipped = {protocol.benchmark: protocol.title.partition(",")[0] for protocol in protocols}

@@ -274,7 +274,7 @@ def _renamed(table: Table, names: Mapping[str, str]) -> Table:
     before = "|".join(["^", *(f"(?<={re.escape(text)})" for text in ahead)])
     listed = re.compile(rf"(?:{before})(?:{old})(?=$|, |: | in | on )")
 
-    def said(text: str) -> str:
+    def with_new_names(text: str) -> str:
         return listed.sub(lambda found: names[found[0]], text)
 
     columns = []
@@ -288,11 +288,11 @@ def _renamed(table: Table, names: Mapping[str, str]) -> Table:
         rows.append(replace(row, cells=(first, *row.cells[1:])))
     return replace(
         table,
-        title=said(table.title),
+        title=with_new_names(table.title),
         columns=tuple(columns),
         rows=tuple(rows),
-        notes=tuple(dict.fromkeys(map(said, table.notes))),
-        legend=tuple(dict.fromkeys(map(said, table.legend))),
+        notes=tuple(dict.fromkeys(map(with_new_names, table.notes))),
+        legend=tuple(dict.fromkeys(map(with_new_names, table.legend))),
     )
 
 

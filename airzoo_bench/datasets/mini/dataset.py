@@ -33,7 +33,7 @@ class MiniOptions:
 
     @property
     def source(self) -> int:
-        """What all randomness comes from: the seed, or the key."""
+        """The source of all randomness: the seed, or the key."""
         if self.seed >> 64:
             raise UsageError("the seed is too large", where="--seed", expected="less than 2**64")
         if self.key_file is None:

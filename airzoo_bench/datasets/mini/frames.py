@@ -211,7 +211,7 @@ class _Source:
 
 
 class _Job(NamedTuple):
-    """A frame to be rendered, with the fingerprint of what it is made from."""
+    """A frame to be rendered, with the fingerprint of its inputs."""
 
     name: str
     view: tuple[Cameras, Poses, str, str, int]  # what `Renderer.render` takes
@@ -267,7 +267,7 @@ def frame_paths(folder: Path, name: str) -> tuple[Path, Path]:
 
 
 def _write_frame(folder: Path, name: str, frame: Frame, mark: str) -> None:
-    """Write a frame's files, each whole or not at all, with a mark of what it was made from."""
+    """Write a frame's files, each whole or not at all, and a mark of its inputs."""
     image, depth = frame_paths(folder, name)
     with atomic_write(depth) as stream:
         tags = {_PREDICTOR_TAG: _FLOATING_POINT, _DESCRIPTION_TAG: mark}

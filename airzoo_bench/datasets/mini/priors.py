@@ -1,4 +1,4 @@
-"""What GPS and gimbal would have said of poses that are known."""
+"""Noisy GPS and gimbal readings of known poses."""
 
 from __future__ import annotations
 

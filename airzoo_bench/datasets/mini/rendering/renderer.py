@@ -135,7 +135,7 @@ class Raycaster:
         return triangle, distance
 
     def occluded(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
-        """Say from which points (3, N), lifted off their surface, something stands in the way."""
+        """Return which points (3, N), lifted off their surface, are occluded."""
         rays = np.empty((points.shape[1], 6), np.float32)
         np.add(points, normals * _LIFT_M, out=rays[:, :3].T, casting="same_kind")
         rays[:, 3:] = direction
@@ -237,7 +237,7 @@ class Renderer:
             light[:, pixel] = to_stored(own + (from_stored(nearby) - own) * np.float32(_THIRD))
 
     def _look(self, rays: _Rays, given: Conditions) -> tuple[Singles, Floats, _Indices]:
-        """Return the light along N rays, the depth of what they meet, and the triangle."""
+        """Return the light along N rays, their depths, and the triangles that they hit."""
         triangle, depth = self._caster.trace(rays.origin, rays.directions)
         light = np.zeros((3, len(depth)), np.float32)
         hit = np.flatnonzero(triangle != MISSED)

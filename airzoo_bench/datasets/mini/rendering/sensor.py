@@ -1,4 +1,4 @@
-"""What the camera itself does to a photo: optics, highlights, drops on the way, noise."""
+"""Effects of the camera on a photo: optics, highlights, drops, noise."""
 
 from __future__ import annotations
 

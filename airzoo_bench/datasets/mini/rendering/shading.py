@@ -26,7 +26,7 @@ _BOUNCE = np.float32(0.7)
 
 @dataclass(eq=False)
 class _Paint:
-    """What N points are painted with; filled in material by material."""
+    """The paint of N points, filled in material by material."""
 
     albedo: Singles
     mirror: Singles
@@ -48,7 +48,9 @@ class Shader:
         self._side = world.region.side_m
         seen = world.water & (world.top_albedo == world.ground_albedo).all(axis=-1)
         self._ground, self._top = (
-            Texture.of(np.dstack([albedo, np.where(water, np.uint8(255), np.uint8(0))]), self._side)
+            Texture.from_lanes(
+                np.dstack([albedo, np.where(water, np.uint8(255), np.uint8(0))]), self._side
+            )
             for albedo, water in ((world.ground_albedo, world.water), (world.top_albedo, seen))
         )
         self._around = surroundings(world)

@@ -1,4 +1,4 @@
-"""What surfaces are: points of the mesh, textures of the land, and the walls of buildings.
+"""Surfaces: points of the mesh, textures of the land, and the walls of buildings.
 
 A texel is one 64-bit number of four 16-bit lanes (red, green, blue and one more). Weights of a
 bilinear mean add up to 256, so that a lane never carries into the next and one multiplication
@@ -82,7 +82,7 @@ class Texture:
     side_m: float  # length of the square on the ground
 
     @classmethod
-    def of(cls, lanes: NDArray[np.uint8], side_m: float) -> Texture:
+    def from_lanes(cls, lanes: NDArray[np.uint8], side_m: float) -> Texture:
         """Make a texture of lanes (n, n, 4), the first row in the north."""
         levels = [lanes]
         while len(levels) < _MOST_LEVELS and len(levels[-1]) > 4:
@@ -143,7 +143,7 @@ def surroundings(world: World) -> Texture:
     lanes = np.zeros((*world.dsm.shape, 4), np.uint8)
     lanes[..., 0] = np.rint(255.0 * _openness(world.dsm, gsd))
     lanes[..., 1] = np.rint(255.0 * np.clip(_lamp_light(world, gsd), 0.0, 1.0))
-    return Texture.of(lanes, world.region.side_m)
+    return Texture.from_lanes(lanes, world.region.side_m)
 
 
 def _openness(dsm: NDArray[np.float32], gsd: float) -> Singles:
@@ -218,7 +218,7 @@ _LIT_SHARE = 0.30
 
 @dataclass(frozen=True, eq=False)
 class Wall:
-    """What M points of walls look like."""
+    """The appearance of M points of walls."""
 
     albedo: Singles  # (3, M)
     glass: Singles  # (M,): share of the pixel that is glass

@@ -142,7 +142,7 @@ _WEATHER: dict[str, tuple[tuple[float, Colour, float], dict[str, Any]]] = {
 
 
 def _greyed(colour: Colour, share: float) -> Colour:
-    """Return a colour of which only a share is left, the rest grey."""
+    """Mix a colour with grey, keeping only a share of it."""
     red, green, blue = colour
     grey = 0.299 * red + 0.587 * green + 0.114 * blue
     return grey + share * (red - grey), grey + share * (green - grey), grey + share * (blue - grey)

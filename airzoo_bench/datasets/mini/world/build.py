@@ -68,8 +68,8 @@ class _Maps:
         self.raster = Raster(round(SIDE_M / _MAP_M), _MAP_M)
         self.textures: Textures = textures(plan.seed, self.raster.size)
         self.land = land_at(plan.heights, self.raster).astype(np.float32)
-        self.roofs = Layer.of(mesh, self.raster, Material.ROOF)
-        self.canopies = Layer.of(mesh, self.raster, Material.CANOPY)
+        self.roofs = Layer.from_mesh(mesh, self.raster, Material.ROOF)
+        self.canopies = Layer.from_mesh(mesh, self.raster, Material.CANOPY)
 
     def canvas(self, season: int) -> Canvas:
         """Return the land of a season."""

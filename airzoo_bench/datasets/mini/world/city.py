@@ -220,7 +220,7 @@ class _District:
                 self.paint(kind, square(spot, *half))
 
     def fill_blocks(self) -> None:
-        """Fill the blocks, the largest of those that may be built on with what needs room."""
+        """Fill the blocks; the largest ones take the uses that need room."""
         seen = [block for block in self.blocks if self.reaches(block)]
         by_size = sorted(seen, key=lambda block: (not self.allows(block), -block.long * block.deep))
         chosen = dict(zip(by_size, (_sports, _park, _mall), strict=False))

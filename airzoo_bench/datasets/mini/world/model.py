@@ -1,4 +1,4 @@
-"""What a world is made of: a mesh, its colours, and the rasters of its map; and its light.
+"""A world: a mesh, its colours, the rasters of its map, and its light.
 
 All geometry is in metres of a local frame: x east, y north, z up, with the origin at the south-west
 corner of the region and heights as in the surface model. Rasters have their first row in the north.
@@ -41,7 +41,7 @@ REGIONS = {
 
 
 class Material(IntEnum):
-    """What a triangle is made of, which says where its colour comes from."""
+    """The material of a triangle, which decides where its colour comes from."""
 
     GROUND = 0  # land and water inside the region: `World.ground_albedo`
     ROOF = 1  # `World.top_albedo`

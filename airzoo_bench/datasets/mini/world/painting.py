@@ -148,7 +148,7 @@ class Canvas:
                 if decal.kind in PAINTERS:
                     PAINTERS[decal.kind](brush)
                 else:
-                    brush.put(decal.kind)
+                    brush.paint(decal.kind)
 
     def paint_roof(self, index: int, owner: NDArray[np.int32], colour: Colour) -> None:
         """Paint the roof of one building where it is on top, given the owner of each pixel."""
@@ -161,7 +161,7 @@ class Canvas:
 
 @dataclass(eq=False)
 class Brush:
-    """What paints in one patch of a canvas."""
+    """A painter of one patch of a canvas."""
 
     canvas: Canvas
     patch: Patch
@@ -184,7 +184,7 @@ class Brush:
         """Noise of all scales, for ragged outlines."""
         return self.spots + (self.fine >> 1)
 
-    def put(
+    def paint(
         self,
         material: Material | str,
         where: Bools | None = None,
@@ -227,48 +227,48 @@ def repeats(along: Floats, period: float, part: float, phase: float = 0.0) -> Bo
 
 
 def _dashes(brush: Brush) -> None:
-    brush.put("marking", repeats(brush.u, 9.0, 4.0, brush.key % 9))
+    brush.paint("marking", repeats(brush.u, 9.0, 4.0, brush.key % 9))
 
 
 def _crossing(brush: Brush) -> None:
-    brush.put("marking", repeats(brush.v, 1.25, 0.65))
+    brush.paint("marking", repeats(brush.v, 1.25, 0.65))
 
 
 def _parking(brush: Brush) -> None:
-    brush.put("lane")
+    brush.paint("lane")
     low, high = float(brush.v[brush.mask].min()), float(brush.v[brush.mask].max())
     row = (high - low + 0.25) / max(round((high - low) / 16.0), 1)
     place = brush.v - low
     place = place - np.floor(place / row) * row
     stalls = (place < 5.0) | (place > row - 5.0)
-    brush.put("marking", repeats(brush.u, 2.75, 0.25) & stalls)
-    brush.put("marking", np.abs(place - row) < 0.2)
+    brush.paint("marking", repeats(brush.u, 2.75, 0.25) & stalls)
+    brush.paint("marking", np.abs(place - row) < 0.2)
 
 
 def _slabs(brush: Brush) -> None:
     size = (0.75, 1.0, 1.5, 2.0)[brush.key % 4]
     kind = ("paving", "pavement", "concrete")[brush.key // 4 % 3]
-    brush.put(kind, shade=(brush.tones(size, size) >> 3) - 16)
-    brush.put("kerb", repeats(brush.u, size * 6, 0.2) | repeats(brush.v, size * 6, 0.2))
+    brush.paint(kind, shade=(brush.tones(size, size) >> 3) - 16)
+    brush.paint("kerb", repeats(brush.u, size * 6, 0.2) | repeats(brush.v, size * 6, 0.2))
 
 
 def _plates(brush: Brush) -> None:
-    brush.put("concrete", shade=(brush.tones(5.0, 4.0) >> 3) - 24)
-    brush.put("patch", repeats(brush.u, 5.0, 0.25) | repeats(brush.v, 4.0, 0.25))
+    brush.paint("concrete", shade=(brush.tones(5.0, 4.0) >> 3) - 24)
+    brush.paint("patch", repeats(brush.u, 5.0, 0.25) | repeats(brush.v, 4.0, 0.25))
 
 
 def _beds(brush: Brush) -> None:
     tone = brush.tones(1.5, 40.0)
     for index, name in enumerate(("bed", "soil", "lawn", "rough")):
-        brush.put(name, (tone >> 6) == index)
-    brush.put("gravel", repeats(brush.u, 3.0, 0.3))
+        brush.paint(name, (tone >> 6) == index)
+    brush.paint("gravel", repeats(brush.u, 3.0, 0.3))
 
 
 def _flowers(brush: Brush) -> None:
-    brush.put("bed")
+    brush.paint("bed")
     if brush.canvas.season == SURVEY:
         bloom = brush.tones(0.5, 0.5) > 150
-        brush.put(Material(_FLOWERS[brush.key % 4], 20, 10, 4), bloom)
+        brush.paint(Material(_FLOWERS[brush.key % 4], 20, 10, 4), bloom)
 
 
 def _field(brush: Brush) -> None:
@@ -277,13 +277,13 @@ def _field(brush: Brush) -> None:
     tone = brush.cells(key, np.zeros_like(brush.v), brush.v, 1.0, row_m * 5)
     wobble = brush.v + brush.coarse * (1 / 256)
     shade = (tone >> 4) - 8 + key // 16 % 24 - 12
-    brush.put(plant, shade=shade)
-    brush.put(gap, repeats(wobble, row_m, row_m * gap_share), shade)
+    brush.paint(plant, shade=shade)
+    brush.paint(gap, repeats(wobble, row_m, row_m * gap_share), shade)
     if key // 512 % 3:
-        brush.put(gap, repeats(wobble, 14.0, 0.5) | repeats(wobble, 14.0, 0.5, 2.0), -14)
+        brush.paint(gap, repeats(wobble, 14.0, 0.5) | repeats(wobble, 14.0, 0.5, 2.0), -14)
     if row_m < 5:  # not plastic tunnels
         bare = ("rough", "soil", "meadow")[key // 64 % 3]
-        brush.put(bare, brush.blots > 96 - key // 2048 % 50)
+        brush.paint(bare, brush.blots > 96 - key // 2048 % 50)
 
 
 def _terraces(brush: Brush) -> None:
@@ -293,66 +293,66 @@ def _terraces(brush: Brush) -> None:
     for phase, kind in enumerate(((0, 1, 0, 3), (0, 4, 1, 1), (1, 7, 0, 4))[crops]):
         part = brush.patch._replace(mask=brush.mask & (step % 4 == phase))
         _field(replace(brush, patch=part, key=(brush.key + phase) * len(brush.canvas.crops) + kind))
-    brush.put("rough", land / 1.5 - step < 0.16)
-    brush.put("track", land / 1.5 - step < 0.05)
+    brush.paint("rough", land / 1.5 - step < 0.16)
+    brush.paint("track", land / 1.5 - step < 0.05)
 
 
 def _pitch(brush: Brush) -> None:
     stripes = repeats(brush.u, 10.0, 5.0)
-    brush.put("lawn", shade=np.where(stripes, 10, -6).astype(np.int32))
+    brush.paint("lawn", shade=np.where(stripes, 10, -6).astype(np.int32))
     u, v = np.abs(brush.u), np.abs(brush.v)
     ring = np.sqrt(u * u + v * v)
     half_u, half_v = float(u[brush.mask].max()), float(v[brush.mask].max())
     lines = (u < 0.2) | (np.abs(ring - 7.0) < 0.2) | (u > half_u - 0.4) | (v > half_v - 0.4)
     box = (u > half_u - 12.0) & (v < 14.0)
-    brush.put("marking", lines | (box & ((u < half_u - 11.6) | (v > 13.6))))
-    brush.put("soil", (u > half_u - 6) & (v < 4) & (brush.middle > 0))
+    brush.paint("marking", lines | (box & ((u < half_u - 11.6) | (v > 13.6))))
+    brush.paint("soil", (u > half_u - 6) & (v < 4) & (brush.middle > 0))
 
 
 def _running(brush: Brush) -> None:
-    brush.put("running")
+    brush.paint("running")
     inside = float(brush.u[brush.mask].max()) - brush.u
-    brush.put("marking", repeats(inside, 1.25, 0.2) & (inside < 7.6))
-    brush.put("lawn", inside > 8.0)
+    brush.paint("marking", repeats(inside, 1.25, 0.2) & (inside < 7.6))
+    brush.paint("lawn", inside > 8.0)
 
 
 def _court(brush: Brush) -> None:
     outer, inner = ("running", "court") if brush.key % 2 else ("court", "running")
     u, v = np.abs(brush.u), np.abs(brush.v)
-    brush.put(outer)
-    brush.put(inner, (u < 12.0) & (v < 5.75))
+    brush.paint(outer)
+    brush.paint(inner, (u < 12.0) & (v < 5.75))
     border = (np.abs(u - 12.0) < 0.2) & (v < 5.75) | (np.abs(v - 5.75) < 0.2) & (u < 12.0)
     lines = border | (np.abs(v - 4.4) < 0.15) & (u < 12) | (np.abs(u - 6.4) < 0.15) & (v < 4.4)
-    brush.put("marking", lines | (u < 0.2) & (v < 6.5))
+    brush.paint("marking", lines | (u < 0.2) & (v < 6.5))
 
 
 def _car(brush: Brush) -> None:
     u = brush.u
-    brush.put(Material(_CARS[brush.key % len(_CARS)], 4, 4, 0))
+    brush.paint(Material(_CARS[brush.key % len(_CARS)], 4, 4, 0))
     glass = (u > 0.3) & (u < 1.1) | (u < -1.2) & (u > -1.8)
-    brush.put(Material((40, 46, 54), 4, 0, 0), glass & (np.abs(brush.v) < 0.7))
+    brush.paint(Material((40, 46, 54), 4, 0, 0), glass & (np.abs(brush.v) < 0.7))
 
 
 def _old_roof(brush: Brush) -> None:
     """Paint a building that has gone since: only the older mosaic shows it."""
     colour = _OLD_ROOFS[brush.key % 4]
     half = np.where(brush.v > 0, 16, -22).astype(np.int32)
-    brush.put(Material(colour, 8, 12, 8), shade=half)
-    brush.put(Material(colour, 8, 4, 0), repeats(brush.u, 1.0, 0.25), -14)
+    brush.paint(Material(colour, 8, 12, 8), shade=half)
+    brush.paint(Material(colour, 8, 4, 0), repeats(brush.u, 1.0, 0.25), -14)
 
 
 def _worn(brush: Brush) -> None:
-    brush.put(("soil", "gravel", "rough", "sand")[brush.key % 4], brush.blots > 40)
+    brush.paint(("soil", "gravel", "rough", "sand")[brush.key % 4], brush.blots > 40)
 
 
 def _ruts(brush: Brush) -> None:
-    brush.put("track")
-    brush.put("rough", (brush.u < 0.45) & (brush.middle > -60))
+    brush.paint("track")
+    brush.paint("rough", (brush.u < 0.45) & (brush.middle > -60))
 
 
 def _shore(brush: Brush) -> None:
-    brush.put("reed")
-    brush.put("shallow", brush.coarse > 10)
+    brush.paint("reed")
+    brush.paint("shallow", brush.coarse > 10)
 
 
 PAINTERS: dict[str, Callable[[Brush], None]] = {
@@ -378,7 +378,7 @@ PAINTERS: dict[str, Callable[[Brush], None]] = {
 
 @dataclass(eq=False)
 class RoofBrush(Brush):
-    """What paints on one roof; its key is the building's place in the list."""
+    """A painter of one roof; its key is the building's place in the list."""
 
     building: Building
     colour: Colour
@@ -406,7 +406,7 @@ class RoofBrush(Brush):
         colour: Colour | None = None,
     ) -> None:
         """Paint in the roof's colour or another."""
-        self.put(Material(colour or self.colour, *mottling), where, shade)
+        self.paint(Material(colour or self.colour, *mottling), where, shade)
 
 
 def _cover_with_tiles(roof: RoofBrush) -> None:
@@ -496,7 +496,7 @@ def _add_flat_details(roof: RoofBrush) -> None:
         if dice.chance(55):
             _add_panels(roof, *box)
         else:
-            roof.put("bed", roof.within(*box) & repeats(roof.v, 1.5, 1.0))
+            roof.paint("bed", roof.within(*box) & repeats(roof.v, 1.5, 1.0))
     for _ in range(int(rect.long * rect.deep / 40)):
         u, v = dice.real(rect.u0, rect.u1), dice.real(rect.v0, rect.v1)
         half = dice.pick(((0.5, 0.5), (0.3, 2.5), (2.5, 0.3), (0.8, 0.5), (0.35, 0.35)))

@@ -1,4 +1,4 @@
-"""What a layout consists of, before anything is painted or meshed; buildings of a few kinds."""
+"""The parts of a layout before painting and meshing; buildings of a few kinds."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Plan:
     def paint(
         self, kind: str, shape: Shape, key: int = 0, *, side: int = 0, season: int = 0
     ) -> None:
-        """Add a decal on top of those that are there."""
+        """Add a decal on top of the existing ones."""
         self.decals.append(Decal(kind, shape, key, side, season))
 
     def plant(self, place: Point, radius_m: float, height_m: float, kind: str = "broad") -> None:
@@ -152,7 +152,7 @@ def add_house(
 def add_block(
     plan: Plan, dice: Dice, frame: Frame, half_u: float, half_v: float, storeys: int
 ) -> None:
-    """Add a building with a flat roof and what stands on it."""
+    """Add a building with a flat roof and its equipment."""
     cover = dice.pick(("membrane", "membrane", "gravel", "slabs"))
     top = "flat", cover, dice.pick(_FLAT)
     style = dice.integer(0, 2)

@@ -216,7 +216,7 @@ def distance(a: Point, b: Point) -> float:
 
 
 def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
-    """Return the distance of points, x and y of which broadcast, from a line."""
+    """Return the distance of points, whose x and y broadcast, from a line."""
     ends = np.array(points).reshape(-1, 2, *(1,) * x.ndim)
     (x0, y0), (along_x, along_y) = ends[:-1].swapaxes(0, 1), (ends[1:] - ends[:-1]).swapaxes(0, 1)
     length2 = along_x * along_x + along_y * along_y

@@ -31,7 +31,7 @@ class Layer(NamedTuple):
     owner: NDArray[np.int32]
 
     @classmethod
-    def of(cls, mesh: Mesh, raster: Raster, material: Material) -> Layer:
+    def from_mesh(cls, mesh: Mesh, raster: Raster, material: Material) -> Layer:
         """Look at the triangles of a material from above."""
         height, triangle = _look_down(mesh, raster, mesh.material == material)
         owner = np.where(triangle >= 0, mesh.owner[triangle], np.int32(-1))
