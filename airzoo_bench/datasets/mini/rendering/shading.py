@@ -48,9 +48,7 @@ class Shader:
         self._side = world.region.side_m
         seen = world.water & (world.top_albedo == world.ground_albedo).all(axis=-1)
         self._ground, self._top = (
-            Texture.from_lanes(
-                np.dstack([albedo, np.where(water, np.uint8(255), np.uint8(0))]), self._side
-            )
+            Texture.from_lanes(np.dstack([albedo, water * np.uint8(255)]), self._side)
             for albedo, water in ((world.ground_albedo, world.water), (world.top_albedo, seen))
         )
         self._around = surroundings(world)
