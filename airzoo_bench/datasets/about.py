@@ -1,4 +1,4 @@
-"""What a dataset says of itself, in a TOML file."""
+"""The description of a dataset, in a TOML file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["About", "about_file", "about_of", "read_about"]
 
 @dataclass(frozen=True)
 class About:
-    """What users want to know of a dataset before they have it.
+    """The description of a dataset, for users who do not have it yet.
 
     `summary` (a sentence, then what else there is to say) and `example` (what stands behind
     ``airzoo-bench prepare``) are for the help. `page` tells where to get the data, `licence` is as

@@ -38,7 +38,7 @@ _PHOTOS, _LEAST_LOOKING = 100, 2
 
 
 def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
-    """Read a true cloud completely, and compare its place with that of cameras and surface model.
+    """Read a true cloud completely, and compare its place with cameras and surface model.
 
     Return the median height of the cloud above the surface model, in metres; NaN where they do not
     meet, or there is no surface model.
@@ -119,7 +119,7 @@ def _is_seen(points: Floats, inputs: SceneInputs) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Watched:
-    """A cloud that keeps evenly spaced points, some 65,000 in all, of what is read."""
+    """A cloud that keeps some 65,000 evenly spaced points while it is read."""
 
     source: CloudSource
     kept: list[Floats] = field(default_factory=list)

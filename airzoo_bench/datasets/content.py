@@ -1,4 +1,4 @@
-"""A scene as its files state it, checked, and with the truth made: what a folder is written of."""
+"""Scenes are checked, measured, and given their truth before a folder is written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a dataset is: native data become a benchmark folder (``airzoo-bench prepare NAME``)."""
+"""Datasets turn native data into a benchmark folder (``airzoo-bench prepare NAME``)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Dataset(ABC, Generic[OptionsT]):
     jobs: ClassVar[int | None] = 1
 
     def scenes(self, options: OptionsT) -> Mapping[str, Sequence[Path]]:
-        """Return the scenes that are there, in the protocols' order, with what each is read from.
+        """Return the scenes below the source, in the protocols' order, with the files of each.
 
         Returns
         -------

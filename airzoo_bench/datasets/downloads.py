@@ -124,7 +124,7 @@ class HubDataset:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a download has to do.
+    """The work of a download.
 
     `lacking` are to fetch, `needed` bytes of them; `free` is the room on the disk.
     """
@@ -210,7 +210,7 @@ def download(plan: Plan, source: HubDataset, progress: Progress) -> None:
 
 
 def _digest(path: Path, like: str) -> str:
-    """Return the checksum of the kind that another one is of."""
+    """Return the checksum of a file, SHA-256 or SHA-1 like another checksum."""
     digest = hashlib.sha256()
     if len(like) != _SHA256:
         size = path.stat().st_size

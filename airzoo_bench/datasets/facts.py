@@ -78,7 +78,7 @@ class Cameras3D:
 
 
 class GpsFacts(NamedTuple):
-    """Medians of poses less the photos' own GPS, of which so many `photos` have a position.
+    """Medians of poses less the photos' own GPS; `photos` is the number with a position.
 
     `offset_m` is to the east and north; `height_m` is NaN without altitudes.
     """
@@ -278,7 +278,7 @@ def _share_over(above: RasterInfo, below: RasterInfo) -> float:
 
 
 def often_lowest(survey: HeightSurvey) -> bool:
-    """Whether the lowest height may stand for a missing one."""
+    """Whether the lowest height may mean that there is none."""
     repeated = survey.at_low > 1 or survey.low == 0.0
     alone = repeated and survey.next_low - survey.low > _FAR_BELOW_M
     return survey.low < survey.high and (alone or survey.at_low > _LOWEST_SHARE * survey.valid)

@@ -1,4 +1,4 @@
-"""A benchmark folder that was made by hand: what benchmark.toml lacks is filled in."""
+"""Fill in the entries that benchmark.toml of a folder made by hand lacks."""
 
 from __future__ import annotations
 

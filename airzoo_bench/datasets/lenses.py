@@ -1,4 +1,4 @@
-"""Cameras from what is known of them: pixels, millimetres, field of view, or EXIF."""
+"""Cameras from pixels, millimetres, a field of view, or EXIF."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def check_focal_lengths(
     sizes: Mapping[str, tuple[int, int]],
     where: Path,
 ) -> None:
-    """Hold fx that does not say of which size of photo it is to EXIF."""
+    """Compare fx with EXIF, unless the camera states the size of its photos."""
     for name, one in values.items():
         if "fx" not in one or {"width", "cx"} & set(one):
             continue
@@ -119,7 +119,7 @@ def check_focal_lengths(
 
 
 def are_alike(first: float, second: float) -> bool:
-    """Return whether two focal lengths may be those of one camera."""
+    """Return whether two focal lengths may belong to one camera."""
     return 1 / _MOST_RATIO < first / second < _MOST_RATIO
 
 

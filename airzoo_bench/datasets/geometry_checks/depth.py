@@ -231,7 +231,7 @@ class DepthConsistency:
 
     @property
     def bad_frames(self) -> pd.DataFrame:
-        """Frames that stand out, the worst first."""
+        """Frames with conspicuous errors, the worst first."""
         limit = max(self.median_below, _FAR_ABOVE * self.quantile(0.5))
         most = max(_FLOATING_OF_A_FRAME, _FAR_ABOVE * self.floating)
         chosen = (self.frames["median"] >= limit) | (self.frames["floating"] >= most)
@@ -251,7 +251,7 @@ def check_depth_consistency(
     median_below: float = MEDIAN_BELOW,
     progress: Progress = silent,
 ) -> DepthConsistency:
-    """Compare the depth of each frame with that of the next, and of four that look near."""
+    """Compare the depth of each frame with the next frame and four that look near."""
     rows = [row for row, path in enumerate(depths) if path is not None]
     if len(rows) < 2:
         raise BenchmarkError("fewer than two photos have a depth map")

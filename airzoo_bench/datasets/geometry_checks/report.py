@@ -1,4 +1,4 @@
-"""What the checks of a scene found: faults in words, a table, and files."""
+"""Results of geometry checks as sentences, a table, and files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SceneGeometry:
 
     @property
     def failures(self) -> list[str]:
-        """What is wrong, a sentence each; empty where nothing is."""
+        """Faults, a sentence each."""
         found = _scale_failures(self.scene)
         if self.chain is not None and self.chain.open_photos.any():
             found.append(_chain_failure(self.chain, self.scene.ids))
@@ -50,13 +50,13 @@ class SceneGeometry:
 
     @property
     def warnings(self) -> list[str]:
-        """What is suspect, a sentence each: the same as `prepare` says."""
+        """Suspect figures, a sentence each: the same as `prepare` prints."""
         facts = self.scene.facts
         return [] if facts is None else [str(found) for found in scene_warnings(facts)]
 
     @property
     def notes(self) -> list[str]:
-        """What was not checked."""
+        """Checks that were left out, a sentence each."""
         notes = []
         if self.chain is None:
             notes.append("frame chain not checked: poses have no CRS (--crs), or a local frame")
