@@ -78,9 +78,7 @@ def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
     found = [there.get(Path(name).with_suffix("").as_posix(), []) for name in images]
     if not any(found) or any(len(paths) > 1 for paths in found):
         raise UsageError(
-            "photos have more than one depth map"
-            if any(found)
-            else "holds no depth map of a photo",
+            "photos have no depth map, or more than one",
             where=folder,
             expected=f"one such as {Path(images[0]).with_suffix('').as_posix()}.tif a photo "
             f"({', '.join(_SUFFIXES)})",

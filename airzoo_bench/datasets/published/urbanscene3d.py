@@ -96,13 +96,10 @@ class UrbanScene3D(Dataset[UrbanScene3DOptions]):
         transform = values_by_scene(options.transform, "transform", known).get(scene)
         if scan is None or (transform is None and not options.same_frame):
             raise UsageError(
-                f"the scan of {scene} is not named"
-                if scan is None
-                else f"it is not known how the poses of {scene} lie to its scan",
+                f"the scan of {scene} is not named, or not how its poses lie to it",
                 where=folder,
-                expected=f"--scan {scene}=FILE, a PLY, LAS or LAZ cloud; and --transform "
-                f"{scene}=FILE, 4 x 4 numbers that take the frame of the poses to that of the "
-                "scan, or --same-frame",
+                expected=f"--scan {scene}=FILE; and --transform {scene}=FILE, 4 x 4 numbers from "
+                "the frame of the poses to the scan's, or --same-frame",
                 fix="find the transform by registering the model's points to the scan, such as "
                 "with CloudCompare; or name the scenes to prepare with --scene",
             )

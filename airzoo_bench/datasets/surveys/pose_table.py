@@ -291,9 +291,8 @@ def _check_down(table: Table, rotations: Floats, pitch: float, convention: str) 
     away = -rotations[:, 2, 2] < math.cos(math.radians(_MOST_OFF_NADIR_DEG))
     if away.mean() > 0.5 or (convention == "airframe" and pitch < _OBLIQUE_DEG):
         raise UsageError(
-            f"read as {convention}, {counted(int(away.sum()), 'camera')} of {len(away)} look more "
-            f"than {_MOST_OFF_NADIR_DEG:g} degrees away from straight down; the second angle is "
-            f"{pitch:.6g} degrees in the median",
+            f"read as {convention}, {int(away.sum())} of {counted(len(away), 'camera')} look more "
+            f"than {_MOST_OFF_NADIR_DEG:g} degrees away from straight down; pitch is {pitch:.6g}",
             where=table.path,
             expected="photos of the ground: gimbal pitch is -90 straight down, airframe pitch 0",
             fix="name the convention with --angles gimbal, airframe or omega-phi-kappa",
