@@ -42,7 +42,12 @@ class Dataset(ABC, Generic[OptionsT]):
 
     Notes
     -----
-    Its methods take options of that class; `root` is the data root, for protocols to start from.
+    Its methods take options of that class, and these:
+
+    root : Path
+        The data root, for protocols to start from.
+    settings : PrepareSettings
+        Where the folder is made, and how.
     """
 
     name: ClassVar[str] = ""
