@@ -393,7 +393,8 @@ def _ids(name: str, values: Any, *, is_set: bool = False) -> list[Any]:
     """Return ids as Python's whole numbers or texts; only positives may be a set."""
     if isinstance(values, set | frozenset) and not is_set:
         raise ArgumentError("is a set, which has no order", where=name, expected="a list of ids")
-    ids = [getattr(one, "item", lambda one=one: one)() for one in arg.listed(name, values)]
+    given = arg.listed(name, values)
+    ids = [one.item() if isinstance(one, np.generic) else one for one in given]
     is_text = all(isinstance(one, str) for one in ids)
     if not is_text and any(not isinstance(one, Integral) or isinstance(one, bool) for one in ids):
         kinds = ", ".join(sorted({type(one).__name__ for one in ids}))

@@ -34,7 +34,7 @@ def download(
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing.")] = False,
 ) -> None:
-    """Fetch a published benchmark from Hugging Face, or list where it is to be had.
+    """Fetch a published benchmark from Hugging Face, or list the links to its files.
 
     Run it again to go on after an interruption; files that are there and whole are not fetched
     again.

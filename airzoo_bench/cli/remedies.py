@@ -1,4 +1,4 @@
-"""Ways to mend a fault, as far as the command at hand has them.
+"""Ways to mend a fault that the command at hand has.
 
 Library code is called by many commands, and says how to mend a fault in all of them: "raise
 --max-memory, or sample the mesh".

@@ -53,7 +53,8 @@ PUBLIC = {name: one for name, one in public().items() if name.startswith("airzoo
 def is_described(thing: Any, parameter: str) -> bool:
     """Whether a class has a section that names what it is made of: its attributes are that."""
     stated = re.search(rf"^(.*, )?{parameter}(,.*)? :", inspect.getdoc(thing) or "", re.MULTILINE)
-    return parameter.startswith("_") or bool(stated)
+    noted = f"`{parameter}` is" in (inspect.getdoc(thing) or "")
+    return parameter.startswith("_") or noted or bool(stated)
 
 
 def is_excused(thing: Any, code: str, message: str) -> bool:

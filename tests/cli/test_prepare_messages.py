@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import errno
-import importlib
 import os
-import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from airzoo_bench.cli import common
-from airzoo_bench.core.progress import report_progress
 from airzoo_bench.datasets import prepare as scene_run
 from tests.datasets.published.uav_visloc_tree import make_tree
 from tests.support import run_main
@@ -83,36 +78,3 @@ def test_a_disk_that_cannot_be_written_is_named(
     monkeypatch.setattr(scene_run, "write_scene", refuses)
     said = prepare(capsys, 2, source, "--scene", "01")
     assert f"data/uav-visloc-partial: cannot be written: {os.strerror(number)} fix:" in said
-
-
-SILENT = [
-    ("airzoo_bench.datasets.dataset.chosen_scenes", "getting ready"),
-    ("airzoo_bench.datasets.dataset.is_prepared", "getting ready"),
-    ("airzoo_bench.datasets.prepare.scene_keys", "looking through the source"),
-    ("airzoo_bench.datasets.prepare._unchanged_parts", "looking through earlier runs"),
-    ("airzoo_bench.datasets.prepare.write_folder_files", "writing the folder"),
-]
-
-
-@pytest.mark.parametrize(("step", "label"), SILENT)
-def test_a_step_that_takes_long_is_named(
-    step: str, label: str, source: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Steps before and after the scenes, on a machine that takes seconds for them."""
-
-    def slow(*arguments: Any, **named: Any) -> Any:
-        if line not in named_while:
-            until = time.monotonic() + 30
-            while line not in said and time.monotonic() < until:
-                time.sleep(0.01)
-            named_while.extend(said)
-        return real(*arguments, **named)
-
-    line, said, named_while = f"{label} ...", [], []
-    module, _, name = step.rpartition(".")
-    real = getattr(importlib.import_module(module), name)
-    monkeypatch.setattr(step, slow)
-    monkeypatch.setattr(common, "say", said.append)
-    monkeypatch.setitem(report_progress.__kwdefaults__, "first_s", 0.01)
-    assert run_main("prepare", "uav-visloc", "--source", source, "--scene", "01", "--jobs", 1) == 0
-    assert line in named_while
