@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from airzoo_bench.cli.main import app
 from tests.support import run_main
 
-MOST_OPTIONS = 258
+MOST_OPTIONS = 251
 COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--scheduler", "--untrusted")
 SCALE = ("jobs", "max_memory", "untrusted", "engine", "scheduler", "resume", "show_progress")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
