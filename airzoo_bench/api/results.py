@@ -48,9 +48,6 @@ __all__ = ["Check", "Comparison", "Result", "check", "compare", "evaluate", "loa
 Predictions = str | Path | Mapping[str, Any]
 
 KINDS = ("recall", "errors", "thresholds", "intervals", "scenes", "condition")
-"""Kinds of plots."""
-
-_WIDTH = 120
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,7 +94,7 @@ class Result(Scored):
         str
             Text that ends with a line break.
         """
-        return render(scenes_table(self.result, floors=True), form, width=_WIDTH)
+        return render(scenes_table(self.result, floors=True), form, width=120)
 
     def plot(self, kind: str, *others: Scored, score: str | None = None, **options: Any) -> Figure:
         """Draw this result, and others beside it, as ``airzoo-bench plot`` does.
@@ -396,7 +393,7 @@ class Comparison:
     frame: pd.DataFrame
 
     def __repr__(self) -> str:
-        return render(self.table, "terminal", width=_WIDTH).rstrip("\n")
+        return render(self.table, "terminal", width=120).rstrip("\n")
 
     def _repr_html_(self) -> str:
         return render(self.table, "html")
