@@ -1,18 +1,15 @@
 """Nearest distances between two clouds both ways, beside Open3D and Depth Anything 3's evaluator.
 
-Usage: ``python benchmarks/bench_distances.py [--points N ...] [--threads N ...] [--profile]``
+Usage: ``python benchmarks/bench_distances.py [--points N ...] [--threads N ...]``
 
 The clouds are unsorted samples of one hilly surface, ten centimetres apart; of the first, as of a
 prediction, 5 % of the points lie far outside, up to ten times the surface's side. Every line is a
 process of its own that makes the same seeded clouds. Only the search is timed; the peak is that of
 the whole process, and stands beside the memory of the two clouds (48 bytes a pair of points).
 `--growth` repeats ours with other sizes and prints the exponent between the first and the last;
-`--blocks` works clouds that are not in memory, made piece by piece, under a limit of its data.
+`--blocks` works clouds that are mapped from disk, made piece by piece, under a limit of its data.
 Open3D takes all threads there are. Depth Anything 3's evaluator asks SciPy's KDTree as it comes, in
 one thread; it is asked for one in `--share` of the points, and the time of asking is multiplied.
-
-`--profile` times the steps of one way in one thread. What it shows is where the next factor of two
-would have to come from: README.md beside this file has the figures and what follows from them.
 """
 
 from __future__ import annotations
@@ -29,20 +26,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.reconstruction.distances import (
-    NeighbourSearch,
-    cloud_distances,
-    morton_order,
-    mutual_distances,
-    sort_points,
-)
+from airzoo_bench.reconstruction.distances import cloud_distances, mutual_distances
 
 Floats = NDArray[np.float64]
 Both = tuple[Floats, Floats]
@@ -133,35 +122,6 @@ def scipy(first: Floats, second: Floats, share: int) -> dict[str, float]:
         for clock, start, then in zip(clocks, begun, built, strict=True)
     )
     return {"wall_s": wall, "cpu_s": cpu, "peak_mb": _peak_mb(), "sum": math.nan}
-
-
-def profile(points: int) -> None:
-    """Print the CPU seconds of each step of one way, in one thread."""
-    first, second = made(points, 0), made(points, 1)
-    total = 0.0
-
-    def step(label: str, act: Callable[[], Any], *, counts: bool = True) -> Any:
-        nonlocal total
-        begun = time.process_time()
-        result = act()
-        spent = time.process_time() - begun
-        total += spent if counts else 0.0
-        print(f"  {label:58} {spent:8.2f}{'' if counts else '   (not a step)'}", flush=True)
-        return result
-
-    print(f"one way, {points:,} points, one thread {'CPU s':>29}")
-    orders = step("Morton order of both", lambda: (morton_order(first), morton_order(second)))
-    ours, others = step(
-        "points moved into it, without copies",
-        lambda: (sort_points(first, orders[0]), sort_points(second, orders[1])),
-    )
-    search = step("tree built", lambda: NeighbourSearch(others))
-    step("asked for two, ties decided", lambda: search.squared(ours, jobs=1))
-    print(f"  {'all':58} {total:8.2f}")
-    tree = step("pykdtree: tree", lambda: KDTree(others, leafsize=16), counts=False)
-    for count in (1, 2):
-        label = f"pykdtree: {count} nearest"
-        step(label, lambda k=count: tree.query(ours, k=k, sqr_dists=True), counts=False)
 
 
 def _peak_mb() -> float:
@@ -265,15 +225,10 @@ def main() -> None:
     parser.add_argument("--threads", type=int, nargs="+", default=[1, os.cpu_count() or 1])
     parser.add_argument("--share", type=int, default=50, help="SciPy is asked for one in so many")
     parser.add_argument("--without", nargs="*", default=[], choices=sorted(LABELS))
-    parser.add_argument("--profile", action="store_true", help="only the steps of one way")
     parser.add_argument("--only", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.only:
         print(json.dumps(run(options.only, options)))
-        return
-    if options.profile:
-        for points in options.points:
-            profile(points)
         return
     print(
         f"{'both ways (threads)':52} {'points':>11} {'wall s':>9} {'CPU s':>9}"

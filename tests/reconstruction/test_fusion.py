@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.poses import Poses, world_to_camera
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction import fusion
 from airzoo_bench.reconstruction.clouds import PieceCloud
 from airzoo_bench.reconstruction.fusion import (
@@ -104,27 +104,6 @@ def test_what_is_no_surface() -> None:
     assert cloud.count == 1
     assert joined(cloud)[0, 2] == UTM[2] + 7.0
     assert cloud_of(maps, max_depth_m=101.0).count == 2
-
-
-def test_pixels_must_exceed_the_confidence() -> None:
-    confidence = np.array([[[0.5, 2.0], [np.nan, 3.0]]], np.float16)
-    maps = one_view([[1, 2], [3, 4]], confidence=confidence)
-    found = joined(cloud_of(maps, confidence_above=0.5))
-    assert (found[:, 2] - UTM[2]).tolist() == [2.0, 4.0]
-    assert cloud_of(maps, confidence_above=0.5).count == 4
-
-
-def test_lens_distortion_is_undone() -> None:
-    rng = np.random.default_rng(0)
-    K = [[[60.0, 0, 33.0], [0, 61.0, 22.5], [0, 0, 1]]]
-    cameras = Cameras.from_matrices(K, 64, 48, [[-0.1, 0.03, 0.001, -0.002, 0.0]])
-    pose = Poses(rotation=Rotation.random(1, random_state=rng).as_matrix(), centres=UTM[None])
-    maps = DepthMaps(rng.uniform(5, 50, (1, 48, 64)), cameras, pose)
-    seen = world_to_camera(pose, joined(cloud_of(maps))[None])
-    pixels = project(cameras, seen)[0]
-    expected = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), -1).reshape(-1, 2)
-    np.testing.assert_allclose(pixels, expected, atol=1e-6)
-    np.testing.assert_allclose(seen[0, :, 2], maps.depth.ravel(), atol=1e-8)
 
 
 def test_the_plane_comes_back_in_another_frame() -> None:

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
@@ -25,8 +23,7 @@ from airzoo_bench.reconstruction.scoring import (
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import open_true_cloud
 from tests.formats.cloud_support import LIMIT, SAMPLING
-from tests.geometry.support import quick, seeds
-from tests.reconstruction.cloud_support import all_pairs, surface
+from tests.reconstruction.cloud_support import surface
 from tests.reconstruction.shard_support import in_shards, opened, points_in, write_laz
 from tests.reconstruction.world import (
     ORIGIN,
@@ -122,21 +119,6 @@ def observed_part(points: Array) -> Array:
     cloud, cameras = InMemoryCloud(points), lenses(len(poses))
     cells = observed_cells(cloud, box_of(cloud), cameras, poses, settings, 1 << 20)
     return cells.holds(points)
-
-
-@quick
-@given(seeds, st.sampled_from((1.0, 30.0, 1000.0)))
-def test_the_naive_version_finds_the_same(seed: int, spread: float) -> None:
-    random = np.random.default_rng(seed)
-    counts = random.integers(1, 60, 2)
-    points, truth = (random.uniform(0, spread, (count, 3)) + ORIGIN for count in counts)
-    record = scored(points, truth, protocol(alignment={"method": "none"}))
-    there, back = all_pairs(points, truth), all_pairs(truth, points)
-    assert record["accuracy_m"] == pytest.approx(there.mean(), rel=1e-12)
-    assert record["completeness_median_m"] == pytest.approx(np.median(back), rel=1e-12)
-    for limit in (0.2, 1.0, 10.0):
-        assert record[f"precision_{limit:g}m"] == (there < limit).mean()
-        assert record[f"recall_{limit:g}m"] == (back < limit).mean()
 
 
 VARIANTS: dict[str, dict[str, Any]] = {
