@@ -98,15 +98,18 @@ def mutual_distances(
             raise ValueError(f"points of shape {points.shape}, expected (N, 3)")
         if not all(np.isfinite(part).all() for part in _chunks(points)):
             raise ValueError("points that are not finite")
-    found = np.full(len(first), np.inf), np.full(len(second), np.inf)
     if not len(first) or not len(second):
-        return found
+        return np.full(len(first), np.inf), np.full(len(second), np.inf)
     orders = morton_order(first), morton_order(second)
-    for here, there in ((0, 1), (1, 0)):
-        search = NeighbourSearch(sort_points(clouds[there], orders[there], on_disk=on_disk))
+
+    def search_from(here: int) -> Floats:
+        there = sort_points(clouds[1 - here], orders[1 - here], on_disk=on_disk)
+        search, distances = NeighbourSearch(there), np.empty(len(clouds[here]))
         for rows in _chunks(orders[here]):
-            found[here][rows] = np.sqrt(search.squared(clouds[here][rows], jobs=jobs))
-    return found
+            distances[rows] = np.sqrt(search.squared(clouds[here][rows], jobs=jobs))
+        return distances
+
+    return search_from(0), search_from(1)
 
 
 def sort_points(points: Floats, order: Ints, *, on_disk: bool = False) -> Floats:
