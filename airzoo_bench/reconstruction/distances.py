@@ -113,10 +113,7 @@ def mutual_distances(
 
 
 def sort_points(points: Floats, order: Ints, *, on_disk: bool = False) -> Floats:
-    """Return points in an order, in memory or mapped, each without copies right behind it.
-
-    Along the curve nearly all copies are, and no tree can part many copies of one point.
-    """
+    """Return points in an order, without copies behind each other, which no tree can part."""
 
     def pieces() -> Iterator[Floats]:
         last = np.full((1, 3), np.nan)
@@ -193,10 +190,7 @@ class NeighbourSearch:
 
 @contextmanager
 def _openmp_threads(jobs: int) -> Iterator[None]:
-    """Limit the threads of pykdtree, which has no argument for them and takes all.
-
-    Where it is built without OpenMP, or hides it (Windows), nothing is limited.
-    """
+    """Limit the threads of pykdtree, which takes all, where its OpenMP can be found."""
     library = ctypes.CDLL(kdtree.__file__)
     limited = hasattr(library, "omp_set_num_threads")
     before = library.omp_get_max_threads() if limited else 0
