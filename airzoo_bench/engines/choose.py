@@ -1,4 +1,4 @@
-"""The one place that turns options into an engine."""
+"""Turns the options --engine and --scheduler into an engine; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from airzoo_bench.engines.engine import Engine, Processes
 __all__ = ["LOCAL", "EngineKind", "open_engine"]
 
 LOCAL = "local"
-_ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s/:@]+):(\d{1,5})")
+_ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s/:@]+):\d{1,5}")
 
 
 class EngineKind(StrEnum):
@@ -35,8 +35,9 @@ def open_engine(
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Engine]:
     """Open the engine that options ask for; it ends with the block."""
-    _check_options(kind, scheduler)
     if kind is EngineKind.LOCAL:
+        if scheduler is not None:
+            raise UsageError("--scheduler is of Dask", fix="add --engine dask")
         engine = here or Engine()
         try:
             yield engine
@@ -44,21 +45,8 @@ def open_engine(
             if isinstance(engine, Processes):
                 engine.kill()
         return
-    from airzoo_bench.engines.dask import connect, local_cluster  # Dask is an extra
-
     own = scheduler in (None, LOCAL)
-    cluster = local_cluster(jobs, memory_bytes) if own else connect(str(scheduler), note)
-    with cluster as engine:
-        yield engine
-
-
-def _check_options(kind: EngineKind, scheduler: str | None) -> None:
-    if kind is EngineKind.LOCAL:
-        if scheduler is not None:
-            raise UsageError("--scheduler is of Dask", fix="add --engine dask")
-        return
-    found = _ADDRESS.fullmatch(scheduler or "")
-    if scheduler not in (None, LOCAL) and not (found and 0 < int(found[3]) < 1 << 16):
+    if not own and not _ADDRESS.fullmatch(str(scheduler)):
         raise UsageError(
             "that is not the address of a scheduler",
             where=f"--scheduler {scheduler}",
@@ -69,3 +57,8 @@ def _check_options(kind: EngineKind, scheduler: str | None) -> None:
             "--engine dask needs Dask, which is not installed",
             fix="pip install 'airzoo-bench[dask]'",
         )
+    from airzoo_bench.engines.dask import connect, local_cluster  # Dask is an extra
+
+    cluster = local_cluster(jobs, memory_bytes) if own else connect(str(scheduler), note)
+    with cluster as engine:
+        yield engine

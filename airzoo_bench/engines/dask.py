@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import logging
 import os
 import pickle
-import platform
 import socket
 import time
-import warnings
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
@@ -26,13 +22,13 @@ from distributed.system import MEMORY_LIMIT
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.core.version import __version__
 from airzoo_bench.engines.engine import (
+    MORE_MEMORY,
     UNREAD,
-    BlockError,
     Engine,
     Fault,
     attempt,
+    wait_in_order,
     without_ctrl_c,
 )
 
@@ -48,60 +44,59 @@ PATIENCE_S = 60.0
 """How long there may be no worker that can work: none has come, all are gone or out of memory."""
 _DEATHS = 3
 _LEAST_BYTES = 512 << 20
+_SAME = ("airzoo-bench", "python", "dask", "distributed", "cloudpickle", "numpy")
 _QUIET = {
     "distributed.admin.tick.limit": "1h",
     "distributed.admin.large-graph-warning-threshold": "1TB",
+    "logging": {"distributed": "critical", "tornado": "critical", "bokeh": "critical"},
 }
 _LOCAL = {
     **_QUIET,
     "distributed.scheduler.allowed-failures": _DEATHS - 1,
-    "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.profile.enabled": False,
     # Dask has workers give memory back at once, which they then ask for page by page: that is a
     # third of the time of work on large arrays. A worker's memory is bounded by what tasks take.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 28,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    "logging": {"distributed": "critical", "tornado": "critical", "bokeh": "critical"},
 }
+_loaded: dict[str, Any] = {}
 
 
 class DaskEngine(Engine):
     """Does blocks on the workers of a cluster, again where a worker dies.
 
-    joblib's own backend for Dask is not used: it takes all items at once, and hangs where workers
-    may not die twice.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    place : str
-        What the cluster is called in messages.
-    more_memory : str
-        See `Engine`.
+    joblib's own backend for Dask takes all items at once, and hangs where workers may not die
+    twice.
     """
 
     distributed = True
 
-    def __init__(self, client: Client, place: str, more_memory: str) -> None:
+    def __init__(self, client: Client, place: str) -> None:
         super().__init__()
-        self.client, self.place, self.more_memory = client, place, more_memory
+        self.client, self.place = client, place
         self.dashboard = client.dashboard_link
 
     def _results(
         self, work: Callable[[S, T], R], items: Sequence[T], shared: S, stage: str
     ) -> Generator[R | Fault, None, None]:
+        # The result of a task, not scattered: that would be lost with the workers that hold it.
+        # Bytes, since arrays that Dask sends may lie at odd addresses, where sums round otherwise.
         try:
-            # The result of a task, not scattered: that would be lost with the workers that hold it.
-            data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)  # not copied, as bytes are
+            data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
             held = self.client.submit(_hold, data, pure=False)
             most = UNREAD * max(1, sum(self.client.nthreads().values()))
-            waiting: deque[tuple[Future, T]] = deque()
-            for item in items:
-                waiting.append((self._submit(held, item), item))
-                if len(waiting) == most:
-                    yield from self._next(held, waiting)
-            while waiting:
-                yield from self._next(held, waiting)
+
+            def submit(item: T) -> Future:
+                task = held.key, held, pickle.dumps(item)
+                return self.client.submit(_attempt_pickled, *task, pure=False)
+
+            yield from wait_in_order(submit, self._wait, items, most)
+        except KilledWorker as error:
+            raise UserError(
+                f"{_DEATHS} workers died of a block, perhaps for want of memory",
+                where=stage,
+                fix=MORE_MEMORY,
+            ) from error
         except (CancelledError, ClosedClientError, OSError) as error:
             raise UserError(
                 "the scheduler of Dask was lost in the middle of the run",
@@ -110,58 +105,27 @@ class DaskEngine(Engine):
                 "`eval` with --resume goes on from the scenes that are scored",
             ) from error
 
-    def _submit(self, held: Future, item: T) -> Future:
-        task = held.key, held, pickle.dumps(item)
-        return self.client.submit(_attempt_pickled, *task, pure=False)
-
-    def _next(self, held: Future, waiting: deque[tuple[Future, T]]) -> Iterator[Any]:
-        """Yield the next result; where workers died, those of all that is under way."""
-        future, item = waiting.popleft()
-        done = self._wait(future)
-        if done is not None:
-            yield done[0]
-            return
-        suspects = [item, *(one for _, one in waiting)]
-        self.client.cancel([other for other, _ in waiting])
-        waiting.clear()
-        for one in suspects:  # alone, so that the right one is blamed
-            done = self._wait(self._submit(held, one))
-            what = f"{_DEATHS} workers died of it, perhaps for want of memory"
-            yield Fault(BlockError(what)) if done is None else done[0]
-
-    def _wait(self, future: Future) -> tuple[Any] | None:
-        """Wait for a block, but not for ever if no worker could do it; None if workers died."""
+    def _wait(self, future: Future) -> Any:
+        """Wait for a block, but not for ever if no worker could do it."""
         alive = time.monotonic()
         while True:
             with suppress(TimeoutError):
-                try:
-                    return (pickle.loads(future.result(timeout=1.0)),)  # noqa: S301 - of this run
-                except KilledWorker:
-                    return None
+                return pickle.loads(future.result(timeout=1.0))  # noqa: S301 - of this run
             if self.client.status != "running":
                 raise ConnectionResetError(self.client.status)
             workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
             if any(worker["status"] == "running" for worker in workers):
                 alive = time.monotonic()
             elif time.monotonic() - alive > PATIENCE_S:
-                raise self._stuck(len(workers))
-
-    def _stuck(self, workers: int) -> UserError:
-        others = f"start others with `dask worker {self.client.scheduler.address}`, then run again"
-        return UserError(
-            f"every worker ({workers}) is paused, out of memory"
-            if workers
-            else "all workers are gone",
-            where=self.place,
-            expected=f"one that is ready within {PATIENCE_S:.0f} s",
-            fix=self.more_memory if workers else others,
-        )
-
-
-# Arrays that Dask itself sends may lie at odd addresses, where sums round otherwise: so bytes.
-
-
-_loaded: dict[str, Any] = {}
+                raise UserError(
+                    f"every worker ({len(workers)}) is paused, out of memory"
+                    if workers
+                    else "all workers are gone",
+                    where=self.place,
+                    expected=f"one that is ready within {PATIENCE_S:.0f} s",
+                    fix=f"start others with `dask worker {self.client.scheduler.address}`, or "
+                    + MORE_MEMORY,
+                )
 
 
 def _hold(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -180,13 +144,12 @@ def _attempt_pickled(key: str, held: NDArray[np.uint8], data: bytes) -> bytes:
 def local_cluster(workers: int, memory_bytes: int | None = None) -> Iterator[DaskEngine]:
     """Start worker processes on this machine, each of one thread; they end with the block."""
     limit = min(memory_bytes or MEMORY_LIMIT, MEMORY_LIMIT // workers)
-    more = "lower --jobs, raise --max-memory, or run it on a machine with more memory"
     if limit < _LEAST_BYTES:
         raise UsageError(
             f"each of {workers} workers would have {limit >> 20:,} MB of memory",
             where="--scheduler local",
             expected=f"{_LEAST_BYTES >> 20:,} MB or more: Python and its libraries take half of it",
-            fix=more,
+            fix=MORE_MEMORY,
         )
     with dask.config.set(_LOCAL):
         before = dict(os.environ)
@@ -202,21 +165,17 @@ def local_cluster(workers: int, memory_bytes: int | None = None) -> Iterator[Das
         os.environ.clear()  # Dask sets one thread for every library, in this process too
         os.environ.update(before)
         try:
-            yield DaskEngine(client, "--scheduler local", more)
+            yield DaskEngine(client, "--scheduler local")
         except BaseException:
-            _kill_workers(cluster)
+            # Workers asked to close would finish their blocks first.
+            for nanny in cluster.workers.values():
+                nanny.auto_restart = False
+            for process in active_children():
+                process.kill()
             raise
         finally:
             client.close()
             cluster.close()
-
-
-def _kill_workers(cluster: LocalCluster) -> None:
-    """End workers in the middle of their blocks, which they would finish if asked to close."""
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-    for process in active_children():
-        process.kill()
 
 
 @contextmanager
@@ -227,31 +186,25 @@ def connect(address: str, note: Callable[[str], None] = lambda _: None) -> Itera
         if name.partition(".")[0] == "distributed":  # its loggers have levels of their own
             logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(_QUIET):
-        client = _open_client(address, place)
+        try:
+            if address.startswith("tcp"):  # Dask would wait for a dashboard's port for ever
+                with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
+                    stream.recv(1)
+            client = Client(address, timeout=CONNECT_S)
+        except (OSError, RuntimeError, TypeError, ValueError) as error:
+            raise UserError(
+                f"no scheduler of Dask answers there ({type(error).__name__})",
+                where=place,
+                expected=f"an answer within {CONNECT_S:.0f} s",
+                fix="check host and port (not the dashboard's), that `dask scheduler` runs there, "
+                "and for tls:// the certificates of Dask's settings, distributed.comm.tls",
+            ) from None
         try:
             _wait_for_workers(client, place, note)
             _check_versions(client, place)
-            more = "start workers with more memory (`dask worker --memory-limit`)"
-            yield DaskEngine(client, place, more)
+            yield DaskEngine(client, place)
         finally:
             client.close()
-
-
-def _open_client(address: str, place: str) -> Client:
-    try:
-        if address.startswith("tcp"):  # a dashboard waits to be spoken to: Dask would wait for ever
-            with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
-                stream.recv(1)
-        with warnings.catch_warnings(action="ignore"):  # of versions, which `_check_versions` says
-            return Client(address, timeout=CONNECT_S)
-    except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise UserError(
-            f"no scheduler of Dask answers there ({type(error).__name__})",
-            where=place,
-            expected=f"an answer within {CONNECT_S:.0f} s",
-            fix="check host and port (not the dashboard's), that `dask scheduler` runs there, and "
-            "for tls:// the certificates of Dask's settings, distributed.comm.tls",
-        ) from None
 
 
 def _wait_for_workers(client: Client, place: str, note: Callable[[str], None]) -> None:
@@ -269,29 +222,20 @@ def _wait_for_workers(client: Client, place: str, note: Callable[[str], None]) -
         ) from None
 
 
-def _versions() -> dict[str, str]:
-    packages = ("dask", "distributed", "cloudpickle", "numpy")
-    found = {name: importlib.metadata.version(name) for name in packages}
-    return found | {"Python": platform.python_version(), "airzoo-bench": __version__}
-
-
 def _check_versions(client: Client, place: str) -> None:
     """Refuse workers that lack the suite, or have other versions: sums are to round alike."""
-    own = _versions()
-    stated = client.run(_versions, on_error="return")
+    found = client.get_versions(packages=["airzoo-bench"])
+    own = found["client"]["packages"]
     others = [
-        f"{worker} has {name} {of.get(name)} and not {own[name]}"
-        if isinstance(of, dict)
-        else f"{worker} has no airzoo-bench, or another one ({of})"
-        for worker, of in stated.items()
-        for name in (own if isinstance(of, dict) else ("",))
-        if not isinstance(of, dict) or of.get(name) != own[name]
+        f"{worker} has {name} {stated['packages'].get(name)} and not {own[name]}"
+        for worker, stated in {"the scheduler": found["scheduler"], **found["workers"]}.items()
+        for name in _SAME
+        if stated["packages"].get(name) != own[name]
     ]
     if others:
         raise UserError(
             f"workers are not as this machine: {'; '.join(others[:3])[:500]}",
             where=place,
             expected="the same versions of the suite, Python, Dask and NumPy everywhere",
-            fix="start scheduler and workers from one environment, or image, with "
-            f"airzoo-bench[dask] {__version__}",
+            fix="start scheduler and workers from one environment with airzoo-bench[dask]",
         )

@@ -1,8 +1,7 @@
-"""Where blocks of work are done: in this process, in others of this machine, or on a cluster.
+"""Engines do blocks of work: in this process, in processes of this machine, or on a cluster.
 
-A track cuts its work by `Engine.cut` and hands it to `Engine.map` as a pure function of what all
-blocks share and of one item; results come in the order of the items. It never asks which engine it
-has, so that a record is the same bytes on any.
+A track cuts its work with `Engine.cut` and gives `Engine.map` a pure function of what all blocks
+share and of one item. Results come in the order of the items, the same bytes from any engine.
 """
 
 from __future__ import annotations
@@ -21,16 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.progress import Progress, silent
 
-__all__ = [
-    "HERE",
-    "BlockError",
-    "Engine",
-    "Fault",
-    "Processes",
-    "attempt",
-    "split",
-    "without_ctrl_c",
-]
+__all__ = ["HERE", "Engine", "Fault", "Processes", "attempt", "split", "without_ctrl_c"]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -38,16 +28,13 @@ R = TypeVar("R")
 
 UNREAD = 4
 """Blocks a worker that may wait to be read, so that memory does not grow with their number."""
+MORE_MEMORY = "lower --jobs, raise --max-memory, or use workers or a machine with more memory"
 _IDLE_S = 60
 _QUIET = "ignore:resource_tracker"
 
 
-class BlockError(UserError):
-    """A block failed for want of memory or of a file; `Engine.map` adds which block, and a fix."""
-
-
 class Fault(NamedTuple):
-    """What kept a block from its result; exceptions that Dask raises would lose long messages."""
+    """The error of a block, returned because Dask shortens the messages of what is raised."""
 
     error: UserError
 
@@ -61,15 +48,12 @@ class Engine:
         Whether other processes work, so that work is cut.
     dashboard : str or None
         Where a browser shows what is going on.
-    more_memory : str
-        What a user may do where a block has too little.
     progress : Progress
         Shows the blocks of each `map`.
     """
 
     distributed: bool = False
     dashboard: str | None = None
-    more_memory: str = "lower --jobs, or run it on a machine with more memory"
 
     def __init__(self, progress: Progress = silent) -> None:
         self.progress = progress
@@ -99,25 +83,22 @@ class Engine:
         stage : str
             What the items are, for progress.
         name : callable
-            What an item is called in messages.
+            Return what an item is called in messages.
         """
         if not len(items):
             return
         with closing(self._results(work, items, shared, stage)) as results:
             shown = self.progress(results, stage, len(items)) if len(items) > 1 else results
             for item, found in zip(items, shown, strict=True):
-                if not isinstance(found, Fault):
-                    yield found
-                    continue
-                if isinstance(found.error, BlockError):
-                    fix = found.error.fix or self.more_memory
-                    raise BlockError(found.error.what, where=name(item), fix=fix)
-                raise found.error
+                if isinstance(found, Fault):
+                    error = found.error
+                    raise error if error.where is not None else error.inside(name(item))
+                yield found
 
     def _results(
         self, work: Callable[[S, T], R], items: Sequence[T], shared: S, stage: str
     ) -> Generator[R | Fault, None, None]:
-        """Yield the result of each item in order, or what kept it from one."""
+        """Yield the result of each item in order, or its fault."""
         del stage
         for item in items:
             yield attempt(work, shared, item)
@@ -133,17 +114,30 @@ def split(count: int, size: int) -> list[slice]:
 
 
 def attempt(work: Callable[[S, T], R], shared: S, item: T) -> R | Fault:
-    """Do a block of work, and return its result or what kept it from one."""
+    """Return the result of a block, or the fault that a user can mend."""
     try:
         return work(shared, item)
     except UserError as error:
         return Fault(error)
     except MemoryError:
-        return Fault(BlockError("too little memory for it"))
+        return Fault(UserError("too little memory for it", fix=MORE_MEMORY))
     except OSError as error:
         what = error.strerror or str(error) or type(error).__name__
         what = what if error.filename is None else f"{what}: {error.filename}"
-        return Fault(BlockError(what, fix="mend that, then run again"))
+        return Fault(UserError(what, fix="mend that, then run again"))
+
+
+def wait_in_order(
+    submit: Callable[[T], Any], wait: Callable[[Any], R], items: Sequence[T], most: int
+) -> Generator[R, None, None]:
+    """Submit all items, at most `most` ahead of what is read, and yield their results in order."""
+    waiting: deque[Any] = deque()
+    for item in items:
+        waiting.append(submit(item))
+        if len(waiting) == most:
+            yield wait(waiting.popleft())
+    while waiting:
+        yield wait(waiting.popleft())
 
 
 class Processes(Engine):
@@ -169,18 +163,16 @@ class Processes(Engine):
             return
         import joblib  # takes 50 ms, which commands that start no process do without
 
-        # joblib.Parallel as a generator would compute all items at once, however few are read.
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             file = str(Path(folder, "shared"))
             joblib.dump((work, shared), file)
             try:
-                waiting: deque[Any] = deque()
-                for item in items:
-                    waiting.append(self._submit(file, item))
-                    if len(waiting) == UNREAD * self._jobs:
-                        yield waiting.popleft().result()
-                while waiting:
-                    yield waiting.popleft().result()
+                yield from wait_in_order(
+                    lambda item: self._submit(file, item),
+                    lambda future: future.result(),
+                    items,
+                    UNREAD * self._jobs,
+                )
             except BrokenProcessPool as error:
                 self.kill()
                 raise UserError(
@@ -193,6 +185,7 @@ class Processes(Engine):
                 raise
 
     def _submit(self, file: str, item: T) -> Any:
+        # joblib.Parallel would compute all items at once, however few are read.
         from joblib.externals.loky import ProcessPoolExecutor
 
         with without_ctrl_c():
@@ -224,11 +217,8 @@ def _attempt_dumped(file: str, item: T) -> Any:
 
 @contextmanager
 def without_ctrl_c() -> Iterator[None]:
-    """Start processes that a Ctrl-C does not reach: this process ends them.
-
-    What a stopped run leaves of locks its tracker clears, which need not warn of it.
-    """
-    if _QUIET not in sys.warnoptions:
+    """Start processes that a Ctrl-C does not reach: this process ends them."""
+    if _QUIET not in sys.warnoptions:  # the tracker of a stopped run need not warn of its locks
         sys.warnoptions.append(_QUIET)
     if sys.platform == "win32":
         yield

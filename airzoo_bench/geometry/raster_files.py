@@ -82,7 +82,7 @@ def _computed_sha256(path: Path, known: dict[Path, str]) -> str:
     if virtual:
         own = fingerprint(_virtual_content(path, known))
     else:
-        own = sha256_of(path) if pointer is None else pointed_sha256(path, pointer)
+        own = sha256_of(path) if pointer is None else pointed_sha256(pointer)
     if not beside and stated == _stated_alone(path):
         return own
     return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])

@@ -91,9 +91,8 @@ def opened(path: str | Path, **settings: str) -> Iterator[Any]:
             with dataset:
                 yield dataset
     except (RasterioError, CRSError) as error:
-        said = str(error) if pointer is None else pointer.without_secrets(str(error))
         raise RasterError(
-            f"cannot be read as a raster: {said}",
+            f"cannot be read as a raster: {error}",
             where=path,
             expected="a complete file that GDAL reads, such as GeoTIFF",
         ) from error

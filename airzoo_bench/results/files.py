@@ -11,7 +11,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.storage.mirror import Mirror, fetched, versions_of
+from airzoo_bench.storage.mirror import fetch, fetched
 from airzoo_bench.storage.remote import find, matching
 from airzoo_bench.storage.urls import Url, url_of
 
@@ -52,16 +52,14 @@ def results_here(given: Sequence[str | Path]) -> list[Path]:
 def _mirror_result(url: Url) -> Path:
     """Copy a result; its records follow when they are asked for (`records_path`)."""
     file = url if url.name.endswith(".json") and not url.says_folder else url.child(_FILE)
-    entry = find(file)
-    if entry is None:
+    if find(file) is None:
         raise ResultError(
             "no such result",
             where=file,
             expected=f"a {_FILE}, or the folder that holds it",
             fix="check bucket and folder; a run that was not uploaded to its end has none",
         )
-    mirror = Mirror.of(file.parent, versions_of({file.name: entry}))
-    return mirror.fetch(file.name)
+    return fetch(file)
 
 
 def records_path(path: Path) -> Path:

@@ -9,7 +9,7 @@ from urllib.parse import quote, unquote
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["SCHEMES", "Url", "is_url", "safe_name", "url_of"]
+__all__ = ["SCHEMES", "Url", "is_url", "url_of"]
 
 SCHEMES = ("s3", "gs", "hf", "https", "http")
 _BEGIN = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
@@ -24,9 +24,9 @@ class Url:
     scheme : str
         One of `SCHEMES`.
     path : str
-        What comes behind it, without a last slash: host or bucket, then names.
+        Host or bucket, then names, without a last slash; of https without percent signs.
     query : str
-        Of https, such as a signature; it goes with every file below, and is never shown.
+        Of a file at https, such as a signature; messages do not show it.
     says_folder : bool
         Whether it was written with a last slash: in a bucket, a file and a folder may have one
         name.
@@ -40,18 +40,13 @@ class Url:
     @property
     def name(self) -> str:
         """The last part of the path."""
-        last = self.path.rpartition("/")[2]
-        return unquote(last) if self.read_only else last
-
-    @property
-    def parent(self) -> Url:
-        """The folder that it lies in."""
-        return replace(self, path=self.path.rpartition("/")[0], says_folder=False)
+        return self.path.rpartition("/")[2]
 
     @property
     def address(self) -> str:
         """The whole of it, for a client."""
-        return f"{self.scheme}://{self.path}" + (f"?{self.query}" if self.query else "")
+        path = quote(self.path, "/:[]") if self.read_only else self.path
+        return f"{self.scheme}://{path}" + (f"?{self.query}" if self.query else "")
 
     @property
     def read_only(self) -> bool:
@@ -60,19 +55,20 @@ class Url:
 
     def child(self, relative: str) -> Url:
         """Return the place of a file below."""
-        if {"", ".", ".."} & set(relative.split("/")) or {"\\", "\0"} & set(relative):
+        if not _is_plain(relative):
             raise UsageError(
                 f"has a file that would not lie in its folder: {relative[:80]!r}",
                 where=self,
                 expected="relative names without '..'",
             )
-        name = quote(relative) if self.read_only else relative
-        return replace(self, path=f"{self.path}/{name}", says_folder=False)
+        return replace(self, path=f"{self.path}/{relative}", says_folder=False)
 
     def __str__(self) -> str:
-        """Return it as messages show it: without a password or a signature."""
-        host, slash, rest = self.path.partition("/")
-        return f"{self.scheme}://{host.rpartition('@')[2]}{slash}{rest}" + "?…" * bool(self.query)
+        return f"{self.scheme}://{self.path}" + "?…" * bool(self.query)
+
+
+def _is_plain(path: str) -> bool:
+    return not ({"", ".", ".."} & set(path.split("/")) or {"\\", "\0"} & set(path))
 
 
 def is_url(location: object) -> bool:
@@ -89,18 +85,18 @@ def url_of(location: str | Path) -> Url | None:
     scheme, path, query = found[1].lower(), text[found.end() :], ""
     if scheme.startswith("http"):
         path, _, query = path.partition("#")[0].partition("?")
-    host = path.partition("/")[0]
-    if scheme not in SCHEMES or not host or "?versionId=" in path:
+        if "@" in path.partition("/")[0]:
+            raise UsageError(
+                "a URL with a login",
+                where=f"{scheme}://…",
+                fix="put name and password into ~/.netrc, and leave them out of the URL",
+            )
+        path = unquote(path)
+    if scheme not in SCHEMES or not _is_plain(path.rstrip("/")) or "?versionId=" in path:
         raise UsageError(
             "is no URL that is read here",
-            where=f"{scheme}://…",  # what follows may hold a password
+            where=f"{scheme}://…",
             expected=f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and a "
             "folder or file, of which the newest version is read",
         )
     return Url(scheme, path.rstrip("/"), query, says_folder=path.endswith("/"))
-
-
-def safe_name(url: Url) -> str:
-    """Return the last part of a URL as the name of a folder that is not hidden."""
-    shown = url.name if "/" in url.path else url.name.rpartition("@")[2]  # of a host, no password
-    return re.sub(r'[\\/:*?"<>|\0]', "_", shown)[:100].lstrip(".") or "files"

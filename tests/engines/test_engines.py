@@ -88,7 +88,7 @@ def test_a_file_that_cannot_be_read_names_its_block(engine: Engine, tmp_path: Pa
 def test_a_block_without_memory_is_named(engine: Engine) -> None:
     with pytest.raises(UserError, match="shard 3: too little memory") as caught:
         list(engine.map(work.faulty, range(6), shared=Path("hungry"), stage="s", name=named))
-    assert caught.value.fix == engine.more_memory
+    assert "lower --jobs" in str(caught.value.fix)
 
 
 def test_the_first_fault_of_the_user_comes_whole(engine: Engine) -> None:
@@ -120,12 +120,11 @@ def test_a_worker_of_dask_killed_once_changes_nothing(dask: Engine, tmp_path: Pa
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_a_block_of_dask_that_kills_its_workers_is_named(dask: Engine) -> None:
-    done: list[int] = []
-    with pytest.raises(UserError, match="workers died of it") as caught:
-        done.extend(dask.map(work.deadly, range(30), shared=11, stage="shards", name=named))
-    assert caught.value.where == "shard 11"
-    assert done == list(range(11))
+def test_a_block_of_dask_that_kills_its_workers_is_one_message(dask: Engine) -> None:
+    begin = time.monotonic()
+    with pytest.raises(UserError, match="shards: 3 workers died of a block"):
+        list(dask.map(work.deadly, range(30), shared=11, stage="shards", name=named))
+    assert time.monotonic() - begin < HANGS_S
     assert len(list(dask.map(work.deadly, range(9), shared=-1, stage="s", name=named))) == 9
 
 

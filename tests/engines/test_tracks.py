@@ -16,7 +16,7 @@ import pytest
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.dask import local_cluster
-from airzoo_bench.engines.engine import HERE, Engine, Processes
+from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.scene_store import SceneStore
@@ -25,7 +25,7 @@ from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
 
-WORKERS = (pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(4, marks=pytest.mark.slow))
+ALONE = Run()
 KILLED = ("matching", pytest.param("retrieval", marks=pytest.mark.slow))
 HOME = Path(__file__).resolve().parents[2]
 
@@ -56,12 +56,9 @@ def descriptors(benchmark: Benchmark, path: Path) -> Path:
     return path
 
 
-def saved(
-    track: str, predictions: Path, out: Path, engine: Engine = HERE, jobs: int = 1
-) -> tuple[bytes, bytes]:
+def saved(track: str, predictions: Path, out: Path, run: Run = ALONE) -> tuple[bytes, bytes]:
     """Return the bytes of the records and of the result."""
-    resources = Run(jobs=jobs, engine=engine)
-    save(evaluate(predictions, data=Path(), track=track, run=resources, method="m"), out)
+    save(evaluate(predictions, data=Path(), track=track, run=run, method="m"), out)
     return (out / "records.csv").read_bytes(), (out / "result.json").read_bytes()
 
 
@@ -73,35 +70,24 @@ def here(
     return {track: saved(track, predictions[track], out / track) for track in TRACKS}
 
 
-@pytest.fixture(scope="module", params=WORKERS)
-def cluster(request: pytest.FixtureRequest) -> Iterator[Engine]:
-    with local_cluster(request.param, 1 << 30) as engine:
-        yield engine
+@pytest.fixture(
+    scope="module", params=["threads", 2, pytest.param(8, marks=pytest.mark.slow), "dask"]
+)
+def run(request: pytest.FixtureRequest) -> Iterator[Run]:
+    if request.param == "dask":
+        with local_cluster(2, 1 << 30) as engine:
+            yield Run(engine=engine)
+    elif request.param == "threads":
+        yield Run(jobs=2)
+    else:
+        yield Run(engine=Processes(request.param))
 
 
 @pytest.mark.parametrize("track", TRACKS)
-def test_two_threads_give_the_same_bytes(
-    track: str, predictions: dict[str, Path], here: dict[str, object], tmp_path: Path
+def test_any_engine_gives_the_same_bytes(
+    track: str, run: Run, predictions: dict[str, Path], here: dict[str, object], tmp_path: Path
 ) -> None:
-    assert saved(track, predictions[track], tmp_path / "out", jobs=2) == here[track]
-
-
-@pytest.mark.parametrize("track", TRACKS)
-def test_two_processes_give_the_same_bytes(
-    track: str, predictions: dict[str, Path], here: dict[str, object], tmp_path: Path
-) -> None:
-    assert saved(track, predictions[track], tmp_path / "out", Processes(2)) == here[track]
-
-
-@pytest.mark.parametrize("track", TRACKS)
-def test_any_number_of_workers_gives_the_same_bytes(
-    track: str,
-    cluster: Engine,
-    predictions: dict[str, Path],
-    here: dict[str, object],
-    tmp_path: Path,
-) -> None:
-    assert saved(track, predictions[track], tmp_path / "out", cluster) == here[track]
+    assert saved(track, predictions[track], tmp_path / "out", run) == here[track]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -116,7 +102,7 @@ def test_a_worker_killed_on_the_way_changes_no_byte(
         first = min(engine.client.run(os.getpid).values())
         killer = threading.Timer(0.3, os.kill, (first, signal.SIGKILL))
         killer.start()
-        found = saved(track, predictions[track], tmp_path / "out", engine)
+        found = saved(track, predictions[track], tmp_path / "out", Run(engine=engine))
         killer.join()
     assert found == here[track]
 

@@ -14,21 +14,8 @@ import numpy as np
 Random = np.random.Generator
 
 WORDS = (
-    *(
-        "",
-        "0",
-        "-0.0",
-        "-1",
-        "1",
-        "1.5",
-        "5e-324",
-        "1e308",
-        "-1e308",
-        "1e400",
-        "nan",
-        "inf",
-        "-inf",
-    ),
+    *("0", "-0.0", "-1", "1", "1.5", "5e-324", "1e308", "-1e308", "1e400", "nan", "inf", "-inf"),
+    "",
     *(str(2**31), str(2**63), str(-(2**63) - 1), "9" * 400, "0x10", "1_000", "1,5", "٣", "½"),
     *("true", "null", "None", "[]", "{}", "[[1]]", '"', "'", "[", "]", "#", "=", ",", "\t", "\r\n"),
     *("=cmd|' /C calc'!A0", "+1+1", "@SUM(A1)", "-2+3", "<script>alert(1)</script>", "&amp;", "\\"),
@@ -43,21 +30,7 @@ NUMBERS = (
     struct.unpack("<d", struct.pack("<Q", 0xFFF0000000000001))[0],
 )
 _DTYPES = (
-    "f2",
-    "f4",
-    "f8",
-    ">f8",
-    "i1",
-    "i2",
-    "i4",
-    "i8",
-    "u1",
-    "u8",
-    "?",
-    "c16",
-    "S8",
-    "U8",
-    "U1",
+    *("f2", "f4", "f8", ">f8", "i1", "i2", "i4", "i8", "u1", "u8", "?", "c16", "S8", "U8", "U1"),
 )
 _HEADERS = (
     "{'descr': '<f8', 'fortran_order': False, 'shape': (4611686018427387904,), }",
@@ -121,20 +94,16 @@ def spoil_text(random: Random, content: bytes) -> bytes:
         match int(random.integers(7)):
             case 0 | 1 | 2:
                 parts[place] = str(random.choice(np.array(WORDS, object)))
-                text = "".join(parts)
             case 3:
                 other = int(random.choice(places))
                 parts[place], parts[other] = parts[other], parts[place]
-                text = "".join(parts)
             case 4:
-                del lines[line]
-                text = "".join(lines)
+                parts = lines[:line] + lines[line + 1 :]
             case 5:
-                lines.insert(line, lines[int(random.integers(len(lines)))])
-                text = "".join(lines)
+                parts = [*lines[:line], lines[int(random.integers(len(lines)))], *lines[line:]]
             case _:
                 parts[place] = repr(float(random.choice(NUMBERS)))
-                text = "".join(parts)
+        text = "".join(parts)
     return text.encode("utf-8", "surrogateescape")
 
 

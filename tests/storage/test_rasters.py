@@ -17,7 +17,7 @@ from rasterio import Affine
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import write_benchmark_file
-from airzoo_bench.core.errors import BenchmarkError, RasterError, StorageError
+from airzoo_bench.core.errors import BenchmarkError, StorageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import open_info
@@ -183,18 +183,3 @@ def test_a_checksum_is_that_of_the_file(bucket: Bucket, apart: Apart, surface: P
 def test_a_raster_that_is_not_there(bucket: Bucket) -> None:
     with pytest.raises(StorageError, match="no such file or folder"):
         here(bucket.url("dsm.tif"))
-
-
-@pytest.mark.parametrize("content", [b"II*\0junk", b"no raster", None])
-def test_what_gdal_says_shows_no_signature(
-    web_apart: tuple[Path, Apart], content: bytes | None
-) -> None:
-    folder, front = web_apart
-    (folder / "bad.tif").write_bytes(content or b"II*\0")
-    address = front.address.replace("://", "://me:secret@")
-    there = here(f"{address}/bad.tif?key=secret")
-    if content is None:
-        (folder / "bad.tif").unlink()
-    with pytest.raises(RasterError, match="cannot be read as a raster") as caught:
-        open_info(there)
-    assert "secret" not in str(caught.value)
