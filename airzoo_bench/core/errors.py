@@ -58,18 +58,7 @@ class UserError(Exception):
         super().__init__(str(self))
 
     def inside(self, place: object) -> Self:
-        """Return the same error with the place it is in before its own.
-
-        Parameters
-        ----------
-        place : object
-            Such as the file that holds `where`.
-
-        Returns
-        -------
-        UserError
-            Of the same class.
-        """
+        """Return the same error with a place, such as a file, before its own."""
         where = str(place) if self.where is None else f"{place}, {self.where}"
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 

@@ -58,30 +58,31 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     check_output_file(path)
     target = _followed(path)
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
-    try:
+    with _writing(path):
         target.parent.mkdir(parents=True, exist_ok=True)
         with temporary_file(target) as (handle, temporary):
             with os.fdopen(handle, mode, **text) as stream:
                 yield stream
             _give_usual_permissions(temporary, 0o666)
             temporary.replace(target)
-    except OSError as error:
-        raise cannot_write(path, error) from error
 
 
 @contextmanager
 def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Iterator[Path]:
     """Fill a folder that appears under its name only when it is complete."""
-    try:
+    with _writing(path):
         clear_abandoned(path)
         check_new_folder(path, replace=replace, mark=mark)
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_folder(path.parent, path.name) as temporary:
             yield temporary
             _give_usual_permissions(temporary, 0o777)
-            _replace_folder(temporary, path)
-    except OSError as error:
-        raise cannot_write(path, error) from error
+            if path.exists():  # a writer that is killed in between leaves the old one aside
+                old = _old(path)
+                _move_all([(path, old), (temporary, path)])
+                _remove(old)
+            else:
+                temporary.replace(path)
 
 
 @contextmanager
@@ -90,38 +91,35 @@ def atomic_entries(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
     The first name says that the others are complete: it is there only with all of its kind.
     """
-    try:
+    with _writing(folder):
         clear_abandoned(folder)
         folder.mkdir(parents=True, exist_ok=True)
         with temporary_folder(folder, folder.name) as temporary:
             yield temporary
-            _exchange_entries(temporary, folder, names)
-    except OSError as error:
-        raise cannot_write(folder, error) from error
+            aside = folder / _old(folder).name
+            _remove(aside)
+            aside.mkdir()
+            there = [name for name in names if os.path.lexists(folder / name)]
+            moves = [(folder / name, aside / name) for name in there]
+            entries = sorted(temporary.iterdir(), key=lambda entry: entry.name in names[:1])
+            try:
+                _move_all([*moves, *((entry, folder / entry.name) for entry in entries)])
+            except BaseException:
+                aside.rmdir()  # which is empty, as all is back
+                raise
+            _remove(aside)
 
 
-def _replace_folder(new: Path, path: Path) -> None:
-    """Rename a folder, and remove what stood there; a writer that is killed between leaves it."""
-    if not path.exists():
-        new.replace(path)
-        return
-    old = _old(path)
-    path.replace(old)
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
     try:
-        new.replace(path)
-    except BaseException:
-        old.replace(path)
-        raise
-    _remove(old)
+        yield
+    except OSError as error:
+        raise cannot_write(path, error) from error
 
 
-def _exchange_entries(new: Path, folder: Path, names: Sequence[str]) -> None:
-    aside = folder / _old(folder).name
-    _remove(aside)
-    aside.mkdir()
-    moves = [(folder / name, aside / name) for name in names if os.path.lexists(folder / name)]
-    entries = sorted(new.iterdir(), key=lambda entry: entry.name in names[:1])
-    moves += [(entry, folder / entry.name) for entry in entries]
+def _move_all(moves: Sequence[tuple[Path, Path]]) -> None:
+    """Rename files and folders one after the other, and all back where one fails."""
     try:
         for source, target in moves:
             source.replace(target)
@@ -129,9 +127,7 @@ def _exchange_entries(new: Path, folder: Path, names: Sequence[str]) -> None:
         for source, target in reversed(moves):
             if os.path.lexists(target) and not os.path.lexists(source):
                 target.replace(source)
-        aside.rmdir()
         raise
-    _remove(aside)
 
 
 @contextmanager
@@ -174,10 +170,8 @@ def only_writer(target: Path) -> Iterator[None]:
 def only_run(folder: Path, what: str, where: object, otherwise: str) -> Iterator[None]:
     """Keep other runs from a folder while the block lasts."""
     made = [one for one in (folder.parent, *folder.parent.parents) if not one.exists()]
-    try:
+    with _writing(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise cannot_write(folder, error) from error
     try:
         with ExitStack() as stack:
             try:
@@ -328,12 +322,10 @@ def check_output_folder(folder: Path, names: Iterable[str]) -> None:
 def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
     """Refuse a file that cannot be written, before the work that it is to hold."""
     _refuse_url(path)
-    try:
+    with _writing(path):
         _check_replaceable(path, "name another file")
         parents = _followed(path).absolute().parents
         place = next(place for place in parents if place.exists())
-    except OSError as error:
-        raise cannot_write(path, error) from error
     if not place.is_dir():
         raise UsageError("a file, not a folder", where=place, fix=f"{path.name} needs a folder")
     if not os.access(place, os.W_OK | os.X_OK):

@@ -56,17 +56,11 @@ def default_style(changes: dict[str, Any] | None = None) -> Iterator[None]:
 @cache
 def load_open3d() -> ModuleType:
     """Import Open3D and return the module."""
-    if sys.platform == "linux":
-        _load_libusb()
+    if sys.platform == "linux":  # slim machines lack a libusb that Open3D links against
+        path = importlib.import_module("libusb_package").get_library_path()
+        if path is not None:
+            ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
     return importlib.import_module("open3d")
-
-
-def _load_libusb() -> None:
-    import libusb_package
-
-    path = libusb_package.get_library_path()
-    if path is not None:
-        ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
 
 
 @cache

@@ -38,17 +38,11 @@ def resolve(place: str) -> Any:
 
 
 class Registry:
-    """Places ``module:name`` by name: built in, of installed packages, or added at run time.
+    """Places ``module:name`` by name: built in, of installed packages, or added at run time."""
 
-    `helps` holds a line for the list of commands, so that it imports none of the modules.
-    """
-
-    def __init__(
-        self, group: str, places: Mapping[str, str], helps: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, group: str, places: Mapping[str, str]) -> None:
         self.group = group
         self._places = dict(places)
-        self._helps = dict(helps or {})
         self._added: dict[str, Any] = {}
 
     def __contains__(self, name: str) -> bool:
@@ -76,7 +70,7 @@ class Registry:
 
     def help(self, name: str) -> str:
         """Return what the list of commands says of a thing."""
-        return self._helps.get(name) or str(self.get(name).summary)
+        return str(self.get(name).summary)
 
     def _installed(self) -> dict[str, EntryPoint]:
         found: dict[str, EntryPoint] = {}

@@ -160,20 +160,20 @@ def main(folder: Path, where: Path) -> None:
         most = resource.getrlimit(kind)[1]
         most = sys.maxsize if most == resource.RLIM_INFINITY else most
         resource.setrlimit(kind, (min(soft, most), min(hard, most)))
+    fault: UserError
     try:
         found = resolve(job["function"])(**job["arguments"])
         with found if isinstance(found, AbstractContextManager) else nullcontext(found) as value:
-            answer = _written(value, folder, where)
+            (folder / "answer.json").write_text(_written(value, folder, where))
+        return
     except UserError as error:
-        answer = _written(error, folder, where)
+        fault = error
     except MemoryError:
-        refusal = _refusal(where, f"it takes more than {limits.memory_bytes:,} bytes of memory")
-        answer = _written(refusal, folder, where)
+        fault = _refusal(where, f"it takes more than {limits.memory_bytes:,} bytes of memory")
     except Exception as error:  # noqa: BLE001 - whatever a library makes of hostile bytes
         text = "".join(one if one.isprintable() else " " for one in str(error)[:200])
-        refusal = _refusal(where, f"{type(error).__name__}: {text}")
-        answer = _written(refusal, folder, where)
-    (folder / "answer.json").write_text(answer)
+        fault = _refusal(where, f"{type(error).__name__}: {text}")
+    (folder / "answer.json").write_text(_written(fault, folder, where))
 
 
 def _written(value: Any, folder: Path, where: Path) -> str:

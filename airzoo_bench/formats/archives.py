@@ -20,7 +20,6 @@ from airzoo_bench.core.files import temporary_folder
 __all__ = ["ARCHIVE_SUFFIXES", "Bundle", "Member", "open_bundle"]
 
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.xz", ".tar.bz2")
-_NESTED = (*ARCHIVE_SUFFIXES, ".gz", ".xz", ".bz2", ".7z", ".rar")
 _MOST_FILES = 10_000
 _DAMAGE = (
     *(EOFError, LookupError, NotImplementedError, OSError, OverflowError, RuntimeError, ValueError),
@@ -59,8 +58,6 @@ class Bundle:
                 )
             try:
                 self._unpack(member, target)
-                if target.stat().st_size != member.size:
-                    raise ValueError("the archive states another size")
             except _DAMAGE as error:
                 raise PredictionError(
                     f"{member.name!r} cannot be unpacked: {str(error)[:100]}",
@@ -77,14 +74,15 @@ class Bundle:
     def _unpack(self, member: Member, target: Path) -> None:
         with target.open("wb") as out:
             if _is_zip(self.path):
-                with zipfile.ZipFile(self.path) as pack, pack.open(member.name) as source:
+                with zipfile.ZipFile(self.path) as archive, archive.open(member.name) as source:
                     shutil.copyfileobj(source, out)
                 return
             with tarfile.open(self.path) as tape:
-                source_of = {_tar_name(info): info for info in tape if info.isreg()}
-                found = tape.extractfile(source_of[member.name])
-                assert found is not None, "it is a regular file"
-                shutil.copyfileobj(found, out)
+                for info in tape:
+                    found = tape.extractfile(info) if info.isreg() else None
+                    if found is not None and info.name.removeprefix("./") == member.name:
+                        shutil.copyfileobj(found, out)
+                        return
 
 
 def open_bundle(path: Path, limit_bytes: int) -> Bundle:
@@ -103,7 +101,10 @@ def open_bundle(path: Path, limit_bytes: int) -> Bundle:
             members = _zip_members(path)
         else:
             members = _tar_members(path, limit_bytes)
-        _check(path, members, limit_bytes)
+        _check_names(path, members)
+        total = sum(member.size for member in members)
+        if total > limit_bytes and packed:
+            raise ValueError(f"unpacks to {total:,} bytes, more than {limit_bytes:,}")
     except _DAMAGE as error:
         raise UnreadableError(
             str(error)[:200] or "is damaged",
@@ -151,27 +152,19 @@ def _tar_members(path: Path, limit_bytes: int) -> list[Member]:
     members, total = [], 0
     with tarfile.open(path) as archive:
         for info in archive:
-            if info.isdir():
-                continue
-            if not info.isreg() or info.issparse():
+            if not (info.isreg() or info.isdir()) or info.issparse():
                 raise ValueError(f"{info.name[:80]!r} is a link or a device")
-            members.append(Member(_tar_name(info), info.size))
-            total += info.size
+            if info.isreg():
+                members.append(Member(info.name.removeprefix("./"), info.size))
+                total += info.size
             if total > limit_bytes:  # before it is unpacked to find the next header
                 break
     return members
 
 
-def _tar_name(info: tarfile.TarInfo) -> str:
-    return info.name.removeprefix("./")
-
-
-def _check(path: Path, members: list[Member], limit_bytes: int) -> None:
+def _check_names(path: Path, members: list[Member]) -> None:
     if len(members) > _MOST_FILES:
         raise ValueError(f"holds more than {_MOST_FILES:,} files")
-    total = sum(member.size for member in members)
-    if total > limit_bytes and not path.is_dir():
-        raise ValueError(f"unpacks to {total:,} bytes, more than {limit_bytes:,}")
     seen: set[str] = set()
     for name in (member.name for member in members):
         plain = name.isprintable() and not {"\\", ":"} & set(name)
@@ -179,6 +172,6 @@ def _check(path: Path, members: list[Member], limit_bytes: int) -> None:
             raise ValueError(f"the name {name[:80]!r} leads out of it or is no plain path")
         if name.casefold() in seen:
             raise ValueError(f"{name[:80]!r} stands in it more than once")
-        if name.lower().endswith(_NESTED) and not path.is_dir():
+        if not path.is_dir() and name.lower().endswith(ARCHIVE_SUFFIXES):
             raise ValueError(f"{name[:80]!r} is an archive inside")
         seen.add(name.casefold())

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
+from airzoo_bench.core.registry import resolve
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.formats.parquet import read_columns
 
 __all__ = [
     "Arrays",
@@ -26,6 +26,7 @@ __all__ = [
     "wrong_type",
 ]
 
+_PARQUET = "airzoo_bench.formats.parquet:ParquetFile"  # pyarrow takes a while to import
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
 _BYTES_OF_DOUBLE = 8
@@ -53,31 +54,6 @@ class Arrays(Protocol):
         """Map a field from disk where that is possible, else read it."""
 
 
-class _Parquet:
-    def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
-        self.path = path
-        self.budget = Budget(limit_bytes)
-        self._arrays = read_columns(path, columns)
-
-    def names(self) -> set[str]:
-        return set(self._arrays)
-
-    def read(self, name: str) -> NDArray[Any]:
-        array = self._arrays[name]
-        if name != "protocol":
-            return array
-        named = np.unique(array)
-        if named.size > 1:
-            raise PredictionError(
-                f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
-                where=self.path,
-                expected="the same protocol in every row",
-            )
-        return np.array(named[0] if named.size else "")
-
-    map = read
-
-
 def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> Arrays:
     """Open a prediction file."""
     kinds = ".npz or .parquet" if columns else ".npz"
@@ -86,7 +62,8 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     if path.suffix == ".npz":
         return NpzFile(path, limit_bytes)
     if path.suffix == ".parquet" and columns:
-        return _Parquet(path, limit_bytes, columns)
+        opened: Arrays = resolve(_PARQUET)(path, limit_bytes, columns)
+        return opened
     raise UnreadableError(
         f"unknown kind of prediction file {path.suffix!r}",
         where=path,

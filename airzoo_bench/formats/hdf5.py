@@ -9,31 +9,24 @@ from __future__ import annotations
 import itertools
 import math
 import mmap
-import struct
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyfive
 from numpy.typing import NDArray
-from pyfive.core import InvalidHDF5File
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.damage import readable
 
 __all__ = ["Hdf5File", "dataset_names"]
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _BYTES_OF_OBJECT = 12_000  # of memory, what pyfive keeps of a group or dataset
 _CONTIGUOUS, _VIRTUAL, _NOWHERE = 1, 3, (1 << 64) - 1
-# What pyfive, which checks little, raises over damaged bytes.
-_DAMAGE = (
-    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
-    *(InvalidHDF5File, NameError, OSError, RuntimeError, TypeError, ValueError, struct.error),
-)
 
 
 class Hdf5File:
@@ -50,7 +43,7 @@ class Hdf5File:
         self.path = path
         self.budget = Budget(limit_bytes)
         self._datasets: dict[str, pyfive.Dataset] = {}
-        with _damage(path):
+        with _readable(path):
             for count, (name, found) in enumerate(_walk(_open(path), "")):
                 self.budget.hold(path, "its groups and datasets", count * _BYTES_OF_OBJECT)
                 if isinstance(found, pyfive.Dataset):
@@ -67,29 +60,28 @@ class Hdf5File:
         """Read a dataset of numbers into memory."""
         if name not in self._datasets:
             raise PredictionError(f"has no dataset {name[:200]!r}", where=self.path)
-        with _damage(self.path):
-            return self._read(self._datasets[name], f"dataset {name[:200]!r}")
-
-    def _read(self, dataset: pyfive.Dataset, what: str) -> NDArray[Any]:
-        dtype, shape = np.dtype(dataset.dtype), tuple(map(int, dataset.shape))
-        if dtype.kind not in "biuf":
-            raise PredictionError(f"{what} holds no numbers but {dtype}", where=self.path)
-        nbytes, size = math.prod(shape) * dtype.itemsize, self.path.stat().st_size
-        if dataset.id.filter_pipeline:
-            raise self._elsewhere(f"{what} is compressed")
-        if min(shape, default=0) < 0 or nbytes > size:
-            raise ValueError(f"{what} states {nbytes:,} bytes, the file has {size:,}")
-        self.budget.hold(self.path, what, nbytes)
-        contiguous = dataset.id.layout_class == _CONTIGUOUS
-        start = dataset.id.data_offset if contiguous and nbytes else 0
-        if dataset.id.layout_class == _VIRTUAL or start == _NOWHERE:
-            why = "it is virtual, has external storage, or was never written"
-            raise self._elsewhere(f"the numbers of {what} are not in the file: {why}")
-        if contiguous:
-            values = np.fromfile(self.path, dtype, math.prod(shape), offset=start).reshape(shape)
-        else:
-            values = np.array(dataset[...])
-        return np.asarray(values, dtype.newbyteorder("="))
+        dataset, what = self._datasets[name], f"dataset {name[:200]!r}"
+        with _readable(self.path):
+            dtype, shape = np.dtype(dataset.dtype), tuple(map(int, dataset.shape))
+            if dtype.kind not in "biuf":
+                raise PredictionError(f"{what} holds no numbers but {dtype}", where=self.path)
+            nbytes, size = math.prod(shape) * dtype.itemsize, self.path.stat().st_size
+            contiguous = dataset.id.layout_class == _CONTIGUOUS
+            start = dataset.id.data_offset if contiguous and nbytes else 0
+            if dataset.id.filter_pipeline:
+                raise self._elsewhere(f"{what} is compressed")
+            if dataset.id.layout_class == _VIRTUAL or start == _NOWHERE:
+                why = "it is virtual, has external storage, or was never written"
+                raise self._elsewhere(f"the numbers of {what} are not in the file: {why}")
+            if min(shape, default=0) < 0 or nbytes > size:
+                raise ValueError(f"{what} states {nbytes:,} bytes, the file has {size:,}")
+            self.budget.hold(self.path, what, nbytes)
+            if contiguous:
+                flat = np.fromfile(self.path, dtype, math.prod(shape), offset=start)
+                values = flat.reshape(shape)
+            else:
+                values = np.array(dataset[...])
+            return np.asarray(values, dtype.newbyteorder("="))
 
     def _elsewhere(self, what: str) -> PredictionError:
         return PredictionError(
@@ -103,13 +95,10 @@ class Hdf5File:
 def dataset_names(path: Path, most: int) -> list[str]:
     """Return the names of the first few datasets; none of what is no HDF5 file or is damaged."""
     found: list[str] = []
-    try:
-        with _damage(path):
-            for name, one in itertools.islice(_walk(_open(path), ""), 8 * most):
-                if isinstance(one, pyfive.Dataset) and len(found) < most:
-                    found.append(name)
-    except PredictionError:
-        pass
+    with suppress(PredictionError), _readable(path):
+        for name, one in itertools.islice(_walk(_open(path), ""), 8 * most):
+            if isinstance(one, pyfive.Dataset) and len(found) < most:
+                found.append(name)
     return found
 
 
@@ -130,17 +119,6 @@ def _walk(group: pyfive.Group, before: str) -> Iterator[tuple[str, Any]]:
             yield from _walk(found, f"{before}{member}/")
 
 
-@contextmanager
-def _damage(path: Path) -> Iterator[None]:
-    """Say of what pyfive cannot read that the file is damaged."""
-    try:
-        with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-            yield
-    except _DAMAGE as error:
-        raise PredictionError(
-            "damaged or cut off, or HDF5 of a kind that is not read here: "
-            f"{type(error).__name__}: {str(error)[:200]}",
-            where=path,
-            expected="an HDF5 file as h5py writes it",
-            fix="write or copy the file again",
-        ) from error
+def _readable(path: Path) -> AbstractContextManager[None]:
+    what = "damaged or cut off, or HDF5 of a kind that is not read here"
+    return readable(path, what, expected="an HDF5 file as h5py writes it")

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-import warnings
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +10,13 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.core.errors import UnreadableError
 from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.damage import readable
 
 __all__ = ["MatFile"]
 
 _MAGIC = b"MATLAB 5.0 MAT-file"
-_DAMAGE = (
-    *(ArithmeticError, AttributeError, LookupError, MemoryError, NotImplementedError, OSError),
-    *(TypeError, ValueError, scipy.io.matlab.MatReadError, struct.error, zlib.error),
-)
 
 
 class MatFile:
@@ -71,17 +64,9 @@ class MatFile:
         self.budget.hold(self.path, f"variable {name!r}", 2 * values.nbytes)
         return values
 
-    @contextmanager
-    def _readable(self) -> Iterator[None]:
-        try:
-            with warnings.catch_warnings(action="ignore"):
-                yield
-        except _DAMAGE as error:
-            why = "".join(one for one in str(error)[:200] if one.isprintable())
-            raise PredictionError(
-                "damaged or cut off, or of a kind that is not read here: "
-                f"{why or type(error).__name__}",
-                where=self.path,
-                expected="arrays of numbers and text, as scipy.io.savemat writes them",
-                fix="write or copy the file again",
-            ) from error
+    def _readable(self) -> AbstractContextManager[None]:
+        return readable(
+            self.path,
+            "damaged or cut off, or of a kind that is not read here",
+            expected="arrays of numbers and text, as scipy.io.savemat writes them",
+        )

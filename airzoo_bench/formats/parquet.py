@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,43 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.damage import readable
 
-__all__ = ["read_columns"]
+__all__ = ["ParquetFile", "read_columns"]
 
 _BATCH_ROWS = 65_536
 _PANDAS_INDEX = "__index_level_"
 _LONGEST_TEXT = 512
+
+
+class ParquetFile:
+    """The columns of a parquet file as `airzoo_bench.formats.arrays.Arrays`."""
+
+    def __init__(self, path: Path, limit_bytes: int, columns: tuple[str, ...]) -> None:
+        self.path = path
+        self.budget = Budget(limit_bytes)
+        self._arrays = read_columns(path, columns)
+
+    def names(self) -> set[str]:
+        """Return the names of the columns."""
+        return set(self._arrays)
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Return a column; that of the protocol as one text."""
+        array = self._arrays[name]
+        if name != "protocol":
+            return array
+        named = np.unique(array)
+        if named.size > 1:
+            raise PredictionError(
+                f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
+                where=self.path,
+                expected="the same protocol in every row",
+            )
+        return np.array(named[0] if named.size else "")
+
+    map = read
 
 
 def read_columns(path: Path, columns: tuple[str, ...]) -> dict[str, NDArray[Any]]:
@@ -53,17 +83,13 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> dict[str, NDArray[Any]
     }
 
 
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise UnreadableError(
-            f"not a readable parquet file: {(str(error) or type(error).__name__).splitlines()[0]}",
-            where=path,
-            expected="parquet with one row a query",
-            fix="write or copy the file again",
-        ) from error
+def _readable(path: Path) -> AbstractContextManager[None]:
+    return readable(
+        path,
+        "not a readable parquet file",
+        kind=UnreadableError,
+        expected="parquet with one row a query",
+    )
 
 
 def _read_rows(path: Path, name: str, column: Any, first_row: int) -> NDArray[Any]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import math
 import pickle
-import struct
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -17,40 +16,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.formats.damage import readable
 
 __all__ = ["read_tensors"]
 
-_STORAGES = {
-    f"{name}Storage": code
-    for name, code in (
-        *(("Half", "<f2"), ("Float", "<f4"), ("Double", "<f8"), ("Byte", "<u1"), ("Char", "<i1")),
-        *(("Short", "<i2"), ("Int", "<i4"), ("Long", "<i8")),
-    )
-}
-_DAMAGE = (
-    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, OSError),
-    *(RuntimeError, TypeError, ValueError, pickle.UnpicklingError, struct.error),
-    zipfile.BadZipFile,
-)
+_NAMES = ("Half", "Float", "Double", "Byte", "Char", "Short", "Int", "Long")
+_CODES = ("<f2", "<f4", "<f8", "<u1", "<i1", "<i2", "<i4", "<i8")
+_STORAGES = {f"{name}Storage": code for name, code in zip(_NAMES, _CODES, strict=True)}
 
 
 def read_tensors(path: Path) -> dict[str, Any]:
     """Read a dictionary that ``torch.save`` wrote."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            value = _Tensors(archive).load()
-        if not isinstance(value, dict):
-            raise ValueError("it holds no dictionary")
-    except _DAMAGE as error:
-        raise BenchmarkError(
-            f"cannot be read as tensors: {str(error)[:200]}",
-            where=path,
+    with (
+        readable(
+            path,
+            "cannot be read as tensors",
+            kind=BenchmarkError,
             expected="a dictionary of tensors, numbers and texts, as torch.save writes it since "
             "PyTorch 1.6",
             fix="download it again if it is not whole; or where you trust it, write it anew:\n"
             "            torch.save(dict(torch.load(f, weights_only=True)), f)",
-        ) from error
-    return value
+        ),
+        zipfile.ZipFile(path) as archive,
+    ):
+        value = _Tensors(archive).load()
+        if not isinstance(value, dict):
+            raise TypeError("it holds no dictionary")
+        return value
 
 
 class _Tensors(pickle.Unpickler):

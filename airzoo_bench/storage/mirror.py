@@ -21,6 +21,7 @@ from airzoo_bench.core.errors import StorageError, UsageError
 from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.storage.remote import (
     ABSENT,
+    Entry,
     absent_is_absent,
     cache_folder,
     client_of,
@@ -84,7 +85,7 @@ def in_urls(text: str) -> str:
     return text
 
 
-def fetch(url: Url, sha256: str | None = None) -> Path:
+def fetch(url: Url, sha256: str | None = None, entry: Entry | None = None) -> Path:
     """Return the path of the copy of a file, which is made anew where the file has changed."""
     target, stamp = copy_of(url), _stamp(url)
 
@@ -92,7 +93,7 @@ def fetch(url: Url, sha256: str | None = None) -> Path:
         there = target.is_file()
         if there and sha256 is not None and sha256_of(target) == sha256:
             return target
-        version = stat(url).version
+        version = (entry or stat(url)).version
         if there and sha256 is None and version and _read(stamp) == version:
             return target
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -148,13 +149,15 @@ def here(location: str | Path) -> Path:
     if url is None:
         return Path(location)
     says_folder = url.says_folder and not url.read_only  # a web server says so itself
-    if not says_folder and not stat(url).is_folder:
+    entry = None if says_folder else stat(url)
+    if entry is not None and not entry.is_folder:
         is_pointed = url.name.lower().endswith(RASTERS) and not url.query
-        return pointed(copy_of(url)) if is_pointed else fetch(url)
+        return pointed(copy_of(url)) if is_pointed else fetch(url, entry=entry)
     found = files(url)
     if not found:
         raise StorageError(f"{ABSENT}, or an empty one", where=url)
-    kept = set(in_parallel(fetch, [url.child(name) for name in found]))
+    places = [url.child(name) for name in found]
+    kept = set(in_parallel(fetch, places, [None] * len(places), found.values()))
     for path in copy_of(url).rglob("*"):  # of what lay there earlier
         if path.is_file() and path not in kept:
             path.unlink()

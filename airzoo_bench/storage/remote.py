@@ -120,10 +120,10 @@ def tried(url: Url, call: Callable[[], T]) -> T:
 
 def _status(error: BaseException | None) -> int | None:
     """Return the HTTP status that an error or its cause states."""
-    stated = getattr(error, "status", getattr(error, "code", None))
-    if error is None or isinstance(stated, int):
-        return stated
-    return _status(error.__cause__)
+    if error is None:
+        return None
+    stated = error.status if hasattr(error, "status") else getattr(error, "code", None)
+    return stated if isinstance(stated, int) else _status(error.__cause__)
 
 
 def _known_fault(url: Url, error: Exception) -> UserError | None:
@@ -173,9 +173,12 @@ def stat(url: Url) -> Entry:
 
 def find(url: Url) -> Entry | None:
     """Ask what lies at a URL; None where there is nothing."""
-    with absent_is_absent():
+    try:
         return stat(url)
-    return None
+    except StorageError as error:
+        if error.what != ABSENT:
+            raise
+        return None
 
 
 @contextmanager

@@ -168,7 +168,6 @@ def test_a_header_that_counts_too_few_is_said_or_refused(
         (b"<!DOCTYPE html>", "HTML"),
         (b"\x1f\x8b\x08", "gzip"),
         (b'{"asset": {"version": "2.0"}}', "JSON"),
-        (b"\x80\x04\x95", "pickle"),
         (b"\0\1\2", "begins with the bytes"),
         (b"OFF\n8 6 0\n1 2 3\n", "OFF"),
     ],
@@ -350,12 +349,8 @@ def test_shards_are_one_cloud_and_none_counts_twice(tmp_path: Path) -> None:
     ]
     cloud = joined(list(open_shards(tmp_path, paths).pieces(40)))
     np.testing.assert_array_equal(cloud.points, np.concatenate([read(p).points for p in paths]))
-    write_las(tmp_path / "d.las", some[0])
-    (tmp_path / "d.las").write_bytes(paths[0].read_bytes())
-    write_las(tmp_path / "a.laz", some[0])
-    for other in ("d.las", "a.laz"):
-        with refused(r"holds what a\.las holds"):
-            open_shards(tmp_path, [*paths, tmp_path / other])
+    with refused("would count twice"):
+        open_shards(tmp_path, [*paths, write_las(tmp_path / "a.laz", some[0])])
 
 
 @pytest.mark.parametrize(

@@ -49,14 +49,6 @@ def test_among_photos(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_alone(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    special(kind, Path("yard.ply"))
-    with pytest.raises(PredictionError, match=r"no folder and no archive|no such predictions"):
-        open_reconstruction(tmp_path / "yard.ply", unpacked_limit_bytes=1 << 30)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("command", ["eval retrieval", "eval matching", "eval reconstruction"])
 def test_given_to_a_command(
     kind: str,

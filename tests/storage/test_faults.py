@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,19 @@ from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import StorageError, UserError
 from airzoo_bench.storage.mirror import here
 from tests.storage.conftest import Bucket
-from tests.storage.faults import CONTENT, always, s3_refusal
-from tests.storage.servers import Answer, Asked
+from tests.storage.servers import Answer, Asked, Front
 from tests.support import run_main, write_predictions
+
+CONTENT = bytes(range(256)) * 40
+
+
+def s3_refusal(status: int, code: str) -> Answer:
+    body = f"<Error><Code>{code}</Code><Message>{code}</Message></Error>".encode()
+    return Answer(status, {"Content-Type": "application/xml"}, body)
+
+
+def always(answer: Answer, method: str | None = None) -> Callable[[Asked, Answer], Answer]:
+    return lambda asked, real: answer if method in (None, asked.method) else real
 
 
 @pytest.fixture
@@ -129,3 +140,31 @@ def test_a_benchmark_writes_nowhere_else(stored: Bucket, data: Path, name: str) 
 
     with pytest.raises(UserError, match="would not lie in its folder"):
         Benchmark.open(data_here(stored.url("made")))
+
+
+def test_a_web_download_that_breaks_off_is_tried_again(
+    web: tuple[Path, Front], mirrors: Path
+) -> None:
+    folder, front = web
+    (folder / "p.npz").write_bytes(CONTENT)
+    front.change = once(lambda real: Answer(200, real.headers, real.body[:6000], len(CONTENT)))
+    assert here(f"{front.address}/p.npz").read_bytes() == CONTENT
+
+
+def once(change: Callable[[Answer], Answer]) -> Callable[[Asked, Answer], Answer]:
+    """Change the first answer with a body."""
+    left = [change]
+    return lambda asked, real: left.pop()(real) if left and asked.method == "GET" else real
+
+
+@pytest.mark.parametrize(("status", "said"), [(404, "no such"), (403, "denied"), (503, "503")])
+def test_what_a_web_server_refuses(
+    web: tuple[Path, Front], status: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, front = web
+    front.change = always(Answer(status, {}))
+    assert run_main("check", f"{front.address}/p.npz?signature=secret") == 2
+    message = capsys.readouterr().err
+    assert said in message
+    assert "/p.npz?…" in message
+    assert "secret" not in message

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted
+from airzoo_bench.formats.damage import FIX_COPY
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [
-    "FIX_COPY",
     "ArrayPieces",
     "Cloud",
     "CloudSource",
@@ -26,7 +26,6 @@ __all__ = [
     "uncounted",
 ]
 
-FIX_COPY = "write or copy the file again"
 _CONFIDENCE = ("confidence", "conf")
 _STORED_POINTS = 1 << 20
 

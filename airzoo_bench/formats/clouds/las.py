@@ -9,43 +9,37 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import laspy
 import lazrs
 import numpy as np
-from laspy.errors import LaspyException
 
 from airzoo_bench.formats.clouds.cloud import (
-    FIX_COPY,
     Cloud,
     FileCloud,
     cloud_of_columns,
-    refusal,
     too_few,
     uncounted,
 )
+from airzoo_bench.formats.damage import readable
 
 __all__ = ["open_las"]
 
 _SHORTEST, _VLR_BYTES = 227, 54
-_DAMAGE = (
-    *(LaspyException, lazrs.LazrsError, ArithmeticError, LookupError, MemoryError),
-    *(OSError, TypeError, ValueError, struct.error),
-)
-_PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no name
 _LAYERED = 3  # the compressor of point formats 6 and above, which counts the points of each chunk
 _LAST_BYTES = 16  # that an encoder may write behind the last point
-_BLOCK_POINTS = 50_000
 
 
 def open_las(path: Path) -> FileCloud:
     """Open a LAS or LAZ file."""
-    with _opened(path) as reader:
-        header = reader.header
+    with _damage(path):
+        _check_room(path)
+        with laspy.open(path, read_evlrs=False) as reader:
+            header = reader.header
         numbers = np.concatenate([header.scales, header.offsets])
         if not (np.isfinite(numbers).all() and (header.scales != 0).all()):
             raise ValueError(f"its scale and offset are {numbers.tolist()}")
@@ -54,28 +48,35 @@ def open_las(path: Path) -> FileCloud:
     if left < 0:
         raise too_few(path, count)
     kind, notes = "LAZ" if compressed else "LAS", uncounted(left, what, count)
-    return FileCloud(path, kind, count, partial(_read, path), np.dtype(np.float64), notes)
+    return FileCloud(path, kind, count, partial(_read, path, count), np.dtype(np.float64), notes)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[laspy.LasReader]:
-    """Open a file whose header counts no more records than there is room for."""
-    try:
-        with path.open("rb") as stream:
-            raw = stream.read(_SHORTEST)
-        header_bytes, start, records = struct.unpack_from("<HII", raw, 94)
-        room = (start - header_bytes) // _VLR_BYTES
-        if not _SHORTEST <= header_bytes <= start <= path.stat().st_size or records > room:
-            raise ValueError(f"its header contradicts itself: points from byte {start:,}")
-        with laspy.open(path, read_evlrs=False) as reader:
-            yield reader
-    except BaseException as error:
-        if not isinstance(error, _DAMAGE) and type(error).__module__ != _PANIC:
-            raise
-        why = str(error)[:200] or type(error).__name__
-        raise refusal(
-            path, f"the LAS or LAZ file is damaged or cut off: {why}", fix=FIX_COPY
-        ) from error
+def _read(path: Path, count: int, points: int) -> Iterator[Cloud]:
+    with _damage(path):
+        reader = laspy.open(path, read_evlrs=False)
+    with reader:
+        chunks, done = reader.chunk_iterator(points), 0
+        while done < count:
+            with _damage(path):
+                chunk = next(chunks, None)
+                if chunk is None:
+                    raise too_few(path, count)
+                cloud = cloud_of_columns({axis: np.asarray(chunk[axis]) for axis in "xyz"})
+            done += len(cloud)
+            yield cloud
+
+
+def _damage(path: Path) -> AbstractContextManager[None]:
+    return readable(path, "the LAS or LAZ file is damaged or cut off")
+
+
+def _check_room(path: Path) -> None:
+    """Refuse a header that counts more records than there is room for."""
+    with path.open("rb") as stream:
+        header_bytes, start, records = struct.unpack_from("<HII", stream.read(_SHORTEST), 94)
+    room = (start - header_bytes) // _VLR_BYTES
+    if not _SHORTEST <= header_bytes <= start <= path.stat().st_size or records > room:
+        raise ValueError(f"its header contradicts itself: points from byte {start:,}")
 
 
 def _beyond_las(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
@@ -97,10 +98,7 @@ def _beyond_laz(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
     if vlr.item_size() != size:
         raise ValueError(f"points of {size} bytes are compressed as {vlr.item_size()} bytes")
     with path.open("rb") as stream:
-        _check_chunk_count(stream, start, path.stat().st_size, size)
-        stream.seek(start)
-        # Writers of chunks of any size may end with one of nothing.
-        chunks = [some for some in lazrs.read_chunk_table(stream, vlr) if any(some)]
+        chunks = _chunks(stream, start, path.stat().st_size, vlr)
         end = start + 8 + sum(nbytes for _, nbytes in chunks)
         if end > path.stat().st_size:
             return -1, "points"
@@ -114,13 +112,18 @@ def _beyond_laz(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
     before = sum(points for points, _ in chunks[:-1])
     if not chunks or not before < count <= before + chunks[-1][0]:
         return (-1 if count else 0), "points"
-    left = end - _end_of_points(path, laszip, before, header)
+    with _Dripping(path) as stream:  # whose place shows what the points of the last chunk took
+        stream.seek(start)
+        decompressor = lazrs.LasZipDecompressor(stream, laszip)
+        decompressor.seek(before)
+        decompressor.decompress_many(np.empty((count - before) * size, np.uint8))
+        left = end - stream.tell()
     # A decoder asks for bytes before it needs them.
     return (left if not -2 * _LAST_BYTES <= left <= _LAST_BYTES else 0), "compressed bytes"
 
 
-def _check_chunk_count(stream: Any, start: int, size: int, point_bytes: int) -> None:
-    """Refuse a table of more chunks than fit: lazrs ends the process for want of memory."""
+def _chunks(stream: IO[bytes], start: int, size: int, vlr: Any) -> list[tuple[int, int]]:
+    """Return points and bytes of each chunk; lazrs ends the process over a table of too many."""
     for place in (start, size - 8):  # where a writer could not go back, its place is at the end
         stream.seek(place)
         table = int.from_bytes(stream.read(8), "little", signed=True)
@@ -130,20 +133,11 @@ def _check_chunk_count(stream: Any, start: int, size: int, point_bytes: int) -> 
         raise ValueError("the file ends before its chunk table")
     stream.seek(table + 4)
     chunks = int.from_bytes(stream.read(4), "little")
-    if chunks > (table - start - 8) // point_bytes:
+    if chunks > (table - start - 8) // vlr.item_size():
         raise ValueError(f"its table lists {chunks:,} chunks")
-
-
-def _end_of_points(path: Path, laszip: bytes, before: int, header: laspy.LasHeader) -> int:
-    """Decode the last chunk, and return the place in the file that this takes."""
-    with _Dripping(path) as stream:
-        stream.seek(header.offset_to_point_data)
-        decompressor = lazrs.LasZipDecompressor(stream, laszip)
-        decompressor.seek(before)
-        for done in range(before, header.point_count, _BLOCK_POINTS):
-            points = min(_BLOCK_POINTS, header.point_count - done)
-            decompressor.decompress_many(np.empty(points * header.point_format.size, np.uint8))
-        return stream.tell()
+    stream.seek(start)
+    # Writers of chunks of any size may end with one of nothing.
+    return [some for some in lazrs.read_chunk_table(stream, vlr) if any(some)]
 
 
 class _Dripping(io.FileIO):
@@ -154,14 +148,3 @@ class _Dripping(io.FileIO):
 
     def read(self, size: int | None = -1, /) -> bytes:
         return super().read(min(size or 0, _LAST_BYTES) if (size or 0) >= 0 else _LAST_BYTES) or b""
-
-
-def _read(path: Path, points: int) -> Iterator[Cloud]:
-    with _opened(path) as reader:
-        done = 0
-        for chunk in reader.chunk_iterator(points):
-            with np.errstate(over="ignore", invalid="ignore"):
-                yield cloud_of_columns({axis: np.asarray(chunk[axis]) for axis in "xyz"})
-            done += len(chunk)
-        if done != reader.header.point_count:
-            raise too_few(path, reader.header.point_count)

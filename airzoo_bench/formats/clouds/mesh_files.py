@@ -15,9 +15,10 @@ import numpy as np
 import trimesh
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import FIX_COPY, refusal
+from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
 from airzoo_bench.formats.clouds.text import opened_lines, shown
+from airzoo_bench.formats.damage import FIX_COPY, readable
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["open_gltf", "open_obj", "open_stl"]
@@ -25,10 +26,6 @@ __all__ = ["open_gltf", "open_obj", "open_stl"]
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 _AXES = "axes as in the file: glTF takes y as up, and many exporters turn and centre the scene"
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression", b"KHR_meshopt")
-_DAMAGE = (
-    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
-    *(NameError, NotImplementedError, OSError, RuntimeError, TypeError, ValueError),
-)
 
 
 def open_gltf(path: Path) -> Mesh:
@@ -41,7 +38,12 @@ def open_gltf(path: Path) -> Mesh:
             expected="GLB without compression of meshes",
             fix="export it again without compression, or as PLY",
         )
-    vertices, faces = _load(path, raw, "glb" if raw.startswith(b"glTF") else "gltf")
+    is_binary = raw.startswith(b"glTF")
+    with readable(path, "the glTF file is damaged or cut off"):
+        # trimesh takes NaN among the transforms of nodes for none.
+        text = raw[20 : 20 + int.from_bytes(raw[12:16], "little")] if is_binary else raw
+        json.loads(text, parse_constant=int)  # which NaN is none of
+    vertices, faces = _load(path, raw, "glb" if is_binary else "gltf")
     return Mesh(path, "GLB mesh", vertices, faces, (_AXES,), _SINGLE)
 
 
@@ -73,28 +75,18 @@ class _NoFiles:
 def _load(path: Path, raw: bytes, kind: str) -> tuple[Floats, Ints]:
     """Return the vertices and triangles of a file, by trimesh."""
     try:
-        if kind != "stl":
-            # trimesh takes NaN among the transforms of nodes for none.
-            text = raw[20 : 20 + int.from_bytes(raw[12:16], "little")] if kind == "glb" else raw
-            json.loads(text, parse_constant=int)  # which NaN is none of
-        scene = trimesh.load_scene(
-            io.BytesIO(raw),
-            file_type=kind,
-            resolver=_NoFiles(),  # type: ignore[arg-type]
-            process=False,
-            maintain_order=True,
-            skip_materials=True,
-        )
-        parts = [_part(scene, node) for node in scene.graph.nodes_geometry]
+        with readable(path, f"the {kind.upper()} file is damaged or cut off"):
+            scene = trimesh.load_scene(
+                io.BytesIO(raw),
+                file_type=kind,
+                resolver=_NoFiles(),  # type: ignore[arg-type]
+                process=False,
+                maintain_order=True,
+                skip_materials=True,
+            )
+            parts = [_part(scene, node) for node in scene.graph.nodes_geometry]
     except PredictionError as error:
-        raise error.inside(path) from error
-    except _DAMAGE as error:
-        why = "".join(one for one in str(error)[:100] if one.isprintable())
-        raise refusal(
-            path,
-            f"the {kind.upper()} file is damaged or cut off: {why or type(error).__name__}",
-            fix=FIX_COPY,
-        ) from error
+        raise error if error.where is not None else error.inside(path) from error
     parts = [part for part in parts if len(part[1])] or [part for part in parts if len(part[0])]
     if not parts:
         raise refusal(path, "holds neither triangles nor points", expected="a mesh in its scene")
@@ -107,8 +99,7 @@ def _part(scene: Any, node: str) -> tuple[Floats, Ints]:
     matrix, name = scene.graph[node]
     geometry = scene.geometry[name]
     x, y, z = np.asarray(geometry.vertices, np.float64).T
-    with np.errstate(invalid="ignore", over="ignore"):
-        moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix[:3]]
+    moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix[:3]]
     faces = np.asarray(getattr(geometry, "faces", np.empty((0, 3))), np.int64)
     return np.stack(moved, axis=-1), faces
 
@@ -133,7 +124,8 @@ def open_obj(path: Path) -> Mesh:
                 raise refusal(path, f"a line is {shown(line)}", expected=expected) from error
     if not vertices:
         raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
-    return Mesh(path, "OBJ mesh", _rows(vertices), _rows(triangles), tuple(notes))
+    corners, faces = np.array(vertices).reshape(-1, 3), np.array(triangles).reshape(-1, 3)
+    return Mesh(path, "OBJ mesh", corners, faces, tuple(notes))
 
 
 def _index(word: str, count: int) -> int:
@@ -141,7 +133,3 @@ def _index(word: str, count: int) -> int:
     if number == 0 or number < -count:
         raise ValueError("no vertex has this number")
     return number - 1 if number > 0 else count + number
-
-
-def _rows(values: Any) -> Any:
-    return np.array(values).reshape(-1, 3)

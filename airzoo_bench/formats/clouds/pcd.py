@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from airzoo_bench.formats.clouds.cloud import (
-    FIX_COPY,
     Cloud,
     FileCloud,
     cloud_of_columns,
@@ -21,52 +20,47 @@ from airzoo_bench.formats.clouds.cloud import (
     uncounted,
 )
 from airzoo_bench.formats.clouds.text import count_lines, read_rows, shown
+from airzoo_bench.formats.damage import readable
 
 __all__ = ["open_pcd"]
 
 _LONGEST_HEADER = 1 << 16
+_KINDS = ("ascii", "binary", "binary_compressed")
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _LITERAL = 32  # control bytes below it are of bytes to be copied
 _LONG = 7  # a length that goes on in the next byte
 
 
 class _Header(NamedTuple):
-    """A row's type (fields by their places and names), and where the rows begin."""
+    """A row's type, the column of each field in text, and where the rows begin."""
 
     record: np.dtype[Any]
+    places: dict[str, int]
+    width: int
     points: int
     data: str
     size: int
-
-    @property
-    def fields(self) -> dict[str, str]:
-        """Names of the record's fields by those of the file."""
-        return {place.partition(" ")[2]: place for place in self.record.names or ()}
 
 
 def open_pcd(path: Path) -> FileCloud:
     """Open a PCD file."""
     header = _read_header(path)
-    if not {*"xyz"} <= header.fields.keys():
+    if not {*"xyz"} <= header.places.keys():
         raise refusal(path, "its FIELDS lack x, y or z", expected="FIELDS x y z, and others")
-    precision = np.result_type(*(header.record[header.fields[axis]].base for axis in "xyz"))
-    left, what = path.stat().st_size - header.size - header.points * header.record.itemsize, "bytes"
-    readers = {"ascii": _read_text, "binary": _read_binary, "binary_compressed": _read_compressed}
+    precision = np.result_type(*(header.record[axis].base for axis in "xyz"))
+    nbytes, what = header.points * header.record.itemsize, "bytes"
+    left = path.stat().st_size - header.size - nbytes
     if header.data == "ascii":
         left, what = count_lines(path, header.size) - header.points, "lines"
     elif header.data == "binary_compressed":
-        left = 0
-        _packed_bytes(path, header)
+        packed, plain = _packed_sizes(path, header)
+        left = min(0, path.stat().st_size - header.size - 8 - packed) if plain == nbytes else -1
     if left < 0:
         raise too_few(path, header.points)
-    return FileCloud(
-        path,
-        f"PCD ({header.data})",
-        header.points,
-        partial(readers[header.data], path, header),
-        precision,
-        uncounted(left, what, header.points),
-    )
+    reader = {"ascii": _read_text, "binary": _read_binary}.get(header.data, _read_compressed)
+    notes = uncounted(left, what, header.points)
+    read = partial(reader, path, header)
+    return FileCloud(path, f"PCD ({header.data})", header.points, read, precision, notes)
 
 
 def _read_header(path: Path) -> _Header:
@@ -80,83 +74,58 @@ def _read_header(path: Path) -> _Header:
             if words and not words[0].startswith("#"):
                 values.setdefault(words[0].upper(), words[1:])
         size = stream.tell()
-    try:
-        (data,) = values["DATA"]
-        (points,) = map(int, values["POINTS"])
+    expected = "FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS and DATA that fit together"
+    with readable(path, "the PCD header is wrong", expected=expected):
+        (data,), (points,) = values["DATA"], map(int, values["POINTS"])
         width = int(values.get("WIDTH", [str(points)])[0])
         height = int(values.get("HEIGHT", ["1"])[0])
-        sound = data in ("ascii", "binary", "binary_compressed") and width * height == points >= 0
-        record = _record(values)
-    except (KeyError, ValueError) as error:
-        raise refusal(
-            path,
-            f"the PCD header is wrong: {shown(str(error))}",
-            expected="FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS and DATA",
-        ) from error
-    if not sound:
-        raise refusal(
-            path,
-            f"the PCD header states {points:,} points, {width:,} x {height:,}, as {shown(data)}",
-            expected="WIDTH times HEIGHT points, DATA ascii, binary or binary_compressed",
-        )
-    return _Header(record, points, data, size)
-
-
-def _record(values: dict[str, list[str]]) -> np.dtype[Any]:
-    """Return the type of a row; field names begin with the place of their first value."""
-    names = values["FIELDS"]
-    repeats = list(map(int, values.get("COUNT", ["1"] * len(names))))
-    kinds: list[tuple[str, str, tuple[int]]] = []
-    rows = zip(names, map(int, values["SIZE"]), values["TYPE"], repeats, strict=True)
-    for name, size, kind, count in rows:
-        again = name != "_" and name in names[: len(kinds)]
-        if size not in _SIZES.get(kind.upper(), ()) or count < 1 or again:
-            raise ValueError(f"field {name} of type {kind}, {size} bytes, {count} times")
-        kinds.append((f"{sum(repeats[: len(kinds)])} {name}", f"<{kind.lower()}{size}", (count,)))
-    return np.dtype(kinds)
+        if data not in _KINDS or not width * height == points >= 0:
+            raise ValueError(f"{points:,} points, {width:,} x {height:,}, as {shown(data)}")
+        names = values["FIELDS"]
+        repeats = list(map(int, values.get("COUNT", ["1"] * len(names))))
+        fields: list[tuple[str, str, tuple[int]]] = []
+        places: dict[str, int] = {}
+        rows = zip(names, map(int, values["SIZE"]), values["TYPE"], repeats, strict=True)
+        for number, (name, item, kind, count) in enumerate(rows):
+            if item not in _SIZES.get(kind.upper(), ()) or count < 1 or name in places:
+                raise ValueError(f"field {name} of type {kind}, {item} bytes, {count} times")
+            known = name if name != "_" else f"_ {number}"  # several fields may be padding
+            places[known] = sum(repeats[:number])
+            fields.append((known, f"<{kind.lower()}{item}", (count,)))
+        return _Header(np.dtype(fields), places, sum(repeats), points, data, size)
 
 
 def _read_text(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    places = {name: int(field.partition(" ")[0]) for name, field in header.fields.items()}
-    width = sum(header.record[field].shape[0] for field in header.record.names or ())
-    for rows in read_rows(path, header.size, 0, header.points, width, points):
-        yield cloud_of_columns({name: rows[:, place] for name, place in places.items()})
+    for rows in read_rows(path, header.size, 0, header.points, header.width, points):
+        yield cloud_of_columns({name: rows[:, place] for name, place in header.places.items()})
 
 
 def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
     for block in read_records(path, header.record, header.size, header.points, points):
-        columns = {name: block[field][:, 0] for name, field in header.fields.items()}
-        yield cloud_of_columns(columns)
+        yield cloud_of_columns({name: block[name][:, 0] for name in header.places})
 
 
 def _read_compressed(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    with path.open("rb") as stream:
+    packed, plain = _packed_sizes(path, header)
+    with readable(path, "its compressed points are damaged"), path.open("rb") as stream:
         stream.seek(header.size + 8)
-        packed = stream.read(_packed_bytes(path, header))
-    try:
-        body = _unpack_lzf(packed, header.points * header.record.itemsize)
-    except (IndexError, ValueError) as error:
-        raise refusal(path, "its compressed points are damaged", fix=FIX_COPY) from error
+        body = _unpack_lzf(stream.read(packed), plain)
     columns, start = {}, 0
-    for field in header.record.names or ():  # a column after the other
-        kind = header.record[field]
-        columns[field.partition(" ")[2]] = np.frombuffer(body, kind, header.points, start)[:, 0]
+    for name in header.places:  # a column after the other
+        kind = header.record[name]
+        columns[name] = np.frombuffer(body, kind, header.points, start)[:, 0]
         start += header.points * kind.itemsize
     for done in range(0, header.points, points):
         part = slice(done, done + points)
         yield cloud_of_columns({name: column[part] for name, column in columns.items()})
 
 
-def _packed_bytes(path: Path, header: _Header) -> int:
-    """Return how many bytes are compressed, once they are known to be of all points."""
+def _packed_sizes(path: Path, header: _Header) -> tuple[int, int]:
+    """Return how many bytes the points take as they are stored, and unpacked."""
     with path.open("rb") as stream:
         stream.seek(header.size)
-        head = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4")
-    packed, plain = int(head[0]), int(head[1])
-    left = path.stat().st_size - header.size - 8
-    if packed > left or plain != header.points * header.record.itemsize:
-        raise too_few(path, header.points)
-    return packed
+        packed, plain = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4").tolist()
+    return packed, plain
 
 
 def _unpack_lzf(data: bytes, size: int) -> bytearray:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.formats.clouds.cloud import (
-    FIX_COPY,
     Cloud,
     FileCloud,
     cloud_of_columns,
@@ -28,6 +27,7 @@ from airzoo_bench.formats.clouds.cloud import (
 )
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
 from airzoo_bench.formats.clouds.text import count_lines, opened_lines, read_rows, shown
+from airzoo_bench.formats.damage import FIX_COPY
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["open_ply", "write_ply"]
@@ -39,10 +39,11 @@ _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colou
 _ROWS = 1 << 18  # that are written, or faces that are looked at, together
 _FEWEST = 32  # faces
 _LONGEST_HEADER = 1 << 20
-_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
-_SIZED = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
-_CODES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
-_TYPES = dict(zip((*_NAMES, *_SIZED), 2 * _CODES, strict=True))
+_CODES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -79,9 +80,6 @@ class _Header:
 
     def record(self, element: _Element) -> np.dtype[Any]:
         return np.dtype([(one.name, self.order + one.type) for one in element.properties])
-
-    def before(self, element: _Element) -> list[_Element]:
-        return list(takewhile(lambda one: one is not element, self.elements.values()))
 
 
 def open_ply(path: Path) -> FileCloud | Mesh:
@@ -144,59 +142,57 @@ def _property(words: list[str], taken: list[str]) -> _Property | None:
     length: str | None = None
     match words:
         case ["list", counter, kind, name]:
-            length = _TYPES.get(counter, "f")
+            length = _CODES.get(counter, "f")
         case [kind, name]:
             pass
         case _:
             return None
     name = name.lower() if name in ("X", "Y", "Z") else name
-    if kind not in _TYPES or name in taken or (length or "").startswith("f"):
+    if kind not in _CODES or name in taken or (length or "").startswith("f"):
         return None
-    return _Property(name, _TYPES[kind], length)
+    return _Property(name, _CODES[kind], length)
 
 
 def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
-    path, before = header.path, header.before(vertex)
+    path, start = header.path, _start_of(header, vertex)
     if header.order:
-        kind, what, record = "PLY (binary)", "bytes", header.record(vertex)
-        start = _start_of(header, vertex)
-        left = path.stat().st_size - start - vertex.rows * record.itemsize
-        read = partial(_read_binary, path, record, start, vertex.rows)
+        kind, what = "PLY (binary)", "bytes"
+        left = path.stat().st_size - start - vertex.rows * header.record(vertex).itemsize
     else:
-        kind, what, skip = "PLY (text)", "lines", sum(one.rows for one in before)
-        left = count_lines(path, header.size) - skip - vertex.rows
-        read = partial(_read_text, path, header.size, skip, vertex)
+        kind, what = "PLY (text)", "lines"
+        left = count_lines(path, header.size) - start - vertex.rows
     if left < 0:
         raise too_few(path, vertex.rows)
     precision = np.result_type(*(one.type for one in vertex.properties if one.name in "xyz"))
     notes: tuple[str, ...] = (_SPLAT_NOTE,) if set(vertex.names) >= _SPLATS else ()
-    if len(before) + 1 == len(header.elements):
+    if next(reversed(header.elements.values())) is vertex:
         notes += uncounted(left, what, vertex.rows)
+    read = partial(_read_vertices, header, vertex, start)
     return FileCloud(path, kind, vertex.rows, read, precision, notes)
 
 
-def _read_binary(
-    path: Path, record: np.dtype[Any], start: int, count: int, points: int
-) -> Iterator[Cloud]:
-    for block in read_records(path, record, start, count, points):
-        yield cloud_of_columns({name: block[name] for name in record.names or ()})
-
-
-def _read_text(
-    path: Path, offset: int, skip: int, vertex: _Element, points: int
-) -> Iterator[Cloud]:
-    width = len(vertex.properties)
-    for rows in read_rows(path, offset, skip, vertex.rows, width, points):
+def _read_vertices(header: _Header, vertex: _Element, start: int, points: int) -> Iterator[Cloud]:
+    path, names = header.path, vertex.names
+    if header.order:
+        record = header.record(vertex)
+        for block in read_records(path, record, start, vertex.rows, points):
+            yield cloud_of_columns({name: block[name] for name in names})
+        return
+    for rows in read_rows(path, header.size, start, vertex.rows, len(names), points):
         # Text of a float property may have more digits than float32: all are kept.
-        yield cloud_of_columns(dict(zip(vertex.names, rows.T, strict=True)))
+        yield cloud_of_columns(dict(zip(names, rows.T, strict=True)))
 
 
 def _start_of(header: _Header, element: _Element) -> int:
-    """Return the byte that an element of a binary file begins at."""
-    start = header.size
-    for before in header.before(element):
-        ends = [end for _, end in _runs(header, before, start)] if before.has_lists else []
-        start = ends[-1] if ends else start + before.rows * header.record(before).itemsize
+    """Return the byte, or in text the line of the body, that an element begins at."""
+    start = header.size if header.order else 0
+    for before in takewhile(lambda one: one is not element, header.elements.values()):
+        if not header.order:
+            start += before.rows
+        elif before.has_lists:
+            start = max((end for _, end in _runs(header, before, start)), default=start)
+        else:
+            start += before.rows * header.record(before).itemsize
     return start
 
 
@@ -208,7 +204,7 @@ def _read_faces(header: _Header, faces: _Element, name: str) -> Ints:
 
 
 def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
-    skip = sum(one.rows for one in header.before(faces))
+    skip = _start_of(header, faces)
     triangles, found = array("q"), 0
     with opened_lines(header.path, header.size) as lines:
         for line in islice(lines, skip, skip + faces.rows):

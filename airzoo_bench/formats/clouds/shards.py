@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.core.errors import counted
-from airzoo_bench.core.files import first_bytes
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.las import open_las
 
@@ -17,13 +16,20 @@ __all__ = ["SHARD_SUFFIXES", "open_shards", "shards_in"]
 
 SHARD_SUFFIXES = (".las", ".laz")
 """Endings of files that can be shards."""
-_LOOK_BYTES = 1 << 12  # a header, with the box of the points, and the first of these
 
 
 def open_shards(folder: Path, paths: Sequence[Path]) -> FileCloud:
     """Open the shards of a cloud as one cloud, in the order that they are given in."""
+    names = [path.stem for path in paths]
+    twice = next((path for path in paths if names.count(path.stem) > 1), None)
+    if twice is not None:
+        raise refusal(
+            twice,
+            "stands there as LAS and as LAZ, and its points would count twice",
+            expected="each part of the cloud in one shard",
+            fix="take one of the two away, or rename it if their points are others",
+        )
     files = tuple(map(open_las, paths))
-    _check_once([file.path for file in files if file.count])
     kinds = " and ".join(sorted({file.kind for file in files}))
     return FileCloud(
         folder,
@@ -55,18 +61,3 @@ def _pieces(files: tuple[FileCloud, ...], points: int) -> Iterator[Cloud]:
                 left = left[points:]
     if len(left):
         yield Cloud(left)
-
-
-def _check_once(paths: Sequence[Path]) -> None:
-    """Refuse a copy of a shard, and one in two formats: their points would count twice."""
-    seen: dict[object, Path] = {}
-    for path in paths:
-        for alike in (path.stem, (path.stat().st_size, first_bytes(path, _LOOK_BYTES))):
-            other = seen.setdefault(alike, path)
-            if other is not path:
-                raise refusal(
-                    path,
-                    f"has the name, or holds what {other.name} holds",
-                    expected="each part of the cloud in one shard",
-                    fix="take one of the two away, or rename it if their points are others",
-                )

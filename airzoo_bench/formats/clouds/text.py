@@ -1,8 +1,8 @@
 """Clouds as text: a point a line, in ``.xyz``, ``.txt``, ``.csv``, ``.asc`` and ``.pts`` files.
 
 There is no standard. Separators are blanks, commas or semicolons; there may be comments, a line
-with the number of points (``.pts``) and a line of names before the points. What is taken to be
-what stands in the notes; what could be two things is refused.
+with the number of points (``.pts``) and a line of names before the points. Notes say what was
+taken to be what; what could be two things is refused.
 """
 
 from __future__ import annotations
@@ -14,19 +14,18 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.formats.clouds.cloud import (
-    FIX_COPY,
     Cloud,
     FileCloud,
     cloud_of_columns,
     refusal,
     too_few,
 )
+from airzoo_bench.formats.damage import FIX_COPY
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["count_lines", "open_text", "opened_lines", "read_rows", "shown"]
@@ -35,7 +34,6 @@ _SAMPLE = 1000
 _MOST_PREAMBLE = 1000
 _LONGEST_LINE = 1 << 16
 _SHOWN = 60
-_COMMENTS = ("#", "//", ";")
 _BOM = b"\xef\xbb\xbf"
 _SEPARATORS = {"": "blanks", ",": "commas", ";": "semicolons"}
 _IN_BRACKETS = re.compile(r"\[[^]]*\]|\([^)]*\)")
@@ -47,14 +45,6 @@ _NAMED = {
     "confidence": ("confidence", "conf"),
 }
 _EXPECTED = "a line a point: x y z and more numbers, the same number in each line"
-
-
-class _Start(NamedTuple):
-    """Where the points begin, and what the lines before say."""
-
-    offset: int
-    names: str | None
-    promised: int | None
 
 
 @contextmanager
@@ -98,12 +88,9 @@ def read_rows(
 
 def _wrong_row(path: Path, lines: list[str], separator: str, width: int) -> PredictionError:
     """Name the first line that is not as many numbers as it should be."""
-    wrong = lines[0]
-    for line in lines:
-        words = line.replace(separator or " ", " ").split()
-        if len(words) != width or not all(map(_is_number, words)):
-            wrong = line
-            break
+    words = (line.replace(separator or " ", " ").split() for line in lines)
+    sound = (len(row) == width and all(map(_is_number, row)) for row in words)
+    wrong = next((line for line, is_sound in zip(lines, sound, strict=False) if not is_sound), "")
     with path.open(encoding="latin-1") as stream:
         number = next((place for place, line in enumerate(stream, 1) if line == wrong), 0)
     return refusal(path, f"line {number:,} is {shown(wrong)}", expected=f"{width} numbers")
@@ -124,20 +111,24 @@ def shown(line: str) -> str:
 
 def open_text(path: Path) -> FileCloud:
     """Open a cloud in a text file."""
-    start = _find_start(path)
-    count = count_lines(path, start.offset)
-    if start.promised is not None and count != start.promised:
+    offset, names, promised = _find_start(path)
+    count = count_lines(path, offset)
+    if promised is not None and count != promised:
         raise refusal(
             path,
-            f"says that it holds {counted(start.promised, 'point')}, and holds {count:,}",
+            f"says that it holds {counted(promised, 'point')}, and holds {count:,}",
             expected="as many lines as its first line says",
             fix=FIX_COPY,
         )
-    separator, sample = _sample(path, start.offset, min(count, _SAMPLE))
-    places = _find_columns(path, start.names, sample.shape[1])
+    separator, width = _find_separator(path, offset)
+    places = _find_columns(path, names, width)
+    read = partial(_read, path, offset, separator, places, width, count)
     kind = f"text (separated by {_SEPARATORS[separator]})"
-    read = partial(_read, path, start.offset, separator, places, sample.shape[1], count)
-    note = _columns_note(places, sample.shape[1])
+    note = "columns, counted from 1: x y z from " + ", ".join(str(places[a] + 1) for a in "xyz")
+    if "confidence" in places:
+        note += f"; confidence from {places['confidence'] + 1}"
+    if width > len(places):
+        note += f"; {width - len(places)} of {width} passed over"
     return FileCloud(path, kind, count, read, np.dtype(np.float64), (note,))
 
 
@@ -154,78 +145,65 @@ def _read(
         yield cloud_of_columns({name: rows[:, place] for name, place in places.items()})
 
 
-def _find_start(path: Path) -> _Start:
-    """Step over comments, a count and a line of names."""
+def _find_start(path: Path) -> tuple[int, str | None, int | None]:
+    """Return the byte of the first point, and the names and the count in the lines before."""
     names, promised = None, None
     with path.open("rb") as stream:
         offset = stream.seek(len(_BOM) if stream.read(len(_BOM)) == _BOM else 0)
         for line in islice(iter(partial(stream.readline, _LONGEST_LINE), b""), _MOST_PREAMBLE):
             text = line.decode("latin-1").strip()
-            if text and _is_points(text, promised):
-                return _Start(offset, names, promised)
-            if text.isascii() and text.isdigit():
+            words = re.split(r"[\s,;]+", text.strip(" \t,;"))
+            is_count = len(words) == 1 and text.isascii() and text.isdigit()
+            if text and all(map(_is_number, words)) and not (is_count and promised is None):
+                return offset, names, promised
+            if is_count:
                 promised = int(text)
             else:
                 names = text or names
             offset = stream.tell()
     if promised == 0:
-        return _Start(offset, names, promised)
+        return offset, names, promised
     raise refusal(path, "holds no line with a point", expected=_EXPECTED)
 
 
-def _is_points(text: str, promised: int | None) -> bool:
-    """Say whether a line holds numbers only; one whole number is a count, where none was before."""
-    words = re.split(r"[\s,;]+", text.strip(" \t,;"))
-    if len(words) == 1 and promised is None and words[0].isdigit():
-        return False
-    return all(map(_is_number, words))
-
-
-def _sample(path: Path, offset: int, count: int) -> tuple[str, Floats]:
-    """Return the separator and the first rows."""
-    if not count:
-        return "", np.empty((0, 3))
+def _find_separator(path: Path, offset: int) -> tuple[str, int]:
+    """Return what separates columns, and their number."""
     with opened_lines(path, offset) as lines:
-        first = list(islice(lines, count))
+        first = list(islice(lines, _SAMPLE))
+    if not first:
+        return "", 3
     separator = next((one for one in (";", ",") if one in first[0]), "")
-    for line in first:
-        _refuse_decimal_commas(path, line)
+    for line in first:  # 1,5 2,5 3,5 and 1,5;2,5;3,5 would be read as twice as many columns
+        words = re.split(r"[\s;]+", line.strip())
+        if len(words) > 1 and any(_NUMBER_WITH_COMMA.fullmatch(word) for word in words):
+            raise refusal(
+                path,
+                f"a line has decimal commas: {shown(line)}",
+                expected="decimal points",
+                fix="export it with decimal points",
+            )
     width = len(first[0].replace(separator or " ", " ").split())
     if width < 3:
         raise refusal(path, f"a line has {width} columns: {shown(first[0])}", expected=_EXPECTED)
-    (rows,) = read_rows(path, offset, 0, count, width, count, separator)
-    return separator, rows
-
-
-def _refuse_decimal_commas(path: Path, line: str) -> None:
-    """Refuse ``1,5 2,5 3,5`` and ``1,5;2,5;3,5``, which would be read as twice as many columns."""
-    words = re.split(r"[\s;]+", line.strip())
-    if len(words) > 1 and any(_NUMBER_WITH_COMMA.fullmatch(word) for word in words):
-        raise refusal(
-            path,
-            f"a line has decimal commas: {shown(line)}",
-            expected="decimal points",
-            fix="export it with decimal points",
-        )
+    next(read_rows(path, offset, 0, len(first), width, len(first), separator))
+    return separator, width
 
 
 def _find_columns(path: Path, header: str | None, width: int) -> dict[str, int]:
     """Return the places of x, y, z and confidence, by a line of names where it fits."""
-    first = dict(zip("xyz", range(3), strict=True))
-    if header is None:
-        return first
-    words = re.split(r"[\s,;]+", _IN_BRACKETS.sub("", header).strip("#/;, \t"))
+    first = {"x": 0, "y": 1, "z": 2}
+    words = re.split(r"[\s,;]+", _IN_BRACKETS.sub("", header or "").strip("#/;, \t"))
     names = [word.strip("\"'").lower() for word in words]
-    if len(names) != width:
+    if header is None or len(names) != width:
         return first
-    known = {
-        name: next((names.index(one) for one in some if one in names), None)
+    found = {
+        name: next(names.index(one) for one in some if one in names)
         for name, some in _NAMED.items()
+        if {*some} & {*names}
     }
-    found = {name: place for name, place in known.items() if place is not None}
     if {*"xyz"} <= found.keys():
         return found
-    if header.startswith(_COMMENTS):
+    if header.startswith(("#", "//", ";")):
         return first
     raise refusal(
         path,
@@ -233,13 +211,3 @@ def _find_columns(path: Path, header: str | None, width: int) -> dict[str, int]:
         expected="columns x, y and z (or easting, northing, height), in metres",
         fix="name the columns, or leave the names out where x y z stand first",
     )
-
-
-def _columns_note(places: dict[str, int], width: int) -> str:
-    """Say which columns were read, counted from 1."""
-    said = "x y z from " + ", ".join(str(places[axis] + 1) for axis in "xyz")
-    if "confidence" in places:
-        said += f"; confidence from {places['confidence'] + 1}"
-    left = width - len(places)
-    passed = f"; {left} of {width} passed over" if left else ""
-    return f"columns, counted from 1: {said}{passed}"
