@@ -40,20 +40,10 @@ class Fault(NamedTuple):
 
 
 class Engine:
-    """Does one block after the other in this process; a block itself may use threads.
+    """Does one block after the other in this process; a block itself may use threads."""
 
-    Attributes
-    ----------
-    distributed : bool
-        Whether other processes work, so that work is cut.
-    dashboard : str or None
-        Where a browser shows what is going on.
-    progress : Progress
-        Shows the blocks of each `map`.
-    """
-
-    distributed: bool = False
-    dashboard: str | None = None
+    distributed: bool = False  # whether other processes work, so that work is cut
+    dashboard: str | None = None  # where a browser shows what is going on
 
     def __init__(self, progress: Progress = silent) -> None:
         self.progress = progress
@@ -73,17 +63,9 @@ class Engine:
     ) -> Iterator[R]:
         """Yield what ``work(shared, item)`` returns, in the order of the items.
 
-        Parameters
-        ----------
-        work : callable
-            A function of a module: other processes import it by its name.
-        items : sequence
-        shared : object
-            Its arrays are mapped by processes of this machine, and must not be written to.
-        stage : str
-            What the items are, for progress.
-        name : callable
-            Return what an item is called in messages.
+        `work` is a function of a module, which other processes import. The arrays of `shared` may
+        be mapped, and must not be written to. `stage` is what the items are, for progress, and
+        `name` returns what an item is called in messages.
         """
         if not len(items):
             return
@@ -141,12 +123,9 @@ def wait_in_order(
 
 
 class Processes(Engine):
-    """Does blocks in processes of this machine: joblib's loky, which start at the first `map`.
+    """Does blocks in `jobs` processes of this machine: joblib's loky, started at the first `map`.
 
-    Parameters
-    ----------
-    jobs : int
-        How many; with one, all is done in this process.
+    With one job all is done in this process.
     """
 
     def __init__(self, jobs: int, progress: Progress = silent) -> None:

@@ -32,11 +32,7 @@ _CONTIGUOUS, _VIRTUAL, _NOWHERE = 1, 3, (1 << 64) - 1
 class Hdf5File:
     """The datasets of an HDF5 file by their full names, read one at a time.
 
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that its structure and the arrays that are read may take in memory together.
+    Its structure and the arrays that are read take `limit_bytes` of memory together at most.
     """
 
     def __init__(self, path: Path, limit_bytes: int) -> None:

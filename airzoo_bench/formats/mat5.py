@@ -20,14 +20,7 @@ _MAGIC = b"MATLAB 5.0 MAT-file"
 
 
 class MatFile:
-    """The arrays of a MATLAB 5 file, read one at a time.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the arrays that are read may take in memory together.
-    """
+    """The arrays of a MATLAB 5 file, read one at a time, of `limit_bytes` together at most."""
 
     def __init__(self, path: Path, limit_bytes: int) -> None:
         self.path = path

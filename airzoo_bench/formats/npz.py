@@ -103,15 +103,9 @@ def map_numbers(path: Path) -> NDArray[Any]:
 
 
 class NpzFile:
-    """The arrays of an ``.npz`` file, checked, and read one at a time.
+    """The arrays of an ``.npz`` file, read one at a time, of `limit_bytes` together at most.
 
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        The most that the arrays that are read may take in memory together.
-    untouched : collection of str
-        Names of arrays that are passed over, as if the file had none of them.
+    Arrays named in `untouched` are passed over, as if the file had none of them.
     """
 
     def __init__(self, path: Path, limit_bytes: int, untouched: Collection[str] = ()) -> None:
@@ -132,8 +126,9 @@ class NpzFile:
                 raise ValueError(f"it holds {wrong[:80]!r}, which is no array")
             if len(set(names)) < len(names):
                 raise ValueError("it holds a member twice")
-            found = (self._entry(archive, one) for one in archive.infolist())
-            self.entries = {one.name: one for one in found if one.name not in untouched}
+            passed_over = {f"{name}.npy" for name in untouched}
+            kept = [one for one in archive.infolist() if one.filename not in passed_over]
+            self.entries = {entry.name: entry for entry in (self._entry(archive, m) for m in kept)}
 
     def _entry(self, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayEntry:
         name = member.filename.removesuffix(".npy")

@@ -17,25 +17,12 @@ _BEGIN = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 
 @dataclass(frozen=True)
 class Url:
-    """A place in a storage.
-
-    Attributes
-    ----------
-    scheme : str
-        One of `SCHEMES`.
-    path : str
-        Host or bucket, then names, without a last slash; of https without percent signs.
-    query : str
-        Of a file at https, such as a signature; messages do not show it.
-    says_folder : bool
-        Whether it was written with a last slash: in a bucket, a file and a folder may have one
-        name.
-    """
+    """A place in a storage."""
 
     scheme: str
-    path: str
-    query: str = ""
-    says_folder: bool = False
+    path: str  # host or bucket, then names, without a last slash; of https without percent signs
+    query: str = ""  # of a file at https, such as a signature; messages do not show it
+    says_folder: bool = False  # it had a last slash: a file and a folder may have one name
 
     @property
     def name(self) -> str:

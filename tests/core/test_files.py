@@ -45,24 +45,6 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
     assert path.stat().st_mode == plain.stat().st_mode
 
 
-@pytest.mark.parametrize("fault", [ValueError, KeyboardInterrupt, SystemExit])
-def test_a_fault_leaves_the_old_file_and_nothing_else(
-    fault: type[BaseException], tmp_path: Path
-) -> None:
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-
-    def write_half() -> None:
-        with atomic_write(path) as stream:
-            stream.write(b"half")
-            raise fault
-
-    with pytest.raises(fault):
-        write_half()
-    assert path.read_text() == "old"
-    assert names_below(tmp_path) == {"a.txt"}
-
-
 def test_a_file_where_a_folder_should_be(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with (
@@ -222,28 +204,6 @@ def test_links_are_followed_and_end(tmp_path: Path) -> None:
     found = [one.relative_to(tree).as_posix() for one in files_below(tree)]
     # What two links lead to is named by the first of them.
     assert found == ["a/x", "again/deep/x"]
-
-
-def test_a_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
-    with atomic_folder(tmp_path / "new" / "f") as folder:
-        (folder / "a").touch()
-        assert not (tmp_path / "new" / "f").exists()
-    assert names_below(tmp_path) == {"new", "new/f", "new/f/a"}
-
-
-@pytest.mark.parametrize("fault", [ValueError, KeyboardInterrupt])
-def test_a_fault_leaves_the_old_folder(fault: type[BaseException], tmp_path: Path) -> None:
-    (tmp_path / "f").mkdir()
-    (tmp_path / "f" / "benchmark.toml").touch()
-
-    def fill_half() -> None:
-        with atomic_folder(tmp_path / "f", replace=True) as folder:
-            (folder / "a").touch()
-            raise fault
-
-    with pytest.raises(fault):
-        fill_half()
-    assert names_below(tmp_path) == {"f", "f/benchmark.toml"}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks")

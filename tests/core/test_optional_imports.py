@@ -63,16 +63,6 @@ def test_settings_of_the_program_rule_no_picture_and_stay() -> None:
         assert matplotlib.rcParams["font.size"] == 30
 
 
-def test_nothing_else_imports_matplotlib_first() -> None:
-    """Every module that draws does so under the style of the loader."""
-    for path in (ROOT / "airzoo_bench").rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        if path.name != "optional_imports.py":
-            assert "import matplotlib\n" not in text, path
-            assert "import matplotlib as" not in text, path
-            assert "pyplot" not in text.replace("pyplot's", ""), path
-
-
 def test_open3d_computes() -> None:
     script = (
         "from airzoo_bench.core.optional_imports import load_open3d\n"

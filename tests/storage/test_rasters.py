@@ -17,7 +17,7 @@ from rasterio import Affine
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import write_benchmark_file
-from airzoo_bench.core.errors import BenchmarkError, StorageError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import open_info
@@ -178,8 +178,3 @@ def test_a_checksum_is_that_of_the_file(bucket: Bucket, apart: Apart, surface: P
     bucket.upload(surface, "maps")
     assert raster_sha256(here(bucket.url("maps", "dsm.tif"))) == raster_sha256(surface)
     assert raster_sha256(surface) == sha256(surface.read_bytes()).hexdigest()
-
-
-def test_a_raster_that_is_not_there(bucket: Bucket) -> None:
-    with pytest.raises(StorageError, match="no such file or folder"):
-        here(bucket.url("dsm.tif"))

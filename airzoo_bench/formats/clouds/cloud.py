@@ -32,20 +32,11 @@ _STORED_POINTS = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """N points, in memory.
+    """N points in memory, in the scene's units; readers leave colours out."""
 
-    Attributes
-    ----------
-    points : (N, 3) float64
-        World coordinates, in the scene's units.
-    colours : (N, 3) uint8 or None
-        To be written; readers leave them out, since no score needs them.
-    confidence : (N,) float32 or None
-    """
-
-    points: Floats
-    colours: NDArray[np.uint8] | None = None
-    confidence: NDArray[np.float32] | None = None
+    points: Floats  # (N, 3) float64
+    colours: NDArray[np.uint8] | None = None  # (N, 3)
+    confidence: NDArray[np.float32] | None = None  # (N,)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -64,29 +55,14 @@ class CloudSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FileCloud:
-    """A cloud in a file, or sampled on a mesh in a file: a `CloudSource`.
-
-    Attributes
-    ----------
-    path : Path
-    kind : str
-        What the file is, for results: ``"PLY (binary)"``.
-    count : int
-        Points, those with NaN included.
-    read : callable
-        Yields all points, at most that many at a time.
-    precision : dtype
-        Type that the coordinates are stored in.
-    notes : tuple of str
-        What the user should know of how it was read.
-    """
+    """A cloud in a file, or sampled on a mesh in a file: a `CloudSource`."""
 
     path: Path
-    kind: str
-    count: int
-    read: Callable[[int], Iterator[Cloud]]
-    precision: np.dtype[Any]
-    notes: tuple[str, ...] = ()
+    kind: str  # for results, such as "PLY (binary)"
+    count: int  # points with NaN included
+    read: Callable[[int], Iterator[Cloud]]  # yields all points, at most that many at a time
+    precision: np.dtype[Any]  # that the coordinates are stored in
+    notes: tuple[str, ...] = ()  # on how it was read
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most that many at a time."""

@@ -27,24 +27,12 @@ _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 @dataclass(frozen=True)
 class MeshSampling:
-    """How a protocol samples meshes.
+    """How a protocol samples meshes, by one of `count` and `per_square_unit`."""
 
-    Attributes
-    ----------
-    seed : int
-        From 0 up to 2^64 - 1.
-    count : int or None
-        Points on the whole mesh; exactly one of this and `per_square_unit` is given.
-    per_square_unit : float or None
-        Points per square unit of the scene (square metre).
-    max_points : int
-        More are refused: a mesh in millimetres would ask for a million times as many.
-    """
-
-    seed: int
-    count: int | None
-    per_square_unit: float | None
-    max_points: int
+    seed: int  # from 0 up to 2^64 - 1
+    count: int | None  # points on the whole mesh
+    per_square_unit: float | None  # points per square unit of the scene (square metre)
+    max_points: int  # a mesh in millimetres would ask for a million times as many
 
 
 @dataclass(frozen=True, eq=False)
