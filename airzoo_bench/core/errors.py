@@ -7,7 +7,9 @@ keeps its traceback.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Self
 
 # The sandbox makes these, and nothing else, of what a child process says.
@@ -25,6 +27,9 @@ __all__ = [
     "UsageError",
     "UserError",
 ]
+
+FIX_COPY = "write or copy the file again"
+_PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no name
 
 
 class UserError(Exception):
@@ -113,6 +118,28 @@ class RasterError(UserError):
 
 class CameraError(UserError):
     """A camera or pose is not one: singular intrinsics, a rotation that does not rotate."""
+
+
+@contextmanager
+def readable(
+    path: object,
+    what: str,
+    *,
+    kind: type[UserError] = PredictionError,
+    expected: str | None = None,
+    fix: str = FIX_COPY,
+) -> Iterator[None]:
+    """Turn what a library raises over a file's content into an error that says what is wrong."""
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            yield
+    except BaseException as error:
+        is_fault = isinstance(error, Exception) or type(error).__module__ == _PANIC
+        if isinstance(error, UserError) or not is_fault:
+            raise
+        why = "".join(one if one.isprintable() else " " for one in str(error)[:200]).strip()
+        said = f"{what}: {why or type(error).__name__}"
+        raise kind(said, where=path, expected=expected, fix=fix) from error
 
 
 def first_of(

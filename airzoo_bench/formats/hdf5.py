@@ -18,9 +18,8 @@ import numpy as np
 import pyfive
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.damage import readable
 
 __all__ = ["Hdf5File", "dataset_names"]
 

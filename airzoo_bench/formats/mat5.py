@@ -10,9 +10,8 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UnreadableError
+from airzoo_bench.core.errors import UnreadableError, readable
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.damage import readable
 
 __all__ = ["MatFile"]
 

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.damage import readable
 
 __all__ = ["ArrayEntry", "NpyHeader", "NpzFile", "map_numbers", "read_header"]
 

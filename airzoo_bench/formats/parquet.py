@@ -12,9 +12,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of
+from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of, readable
 from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.damage import readable
 
 __all__ = ["ParquetFile", "read_columns"]
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.formats.damage import readable
+from airzoo_bench.core.errors import BenchmarkError, readable
 
 __all__ = ["read_tensors"]
 

@@ -10,8 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, counted
-from airzoo_bench.formats.damage import FIX_COPY
+from airzoo_bench.core.errors import FIX_COPY, PredictionError, counted
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = [

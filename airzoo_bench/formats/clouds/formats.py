@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from airzoo_bench.core.errors import FIX_COPY
 from airzoo_bench.core.registry import resolve
 from airzoo_bench.formats.clouds.cloud import ArrayPieces, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
 from airzoo_bench.formats.clouds.suffixes import KINDS, TEXT_SUFFIXES
-from airzoo_bench.formats.damage import FIX_COPY
 
 __all__ = ["open_cloud"]
 

@@ -18,6 +18,7 @@ import laspy
 import lazrs
 import numpy as np
 
+from airzoo_bench.core.errors import readable
 from airzoo_bench.formats.clouds.cloud import (
     Cloud,
     FileCloud,
@@ -25,7 +26,6 @@ from airzoo_bench.formats.clouds.cloud import (
     too_few,
     uncounted,
 )
-from airzoo_bench.formats.damage import readable
 
 __all__ = ["open_las"]
 

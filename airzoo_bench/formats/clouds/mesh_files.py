@@ -14,11 +14,10 @@ from typing import Any, Never
 import numpy as np
 import trimesh
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import FIX_COPY, PredictionError, readable
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
 from airzoo_bench.formats.clouds.text import opened_lines, shown
-from airzoo_bench.formats.damage import FIX_COPY, readable
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["open_gltf", "open_obj", "open_stl"]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from airzoo_bench.core.errors import readable
 from airzoo_bench.formats.clouds.cloud import (
     Cloud,
     FileCloud,
@@ -20,7 +21,6 @@ from airzoo_bench.formats.clouds.cloud import (
     uncounted,
 )
 from airzoo_bench.formats.clouds.text import count_lines, read_rows, shown
-from airzoo_bench.formats.damage import readable
 
 __all__ = ["open_pcd"]
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import FIX_COPY, PredictionError
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.formats.clouds.cloud import (
     Cloud,
@@ -27,7 +27,6 @@ from airzoo_bench.formats.clouds.cloud import (
 )
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
 from airzoo_bench.formats.clouds.text import count_lines, opened_lines, read_rows, shown
-from airzoo_bench.formats.damage import FIX_COPY
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["open_ply", "write_ply"]

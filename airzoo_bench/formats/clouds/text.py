@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, counted
+from airzoo_bench.core.errors import FIX_COPY, PredictionError, counted
 from airzoo_bench.formats.clouds.cloud import (
     Cloud,
     FileCloud,
@@ -25,7 +25,6 @@ from airzoo_bench.formats.clouds.cloud import (
     refusal,
     too_few,
 )
-from airzoo_bench.formats.damage import FIX_COPY
 from airzoo_bench.geometry.arrays import Floats
 
 __all__ = ["count_lines", "open_text", "opened_lines", "read_rows", "shown"]
