@@ -24,7 +24,7 @@ from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.core.validation import read_toml, validated
-from airzoo_bench.storage.mirror import mirror_of
+from airzoo_bench.storage.mirror import url_at
 
 PartT = TypeVar("PartT")
 
@@ -69,7 +69,7 @@ class Benchmark:
         data = read_toml(path, BenchmarkError, "benchmark file")
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
         benchmark = cls(folder, file)
-        if mirror_of(folder) is not None:
+        if url_at(folder) is not None:
             fetch_truth(folder, file)
         with benchmark.fixes():
             verify(folder, file)
