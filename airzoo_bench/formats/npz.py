@@ -12,7 +12,6 @@ import tokenize
 import warnings
 import zipfile
 from collections.abc import Collection
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -30,6 +29,7 @@ _NUMBERS, _KINDS = "biuf", "biufUS"
 _LOCAL_HEADER_BYTES = 30
 _PIECE_BYTES = 1 << 22
 _MAX_CODE_POINT, _SURROGATES = 0x10FFFF, (0xD800, 0xDFFF)
+_DAMAGED = "field '{}' is damaged or cut off"
 _FIX_LARGE = "save arrays of numbers by numpy.savez, uncompressed, to have them read in pieces"
 # What `ast.literal_eval` and `numpy.dtype` raise over a text, and NumPy over what they return.
 _HEADER_FAULTS = (
@@ -131,7 +131,7 @@ class NpzFile:
 
     def _entry(self, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayEntry:
         name = member.filename.removesuffix(".npy")
-        with self._damage(name), archive.open(member) as stream:
+        with readable(self.path, _DAMAGED.format(name)), archive.open(member) as stream:
             header = read_header(stream)
             header_bytes = stream.tell()
             shape, fortran_order, dtype = header
@@ -163,7 +163,7 @@ class NpzFile:
         self.budget.hold(self.path, what, entry.nbytes * copies, _FIX_LARGE)
         flat = np.empty(math.prod(entry.shape), entry.dtype)
         with (
-            self._damage(name),
+            readable(self.path, _DAMAGED.format(name)),
             zipfile.ZipFile(self.path) as archive,
             archive.open(entry.member) as stream,
         ):
@@ -184,16 +184,13 @@ class NpzFile:
         stored = entry.member.compress_type == zipfile.ZIP_STORED and not entry.fortran_order
         if not (stored and entry.dtype.kind in _NUMBERS and entry.dtype.isnative and entry.nbytes):
             return self.read(name)
-        with self._damage(name), self.path.open("rb") as stream:
+        with readable(self.path, _DAMAGED.format(name)), self.path.open("rb") as stream:
             stream.seek(entry.member.header_offset)
             local = stream.read(_LOCAL_HEADER_BYTES)
             start = stream.tell() + sum(struct.unpack("<HH", local[26:])) + entry.header_bytes
             if local[:4] != b"PK\x03\x04" or start + entry.nbytes > self.path.stat().st_size:
                 raise EOFError("the file ends before its data does")
         return np.memmap(self.path, entry.dtype, "r", start, entry.shape)
-
-    def _damage(self, name: str) -> AbstractContextManager[None]:
-        return readable(self.path, f"field '{name}' is damaged or cut off")
 
 
 def _checked_text(array: NDArray[Any]) -> NDArray[Any]:
