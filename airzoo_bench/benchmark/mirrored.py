@@ -1,4 +1,4 @@
-"""Benchmark folders at URLs, of which files are fetched when they are needed.
+"""Benchmark folders at URLs, whose files are fetched when they are needed.
 
 benchmark.toml and the protocols come first; the tables and the truth, of which benchmark.toml
 states checksums, follow when the benchmark is opened, clouds and photos when they are read.

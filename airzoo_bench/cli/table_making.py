@@ -166,7 +166,7 @@ def _table_of_one(asked: TableRequest, table: MethodTable, result: Result) -> Ta
 
 
 def _published_alone(asked: TableRequest) -> Table:
-    """Return the table of what is published on a protocol."""
+    """Return the table of the numbers published on a protocol."""
     if asked.results or asked.protocol is None or not asked.published:
         raise UsageError(
             "results name their own protocol" if asked.results else "nothing to lay out",

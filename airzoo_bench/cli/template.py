@@ -17,7 +17,7 @@ EXAMPLES = examples("template airzoo-mini-retrieval --out preds.npz")
 
 
 class Kind(StrEnum):
-    """What a prediction file holds."""
+    """The content of a prediction file."""
 
     RANKED_IDS = "ranked-ids"
     DESCRIPTORS = "descriptors"

@@ -1,4 +1,4 @@
-"""Scored scenes on disk, from which `eval --resume` goes on when a run was stopped."""
+"""Scored scenes on disk, with which `eval --resume` continues a stopped run."""
 
 from __future__ import annotations
 

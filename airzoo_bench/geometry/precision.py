@@ -37,7 +37,7 @@ _NARROW: tuple[type[np.floating[Any]], ...] = (np.float16, np.float32)
 
 
 def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
-    """Tell numbers that went through float16 or float32 from those that merely fit it.
+    """Tell numbers that went through float16 or float32 from numbers that merely fit it.
 
     Numbers of a lattice, such as whole pixels, use the last bit of the narrower type in one power
     of two only; those that were rounded to it use it in all. A few whole pixels may do so by

@@ -99,7 +99,7 @@ class MatchingTruth:
 
     @property
     def conditions(self) -> pd.DataFrame:
-        """Conditions of the Q queries, by which scores can be broken down."""
+        """Conditions of the Q queries, for breakdowns of scores."""
         return conditions_of(self.queries)
 
     @property
@@ -155,7 +155,7 @@ def _table_of_maps(truth: MatchingTruth) -> pd.DataFrame:
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
-    """Read a scene's truth, and compare surface model and map with those that were prepared."""
+    """Read a scene's truth, and check that its surface model and map are the prepared ones."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
     home = folder / "matching"
     excluded = read_excluded(benchmark, scene, "matching")
@@ -199,7 +199,7 @@ def _read_crops(path: Path, ids: list[str], maps: Sequence[ReferenceMap]) -> Int
 
 
 def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceMap, ...]:
-    """Read the queries' maps, and compare them with those that were prepared."""
+    """Read the queries' maps, and check that they are the prepared ones."""
     maps = []
     for row in _read_rows(path, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
         size = {"width": int(row["width"]), "height": int(row["height"])}

@@ -91,7 +91,7 @@ def notes_of(result: Result) -> tuple[str, ...]:
 
 
 def floor_note(result: Result) -> str:
-    """Name the headline scores by which a method is no better than a reference, such as chance."""
+    """Name the headline scores that do not beat a reference, such as chance."""
     parts = []
     for name, reference in result.references.items():
         columns = [c for c in result.columns if c.headline and c.key in reference.overall]

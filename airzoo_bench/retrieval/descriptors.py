@@ -259,7 +259,7 @@ def check_descriptors(rows: Rows, field: str, metric: Metric, names: Names | Non
 
 
 def points_one_way(rows: Rows, metric: Metric) -> bool:
-    """Tell whether all rows are equal, or under cosine multiples of one vector but for rounding.
+    """Return whether all rows are equal, or under cosine multiples of one vector up to rounding.
 
     No ranking of such a gallery means anything.
     """

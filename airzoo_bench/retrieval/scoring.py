@@ -147,7 +147,7 @@ def hit_columns(
     ap_at: Mapping[int, Sequence[ApVariant]],
     ndcg_at: Sequence[int],
 ) -> dict[str, Floats]:
-    """Return the columns of the records that follow from which ranks are hits."""
+    """Return the columns of the records that depend on the ranks of hits."""
     columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
     for k, variants in ap_at.items():
         for variant in variants:

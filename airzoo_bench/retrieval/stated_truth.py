@@ -34,7 +34,7 @@ class ImageSet:
 
 @dataclass(frozen=True, eq=False)
 class StatedPairs:
-    """Which query (by its row) goes with which image of the gallery, each pair once."""
+    """Pairs of a query (by its row) and an image of the gallery, each once."""
 
     queries: Ints  # (P,)
     tiles: Ints  # (P,)
