@@ -300,5 +300,5 @@ def _finish(found: Artifact) -> None:
 
 
 def _say(text: str) -> None:
-    """Print lines of which none is a command to the runner: those begin with :: or hold ##[."""
+    """Print lines so that the runner takes none for a command (they begin with :: or hold ##[)."""
     say("\n".join(f"| {line}" for line in text.replace("##[", "# #[").split("\n")))

@@ -96,7 +96,7 @@ def toml_value(value: Any) -> str:
 
 
 def unambiguous_json(text: str) -> Any:
-    """Read JSON, and refuse a repeated key, of which other readers take the last."""
+    """Read JSON, and refuse a repeated key, whose last value other readers would take."""
 
     def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)

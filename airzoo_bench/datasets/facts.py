@@ -90,7 +90,7 @@ class GpsFacts(NamedTuple):
 
 
 class PriorFacts(NamedTuple):
-    """Medians of the priors' errors, and the angle (N,) by which each prior is turned."""
+    """Medians of the priors' errors, and each prior's rotation error (N,)."""
 
     ids: tuple[str, ...]
     position_m: float

@@ -138,7 +138,7 @@ def _link_or_copy(source: str, target: str) -> None:
 def scene_keys(
     source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> dict[str, str]:
-    """Return for each scene the SHA-256 of what it depends on."""
+    """Return for each scene the SHA-256 of its inputs."""
     stamps: dict[Path, list[tuple[str, int, int]]] = {}
     flags = [settings.tiles_on_disk, settings.crops_on_disk, settings.copy]
     keys = {}
@@ -182,7 +182,7 @@ def _stamp(file: Path) -> tuple[int, int]:
 def chosen_scenes(
     there: Mapping[str, Sequence[Path]], only: Sequence[str] | None, source: Path
 ) -> dict[str, Sequence[Path]]:
-    """Return the scenes that were asked for, in the order of those that are there."""
+    """Return the requested scenes in the dataset's order."""
     unknown = [scene for scene in only or () if scene not in there]
     if unknown:
         raise UsageError(

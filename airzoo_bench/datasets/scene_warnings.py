@@ -1,4 +1,4 @@
-"""What `prepare` and `check-geometry` warn of: mistakes that the data show and nobody sees."""
+"""Warnings of `prepare` and `check-geometry`: mistakes that the data show and users overlook."""
 
 from __future__ import annotations
 

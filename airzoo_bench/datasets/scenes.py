@@ -76,13 +76,13 @@ class NativeScene:
 
     @property
     def files(self) -> dict[str, Path]:
-        """What the benchmark refers to, by the name that benchmark.toml has for it."""
+        """Files that the benchmark refers to, by their names in benchmark.toml."""
         names = ("images", "dom", "dsm", "gallery", "cloud", "maps")
         return {name: path for name in names if (path := getattr(self, name)) is not None}
 
     @property
     def pose_source(self) -> Path:
-        """What messages about poses name: their file, or the folder of the photos."""
+        """The file that messages about poses name, or the folder of the photos."""
         return self.poses_from or self.images
 
 

@@ -1,4 +1,4 @@
-"""What is asked of every dataset, and what comes of it."""
+"""Options of every dataset, and the result of `prepare`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SourceOptions:
 
 @dataclass(frozen=True)
 class PrepareSettings:
-    """What can be asked of every dataset.
+    """Options of every dataset.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class TrackSummary:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What `prepare` prints of a scene; `facts` has a line for each of its parts."""
+    """Lines that `prepare` prints about a scene; `facts` has one for each part."""
 
     photos: int
     facts: tuple[str, ...] = ()
@@ -100,7 +100,7 @@ class SceneSummary:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What was made.
+    """The result of `prepare`.
 
     `protocols` are names with their tracks; `summaries`, `facts` (measured in this run) and
     `failed` (why it could not be made) are by scene.

@@ -253,7 +253,7 @@ def read_matrix(path: Path) -> Floats | None:
 
 
 def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> dict[str, str]:
-    """Find the photo that each name means: as it stands, whatever its case, path or ending."""
+    """Find the photo that each name means, whatever its case, path or ending."""
     names, there, found = list(given), list(photos), dict[str, str]()
     for form in range(3, -1, -1):  # the strictest that finds one holds
         counts = Counter(_form(photo, form) for photo in there)

@@ -34,7 +34,7 @@ _QUIET = "ignore:resource_tracker"
 
 
 class Fault(NamedTuple):
-    """The error of a block, returned because Dask shortens the messages of what is raised."""
+    """The error of a block, returned because Dask shortens messages of raised errors."""
 
     error: UserError
 
@@ -112,7 +112,7 @@ def attempt(work: Callable[[S, T], R], shared: S, item: T) -> R | Fault:
 def wait_in_order(
     submit: Callable[[T], Any], wait: Callable[[Any], R], items: Sequence[T], most: int
 ) -> Generator[R, None, None]:
-    """Submit all items, at most `most` ahead of what is read, and yield their results in order."""
+    """Submit items, at most `most` ahead of the reader, and yield their results in order."""
     waiting: deque[Any] = deque()
     for item in items:
         waiting.append(submit(item))

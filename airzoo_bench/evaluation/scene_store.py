@@ -1,4 +1,4 @@
-"""Scored scenes on disk, with which `eval --resume` continues a stopped run."""
+"""Scored scenes on disk: `eval --resume` continues a stopped run from them."""
 
 from __future__ import annotations
 

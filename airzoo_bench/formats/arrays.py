@@ -168,7 +168,7 @@ def _is_wrong(codes: NDArray[np.uint32]) -> NDArray[np.bool_]:
 def numbers(
     arrays: Arrays, name: str, shape: tuple[int | None, ...], *, mapped: bool = False
 ) -> NDArray[np.floating[Any]]:
-    """Read a field of numbers; None in `shape` stands for any length above 0."""
+    """Read a field of numbers; None in `shape` means any length above 0."""
     values = arrays.map(name) if mapped else arrays.read(name)
     is_number = values.dtype.kind in "biuf" and values.dtype.itemsize <= 8
     fits = len(shape) == values.ndim and all(

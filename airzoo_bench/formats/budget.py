@@ -12,7 +12,7 @@ __all__ = ["Budget"]
 
 @dataclass(frozen=True)
 class Budget:
-    """What the parts of a file take in memory, and the most that they may take together.
+    """The memory that the parts of a file take, and their common limit.
 
     Readers name each part before they allocate it, with the bytes that a run makes of it.
     """

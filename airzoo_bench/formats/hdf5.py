@@ -88,7 +88,7 @@ class Hdf5File:
 
 
 def dataset_names(path: Path, most: int) -> list[str]:
-    """Return the names of the first few datasets; none of what is no HDF5 file or is damaged."""
+    """Return the names of the first few datasets; none if the file is damaged or no HDF5."""
     found: list[str] = []
     with suppress(PredictionError), _readable(path):
         for name, one in itertools.islice(_walk(_open(path), ""), 8 * most):

@@ -39,7 +39,7 @@ _HEADER_FAULTS = (
 
 
 class NpyHeader(NamedTuple):
-    """What a header states; nothing of it is checked against the data."""
+    """The content of a header, which is not checked against the data."""
 
     shape: tuple[int, ...]
     fortran_order: bool
@@ -54,7 +54,7 @@ class NpyHeader(NamedTuple):
 
 @dataclass(frozen=True)
 class ArrayEntry:
-    """What the header of one member says."""
+    """The header of one member."""
 
     name: str
     shape: tuple[int, ...]
@@ -70,7 +70,7 @@ class ArrayEntry:
 
 
 def read_header(stream: IO[bytes]) -> NpyHeader:
-    """Read the header of an npy stream, which then stands at the data."""
+    """Read the header of an npy stream up to its data."""
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(stream)
     if version not in readers:
@@ -83,7 +83,7 @@ def read_header(stream: IO[bytes]) -> NpyHeader:
 
 
 def map_numbers(path: Path) -> NDArray[Any]:
-    """Map the numbers that ``numpy.save`` wrote, none of which is read yet."""
+    """Map the numbers that ``numpy.save`` wrote without reading them."""
     what = "no array of numbers, or a damaged one"
     with readable(path, what, expected="a file as numpy.save writes it"):
         with path.open("rb") as stream:

@@ -1,4 +1,4 @@
-"""What is told of a submission that was scored against a sealed truth."""
+"""The published answer to a submission scored against a sealed truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The findings of CI on a pull request: a JSON file from which the comment is made."""
+"""The findings of CI on a pull request: a JSON file, the comment's only source."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ Title = Annotated[str, Field(min_length=1, max_length=120)]
 
 
 class Limits(Strict):
-    """The most that a submission may cost the board; docs/leaderboard.md says of what.
+    """Limits of a submission's cost to the board; docs/leaderboard.md names them.
 
     Each more entry of an account widens the rank ranges of all, since every two are compared.
     """
@@ -143,7 +143,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Known:
-    """A submission that stands on the board."""
+    """A submission on the board."""
 
     place: Place
     stated: Submission

@@ -28,7 +28,7 @@ _ADDRESS = "127.0.0.1"
 
 @dataclass(frozen=True)
 class Given:
-    """What a board is built from.
+    """The inputs of a board.
 
     Folders of runs and of submissions need not be there; results are plain ones, as `table` takes
     them; prepared benchmarks in the folder of data may have protocols of their own.

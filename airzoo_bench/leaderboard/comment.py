@@ -24,7 +24,7 @@ _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
 
 
 def comment_on(artifact: Artifact) -> str:
-    """Return the comment's text, at most `MOST_BYTES` long; its end always stands."""
+    """Return the comment's text, at most `MOST_BYTES` long; its end is always kept."""
     last = _scored_commit(artifact)
     room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
     kept: list[str] = []
@@ -202,7 +202,7 @@ def _markdown(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def code(text: str) -> str:
-    """Return a text of strangers as a code span that also stands in a cell of a table."""
+    """Return a stranger's text as a code span that is safe in a table's cell."""
     shown = plain(text).replace("`", "'").replace("|", "/").replace("\\", "/")
     cut = shown if len(shown) <= _LONGEST_SPAN else f"{shown[: _LONGEST_SPAN - 3]}..."
     return f"`{cut or ' '}`"

@@ -1,4 +1,4 @@
-"""What can be downloaded beside board.json: a CSV file a table, and BibTeX."""
+"""Downloads beside board.json: a CSV file a table, and BibTeX."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _plain(text: str | None) -> str | None:
 
 
 def bibtex(row: Mapping[str, Any], board: str) -> str:
-    """Return a BibTeX entry: the authors' own where it is one, or one made of what is known."""
+    """Return a BibTeX entry: the authors' own if it is valid, else one from the metadata."""
     own: str = row["bibtex"]
     if own and _is_one_entry(own.strip()):
         return own.strip() + "\n"

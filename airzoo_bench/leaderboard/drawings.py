@@ -19,7 +19,7 @@ _WIDE, _LOW, _LEFT = 720, 190, 46  # of a timeline
 
 @dataclass(frozen=True)
 class Scale:
-    """What the ends of an axis stand for."""
+    """The meaning of an axis's ends."""
 
     low: float
     high: float
@@ -32,7 +32,7 @@ class Scale:
         return cls(min(finite), max(finite)) if finite and min(finite) < max(finite) else None
 
     def at(self, value: float, first: float, last: float) -> float:
-        """Return where a value stands between two places; at an end what is beyond."""
+        """Return a value's place between two places, clipped at the ends."""
         share = (value - self.low) / (self.high - self.low)
         return first + min(max(share, 0.0), 1.0) * (last - first)
 

@@ -124,7 +124,7 @@ class Repository:
         return self._call("merge-base", "--is-ancestor", commit, ref).returncode == 0
 
     def merge_bases(self, one: str, other: str) -> list[str]:
-        """Return the commits from which two commits went apart: more than one after merges."""
+        """Return the merge bases of two commits: more than one after merges."""
         done = self._call("merge-base", "--all", one, other)
         return done.stdout.decode("ascii").split() if done.returncode == 0 else []
 

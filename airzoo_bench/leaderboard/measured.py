@@ -82,7 +82,7 @@ class Measured:
 
     @property
     def measures(self) -> tuple[Any, ...]:
-        """What must be alike of numbers that are ranked together."""
+        """The settings that numbers ranked together must share."""
         protocol = (self.protocol, self.protocol_version, self.protocol_fingerprint)
         return (*protocol, self.truth, self.sealed)
 

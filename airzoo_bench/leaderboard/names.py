@@ -72,7 +72,7 @@ def fault_of_file_name(name: str) -> str:
 
 
 def plain_line(text: str) -> str:
-    """Refuse a text with anything that is not shown, or that is shown elsewhere than it stands."""
+    """Refuse a text with invisible characters, or ones that are shown out of order."""
     for letter in text:
         variation = "\ufe00" <= letter <= "\ufe0f" or "\U000e0000" <= letter <= "\U000e0fff"
         if not letter.isprintable() or letter in _BLANK or variation:

@@ -212,7 +212,7 @@ def _lead(table: Json) -> Json:
 
 
 def _short_title(table: Json) -> str:
-    """Return a table's title without its benchmark's, below which it stands."""
+    """Return a table's title without the benchmark's title above it."""
     title, benchmark = shown(table["title"]), shown(table["benchmark_title"])
     rest = title.removeprefix(f"{benchmark}, ")
     return title if rest == title else rest[:1].upper() + rest[1:]
@@ -336,7 +336,7 @@ def _notes(table: Json, row: Json) -> Iterator[tuple[str, str]]:
 
 
 def _finding(one: Json) -> str:
-    """Say what the audit finds of a printed number, and where that stands."""
+    """Return the audit's finding on a printed number, and its source."""
     source = f"; {shown(one['source'])}" if one["source"] else ""
     printed, why, grade = shown(one["printed"]), shown(one["why"], 1000), shown(one["grade"])
     return f"{printed}{source}: {why} (audit: {grade})"

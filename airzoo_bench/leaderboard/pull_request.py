@@ -141,7 +141,7 @@ Owner = Callable[[Place], int | None]
 
 
 def _merge_base(repository: Repository, pull: PullRequest) -> str:
-    """Return the one commit from which a pull request went apart."""
+    """Return the one merge base of a pull request."""
     bases = repository.merge_bases(BASE, pull.head)
     if len(bases) != 1:
         raise RefusedError(
@@ -230,7 +230,7 @@ def _owner(repository: Repository, place: Place) -> int | None:
 
 
 def submitted(repository: Repository, benchmarks: Sequence[str]) -> Iterator[Place | str]:
-    """Yield the submissions on the board's branch; of what is none, a sentence."""
+    """Yield the submissions on the board's branch, or a sentence for a folder that is none."""
     for benchmark in benchmarks:
         for track in TRACKS.names():
             for path in repository.names(BASE, f"submissions/{benchmark}/{track}"):

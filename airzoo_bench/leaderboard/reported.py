@@ -1,4 +1,4 @@
-"""Published methods as rows of a board, with what the audit finds of their numbers."""
+"""Published methods as rows of a board, with the audit's findings on their numbers."""
 
 from __future__ import annotations
 

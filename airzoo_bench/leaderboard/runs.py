@@ -57,7 +57,7 @@ class Claimed(Strict):
 
 
 class Run(Strict):
-    """When a submission was scored (in UTC), at which commit, by which version of airzoo-bench.
+    """The time (UTC), commit and version of airzoo-bench of a scored submission.
 
     `tree` is git's id of the submission's folder: the same files have the same.
     """

@@ -1,1 +1,1 @@
-"""What reads files as methods write them: a module a shape, methods named in `core.registry`."""
+"""Readers of files as methods write them: a module a shape, methods named in `core.registry`."""

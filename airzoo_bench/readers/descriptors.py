@@ -61,7 +61,7 @@ class SceneImages:
 
     @property
     def truths(self) -> Sequence[RetrievalTruth]:
-        """The scenes, of which names are taken and nothing else."""
+        """The scenes, for their names only."""
         return truths_of(self.reading, self.path)
 
     @cached_property
@@ -420,7 +420,7 @@ def _mapped(shape: tuple[int, int], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 class _AnyLoc(DescribedImages):
-    """What AnyLoc's own demo writes: a file for each image, ``DJI_0001.jpg.npy``."""
+    """Files of AnyLoc's own demo: one for each image, ``DJI_0001.jpg.npy``."""
 
     title = "a folder of descriptors by image"
     layout = "files IMAGE.jpg.npy of shape (1, D), in one folder or several below it"

@@ -1,4 +1,4 @@
-"""Frames in a file each, of which one at a time is in memory, with their cameras beside them."""
+"""Frames in a file each, read one at a time, with their cameras beside them."""
 
 from __future__ import annotations
 

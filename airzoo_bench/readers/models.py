@@ -173,7 +173,7 @@ def _binary_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float
 
 
 def _text_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
-    """Yield the images of images.txt: two lines each, the second of which may be empty."""
+    """Yield the images of images.txt: two lines each; the second may be empty."""
     budget.hold(path, "its text", path.stat().st_size * 3)
     text = read_text(path, UnreadableError, "images.txt", _TEXT_BYTES)
     lines = (line for line in text.splitlines() if not line.startswith("#"))

@@ -35,7 +35,7 @@ _Parts = tuple[str, ...]
 
 @dataclass(frozen=True, eq=False)
 class ImageNames:
-    """The images of a benchmark by what they are called; `what` they are is "query", "tile"."""
+    """The images of a benchmark by their names; `what` is "query" or "tile"."""
 
     what: str
     alone: Mapping[str, str]  # ids by names of one part which no other name ends with: nearly all

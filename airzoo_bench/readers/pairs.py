@@ -157,7 +157,7 @@ def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
 
 
 def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
-    """Return the width and height of what the model was given, as the file or the user says."""
+    """Return the width and height of the model's input, from the file or the user."""
     name, turned = f"image_size{side}", f"hw{side}_i"
     stated = next((one for one in (name, turned) if one in arrays.names()), None)
     if stated is None and reading.image_size is not None:

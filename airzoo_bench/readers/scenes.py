@@ -1,4 +1,4 @@
-"""Readers of reconstructions: where the outputs of scenes lie, and of which photos views are.
+"""Readers of reconstructions: they find the outputs of scenes and the photos of views.
 
 A path is one scene's output, where the protocol has one scene or the path is named by its scene;
 or a folder with such an output a scene, ``PATH/<scene>/...``. A reader is a class that names the
@@ -130,7 +130,7 @@ class ViewNames:
 
 
 class Layout(ABC):
-    """What the output of a scene may look like; `said` are conventions, see `ReadPredictions`."""
+    """A layout of a scene's output; `said` are conventions, see `ReadPredictions`."""
 
     said: tuple[str, ...] = ()
 
@@ -153,7 +153,7 @@ class Layout(ABC):
 
 @dataclass(frozen=True)
 class Refused(Layout):
-    """What a method writes and nothing can be scored from; the fix says what can."""
+    """An output that cannot be scored; the fix names one that can."""
 
     knows: Callable[[Path], bool]
     what: str

@@ -33,7 +33,7 @@ _UNIT_TOLERANCE = 1e-3
 
 
 def first_rows(path: Path) -> list[list[str]]:
-    """Return the first rows of a text, split at blanks; none of what is no text."""
+    """Return the first rows of a text, split at blanks; none if it is no text."""
     if not path.is_file() or path.suffix.lower() not in _TEXTS:
         return []
     head = first_bytes(path, _HEAD_BYTES)
@@ -95,7 +95,7 @@ def trajectory_columns(path: Path) -> int | None:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Cameras in the order of a file: what stands first in each row, and poses (N, 4, 4)."""
+    """Cameras in the order of a file: the first entry of each row, and poses (N, 4, 4)."""
 
     path: Path
     numbers: list[float]
@@ -137,7 +137,7 @@ def read_trajectory(path: Path, columns: int, memory: int, *, w_first: bool = Fa
 
 
 def cameras_only(trajectory: Trajectory, names: ViewNames | None, what: str) -> ScenePrediction:
-    """Return a scene of which there are cameras and no surface: its clouds score 0."""
+    """Return a scene with cameras and no surface: its clouds score 0."""
     note = f"cameras alone, without a surface, which scores 0: {what}"
     path, dtype = trajectory.path, np.dtype(np.float64)
     cloud = FileCloud(path, "cameras", 0, lambda _: iter(()), dtype, (note,))

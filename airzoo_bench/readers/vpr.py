@@ -1,4 +1,4 @@
-"""Log folders of VPR-methods-evaluation: descriptors, or the paths of what each query found.
+"""Log folders of VPR-methods-evaluation: descriptors, or the paths that each query found.
 
 The descriptors have no names. Their rows follow the listing of two folders, which the log names;
 where these are not on this machine, a list of names says it, or the benchmark's own order.
@@ -66,7 +66,7 @@ _BY_COUNT = (
 
 @dataclass(frozen=True)
 class _Log:
-    """A log folder, with what its log says; None where that is not there.
+    """A log folder and its log; None where that is missing.
 
     `counts` are of queries and database images; `labels`: names begin with positions, which decide
     their order; `only_wrong`: lists of rightly answered queries were left out.
@@ -348,7 +348,7 @@ def _read_list(file: Path, budget: Budget) -> tuple[str, list[str]]:
 
 @dataclass
 class _Names:
-    """Names of rows: by a list where there is one, else by what is in some folders.
+    """Names of rows: from a list if there is one, else from folders.
 
     What a log names must lie in one of these folders: it comes from a stranger. `used` says where
     names came from, `lists` are files of paths that were read.

@@ -70,7 +70,7 @@ def copy_of(url: Url) -> Path:
 
 
 def url_at(path: Path) -> Url | None:
-    """Return the URL of which a path is the copy; None of any other path."""
+    """Return the URL whose copy a path is, or None."""
     try:
         scheme, *names = path.absolute().relative_to(cache_folder()).parts
     except ValueError:
@@ -144,7 +144,7 @@ def fetched(path: Path, *, anew: bool = False) -> Path:
 
 
 def here(location: str | Path) -> Path:
-    """Return a path on this machine with what lies at a location; a raster stays where it is."""
+    """Return a local path with a location's content; a raster stays where it is."""
     url = url_of(location)
     if url is None:
         return Path(location)
@@ -172,7 +172,7 @@ class Pointer:
 
     @property
     def virtual(self) -> str:
-        """The name by which GDAL opens it."""
+        """Its name for GDAL."""
         if self.place.scheme in ("s3", "gs"):
             return f"/vsi{self.place.scheme}/{self.place.path}"
         if self.place.scheme == "hf":
@@ -194,7 +194,7 @@ class Pointer:
 
 
 def pointed(path: Path) -> Path:
-    """Return the path of a raster; an empty file stands for one that lies at a URL."""
+    """Return the path of a raster; an empty file represents one at a URL."""
     url = None if path.exists() else url_at(path)
     if url is not None and find(url) is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -203,7 +203,7 @@ def pointed(path: Path) -> Path:
 
 
 def pointer_at(path: Path) -> Pointer | None:
-    """Return where the raster lies for which an empty file stands; None of any other path."""
+    """Return the URL of the raster that an empty file represents, or None."""
     url = url_at(path)
     stands = url is not None and path.is_file() and not path.stat().st_size
     return Pointer(url) if url is not None and stands else None
@@ -246,7 +246,7 @@ def check_writable(url: Url) -> None:
 
 @contextmanager
 def uploaded(url: Url, last: str, replaced: Collection[str]) -> Iterator[Path]:
-    """Fill the copy of a folder, and upload it in place of what was uploaded there before.
+    """Fill the copy of a folder, and upload it in place of the earlier upload.
 
     The file that counts, `last`, is removed first and comes last.
     """

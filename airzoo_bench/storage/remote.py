@@ -61,7 +61,7 @@ _CREDENTIALS = {
 
 
 class Entry(NamedTuple):
-    """What a storage says of a name; an empty version is that of a storage that states none."""
+    """A storage's answer about a name; the version is empty where it states none."""
 
     version: str
     is_folder: bool
@@ -127,7 +127,7 @@ def _status(error: BaseException | None) -> int | None:
 
 
 def _known_fault(url: Url, error: Exception) -> UserError | None:
-    """Return the message of what another try would not mend."""
+    """Return the message of an error that another try would not mend."""
     status = _status(error)
     if getattr(error, "errno", None) in _DISK_FAULTS:
         return UserError(

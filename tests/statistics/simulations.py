@@ -79,8 +79,8 @@ OTHERS = {
     "scenes of 161 and 190": (Errors((161, 190), (0.5, 1.5), 0.6), 0.25),
     "scenes of 18 and 190": (Errors((18, 190), (0.5, 1.5), 0.6), 0.5),
     "18 queries": (Errors((18,), (0.5, 1.5), 0.3), 0.8),
-    "6 queries, alike but for 0.9": (Errors((6,), (1.0, 1.0), 0.9), 0.6),
-    "161 queries, alike but for 0.95": (Errors((161,), (1.0, 1.0), 0.95), 0.1),
+    "6 queries, alike except 0.9": (Errors((6,), (1.0, 1.0), 0.9), 0.6),
+    "161 queries, alike except 0.95": (Errors((161,), (1.0, 1.0), 0.95), 0.1),
 }
 
 

@@ -51,7 +51,7 @@ _LAYOUT = "rgb/*.JPG, gt_pose.txt, intrinsic.txt, and HQref/*.tif or LQref/*.tif
 
 @dataclass(frozen=True)
 class AerialExtreMatchOptions(SourceOptions):
-    """What differs from the protocol that the paper follows."""
+    """Differences from the paper's protocol."""
 
     reference: Annotated[
         Literal["hq", "lq"],

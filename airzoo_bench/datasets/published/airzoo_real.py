@@ -92,7 +92,7 @@ _LAYOUT = (
 
 @dataclass(frozen=True)
 class AirZooRealOptions(SourceOptions):
-    """What the release does not state, and files that are not told by their kind."""
+    """Choices that the release leaves open, and files whose kind does not tell them apart."""
 
     dom: Annotated[Files, Option("dom", "SCENE=FILE: the map that photos are matched to.")] = None
     dsm: Annotated[Files, Option("dsm", "SCENE=FILE: the surface model.")] = None

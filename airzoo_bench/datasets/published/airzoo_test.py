@@ -241,7 +241,7 @@ def _cloud(
     label: str,
     progress: Progress,
 ) -> Path:
-    """Make the true cloud of what depth maps show, unless one of the same frames is kept."""
+    """Make the true cloud from depth maps, unless one of the same frames is kept."""
     protocol = _protocol(Path())
     stated, most_m = protocol.preparation.voxel_m, protocol.fusion.max_depth_m
     voxel = 0.5 if stated == "none" else stated

@@ -104,7 +104,7 @@ def _add_source(
 
 
 def find_maps(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Sort the GeoTIFFs below a folder into maps and surface models, by what a pixel holds."""
+    """Sort the GeoTIFFs below a folder into maps and surface models by their bands."""
     found = (p for p in folder.rglob("*") if p.suffix.lower() in (".tif", ".tiff") and p.is_file())
     maps, surfaces = [], []
     for path in sorted(path for path in found if not path.name.startswith(".")):
@@ -166,7 +166,7 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
 
 
 def _lowest_number(path: Path) -> float:
-    """Return the lowest number of a file as it stands there, in whatever unit; NaN of none."""
+    """Return the lowest number in a file, in its own unit; NaN if it has none."""
     with small_cache(), opened(path) as dataset:
         kind, windows = height_type(dataset.dtypes[0]), dataset.block_windows(1)
         blocks = (read_heights(dataset, window, kind) for _, window in windows)

@@ -1,4 +1,4 @@
-"""OrthoLoC: photos of 47 places, each with the orthophoto and surface model of what it shows.
+"""OrthoLoC: photos of 47 places, each with its own orthophoto and surface model.
 
 A sample (.npz) becomes a photo, a map and a surface model.
 """
@@ -54,7 +54,7 @@ _HALF_PIXEL = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """What is kept of a sample when its files are written."""
+    """The kept values of a sample once its files are written."""
 
     size: tuple[int, int]
     intrinsics: Floats
@@ -80,7 +80,7 @@ class OrthoLoc(Dataset[SourceOptions]):
         raise missing("holds no test set", source, _LAYOUT)
 
     def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a set's samples, and write the files of those that were not written before."""
+        """Read a set's samples, and write the files that are missing."""
         folder = self.scenes(options)[scene][0]
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".npz")
         kinds = {path.stem: _SAMPLE.fullmatch(path.stem) for path in paths}

@@ -1,4 +1,4 @@
-"""Where a benchmark's files stand below what the user names, and what stands there instead."""
+"""Find a benchmark's files below the user's folder, or name what is there instead."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def missing(what: str, folder: Path, layout: str, fix: str | None = None) -> Ben
 
 
 def sub_path(folder: Path, *parts: str) -> Path | None:
-    """Return what stands below a folder under names in letters of either case; None of nothing."""
+    """Return the entry of a folder with one of these names in any case, or None."""
     for part in parts:
         exact = folder / part
         if exact.exists():
@@ -62,7 +62,7 @@ def sub_path(folder: Path, *parts: str) -> Path | None:
 
 
 def needed_path(folder: Path, place: str, layout: str, fix: str | None = None) -> Path:
-    """Return what stands below a folder under such a path, in letters of either case."""
+    """Return the path below a folder whose parts match in any case."""
     found = sub_path(folder, *place.split("/"))
     if found is None:
         raise missing(f"lacks {place}", folder, layout, fix)

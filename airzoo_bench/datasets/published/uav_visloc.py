@@ -52,7 +52,7 @@ _FLIGHT_TABLE, _LEAVE_OUT = "flight-table", "leave-out"
 
 @dataclass(frozen=True)
 class UavVisLocOptions(SourceOptions):
-    """What UAV-VisLoc does not state."""
+    """Choices that UAV-VisLoc leaves open."""
 
     heading: Annotated[
         Literal["compass", "east-north-positive", "counter-clockwise"],

@@ -43,7 +43,7 @@ Places = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True, kw_only=True)
 class ColmapOptions(SurveyOptions):
-    """What may be asked of a COLMAP model."""
+    """Options of a COLMAP model."""
 
     source: Annotated[Path, Option("source", "Folder of the model, such as sparse/0.")]
     georeference: Annotated[

@@ -69,7 +69,7 @@ _DEWARP = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 @dataclass(frozen=True, kw_only=True)
 class DjiOptions(SurveyOptions):
-    """What may be asked of a folder of DJI photos."""
+    """Options of a folder of DJI photos."""
 
     source: Annotated[Path, Option("source", "Folder of the photos, and of *_Timestamp.MRK.")]
     priors: Annotated[
@@ -254,7 +254,7 @@ def _priors(
 
 @dataclass(frozen=True)
 class DjiTags:
-    """What a photo states of its position's quality and its lens.
+    """A photo's metadata on the quality of its position and on its lens.
 
     `rtk_flag` is 16 for a single point, 34 for a float solution. `std_m` are standard deviations to
     the east and north, and of the height; `lens` is empty where none is stated.

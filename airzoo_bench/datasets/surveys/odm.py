@@ -59,7 +59,7 @@ _LENS_KEYS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class OdmOptions(SurveyOptions):
-    """What may be asked of an OpenDroneMap project."""
+    """Options of an OpenDroneMap project."""
 
     source: Annotated[Path, Option("source", "The project's folder.")]
 

@@ -79,7 +79,7 @@ _EXPECTED = (
 
 @dataclass(frozen=True, kw_only=True)
 class PoseTableOptions(SurveyOptions):
-    """What a table of poses leaves open."""
+    """Choices that a table of poses leaves open."""
 
     source: Annotated[
         Path, Option("source", "Table of the photos' positions and angles, a row a photo.")

@@ -1,4 +1,4 @@
-"""What own photos have in common: options, protocols, a scene of posed photos, its heights."""
+"""The common part of own photos: options, protocols, a scene of posed photos, its heights."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class SceneOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyOptions(SceneOptions, SourceOptions):
-    """What every survey of another program asks for."""
+    """Options of surveys from other programs."""
 
     source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
     name: Annotated[str | None, Option("name", "Of the benchmark (default: the source's).")] = None
