@@ -44,7 +44,9 @@ def recalls(benchmark, scene, rules, results, off, random):
     positives, ids = answering_tiles(inputs, truth.tiles, rules), truth.tiles["id"].to_numpy(str)
     asked = np.flatnonzero(positives.counts)  # a query that no tile answers is left out
     firsts = [one.records.set_index("query").loc[truth.queries["id"], "tile@1"] for one in results]
-    return [np.mean([first.iloc[q] in ids[positives.of(q)] for q in asked]) for first in firsts]
+    return [
+        np.mean([first.iloc[q] in ids[positives.of_query(q)] for q in asked]) for first in firsts
+    ]
 
 
 def main(name: str, *paths: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 HOME = Path(__file__).parents[1]
 
 # Lower it with what is rewritten; the aim is below 20.
-MOST = 123
+MOST = 8
 
 TURNS = {
     "a clause as a noun": r"\b(of|from|by|with) (what|those that|which)\b|^What\b",

@@ -57,7 +57,7 @@ class CloudComparison(Shown):
     to_truth: Floats
     to_prediction: Floats
 
-    def _shown(self) -> Mapping[str, object]:
+    def _display_fields(self) -> Mapping[str, object]:
         values = {field.name: getattr(self, field.name) for field in fields(self)[:-2]}
         return {n: number(v) if isinstance(v, float) else v for n, v in values.items()}
 

@@ -55,7 +55,7 @@ class ConfidenceInterval(Shown):
     def __iter__(self) -> Iterator[float | None]:
         return iter((self.low, self.high))
 
-    def _shown(self) -> Mapping[str, object]:
+    def _display_fields(self) -> Mapping[str, object]:
         parts = {name: part._written() for name, part in self.scenes.items()}
         return {"all scenes" if parts else "value": self._written(), **parts}
 

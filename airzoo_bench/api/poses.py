@@ -309,7 +309,7 @@ class CameraAlignment(Shown):
         """
         return self.transform.apply(arg.floats("points", points, (None, 3)))
 
-    def _shown(self) -> Mapping[str, object]:
+    def _display_fields(self) -> Mapping[str, object]:
         inliers = self.residuals[self.inliers]
         return {
             "cameras": len(self.residuals),

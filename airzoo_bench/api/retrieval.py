@@ -50,7 +50,7 @@ class QueryScores(Shown):
     def __getitem__(self, name: str) -> float:
         return self.scores[name]
 
-    def _shown(self) -> Mapping[str, object]:
+    def _display_fields(self) -> Mapping[str, object]:
         return self.counts | {name: number(value) for name, value in self.scores.items()}
 
 

@@ -39,7 +39,7 @@ class Headed:
         return self.progress(items, f"{self.heading}: {label}", total)
 
 
-def shown(work: Callable[[], T], label: str, progress: Progress) -> T:
+def with_progress(work: Callable[[], T], label: str, progress: Progress) -> T:
     """Do work that is one piece, and show while it lasts what it is."""
     (result,) = progress((work() for _ in range(1)), label, 1)
     return result

@@ -18,7 +18,7 @@ from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benc
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.progress import Progress, shown
+from airzoo_bench.core.progress import Progress, with_progress
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.facts import fact_lines
 from airzoo_bench.datasets.scene_warnings import scene_warnings
@@ -64,7 +64,7 @@ def write_benchmark(
             for scene in settings.progress(scenes, "writing the folder", len(scenes))
         ]
         write = partial(write_folder_files, staged, served, entries)
-        shown(write, "checksums", settings.progress)
+        with_progress(write, "checksums", settings.progress)
     return Prepared(
         settings.folder,
         {protocol.name: protocol.track for protocol in served},

@@ -38,7 +38,7 @@ from airzoo_bench.core.files import (
     only_run,
     temporary_folder,
 )
-from airzoo_bench.core.progress import Progress, shown
+from airzoo_bench.core.progress import Progress, with_progress
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.content import image_content, scene_content
@@ -292,9 +292,9 @@ class _Run:
         """Take the scenes that earlier runs finished, and make the others, each a task."""
         progress, source, made = self.settings.progress, self.source, self.records
         keys = partial(scene_keys, source, self.protocols, self.settings)
-        self.keys = shown(keys, "looking through the source", progress)
+        self.keys = with_progress(keys, "looking through the source", progress)
         self.staging.mkdir(parents=True, exist_ok=True)
-        shown(self._take, "looking through earlier runs", progress)
+        with_progress(self._take, "looking through earlier runs", progress)
         scenes = [scene for scene in source.scenes if scene not in made]
         found = self.settings.engine.map(
             _task, scenes, shared=self, stage="scenes", name="scene {}".format
@@ -359,7 +359,7 @@ class _Run:
             write_folder_files(staged, served, [record.entry for record in records.values()])
 
         with atomic_folder(folder, replace=settings.replace) as staged:
-            shown(put_together, "writing the folder", settings.progress)
+            with_progress(put_together, "writing the folder", settings.progress)
         accuracy = {scene: record.entry.truth_accuracy_m for scene, record in records.items()}
         for sentence in (one for of in served for one in accuracy_notes(of, accuracy)):
             settings.note(f"warning: {sentence}")

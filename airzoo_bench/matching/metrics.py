@@ -38,7 +38,7 @@ class PoseErrors(Shown):
     vertical_m: Floats
     rotation_deg: Floats | None
 
-    def _shown(self) -> Mapping[str, object]:
+    def _display_fields(self) -> Mapping[str, object]:
         errors = {"median_m": self.translation_m, "median_deg": self.rotation_deg}
         medians = {
             name: number(float(np.median(values)))

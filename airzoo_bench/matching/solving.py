@@ -82,7 +82,7 @@ class PoseEstimate(Shown):
         """The pose [R | t], (3, 4), world-to-camera; NaN on failure."""
         return np.column_stack([self.rotation, -apply_matrix(self.rotation, self.centre)])
 
-    def _shown(self) -> Mapping[str, object]:
+    def _display_fields(self) -> Mapping[str, object]:
         inliers = f"{int(self.inliers.sum())} of {len(self.inliers)}"
         centre = ", ".join(map(number, self.centre.tolist()))
         return {"status": self.status.value, "inliers": inliers, "centre": centre}

@@ -73,7 +73,7 @@ class SceneImages:
     def tiles(self) -> ImageNames:
         """The galleries."""
         tiles = chain.from_iterable(map(tile_images, self.truths))
-        return ImageNames.of("tile", tiles, scenes=self.reading.scenes, home=self.home)
+        return ImageNames.build("tile", tiles, scenes=self.reading.scenes, home=self.home)
 
     def of_run(self, folders: Iterable[str]) -> SceneImages:
         """Take the scene that the folders of a run name for that of its names without one."""
@@ -334,7 +334,7 @@ class DescribedImages(Reader):
         images = SceneImages(reading, path, str(path))
         names, read, budget = self.opened(path, reading.memory_bytes)
         budget.hold(path, "the names of its images", len(names) * _BYTES_OF_NAME)
-        photos, tiles = (_found(known, names, path) for known in (images.queries, images.tiles))
+        photos, tiles = (_known_ids(known, names, path) for known in (images.queries, images.tiles))
         both = [name for name, one, two in zip(names, photos, tiles, strict=True) if one and two]
         if both:
             what = f"could be a query or a tile: {first_of([repr(name[:200]) for name in both])}"
@@ -357,7 +357,7 @@ class DescribedImages(Reader):
         )
 
 
-def _found(known: ImageNames, names: Sequence[str], path: Path) -> list[str | None]:
+def _known_ids(known: ImageNames, names: Sequence[str], path: Path) -> list[str | None]:
     """Return the id of each name that means one; refuse names that mean none at all."""
     try:
         strange = not any(map(known.find, names))

@@ -44,7 +44,7 @@ class ImageNames:
     scene_of: Callable[[str], str | None]  # the innermost scene in a folder's path, or its home's
 
     @classmethod
-    def of(
+    def build(
         cls,
         what: str,
         names: Iterable[tuple[str, str]],
@@ -200,7 +200,7 @@ def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
 def query_names(reading: Reading, where: Path, home: str = "") -> ImageNames:
     """Return the queries of a protocol by name."""
     truths = truths_of(reading, where)
-    return ImageNames.of(
+    return ImageNames.build(
         "query",
         names_in(truth.queries for truth in truths),
         left_out=names_in(truth.excluded for truth in truths),

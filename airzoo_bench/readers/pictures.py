@@ -67,7 +67,7 @@ class Pictures:
         left_out = names_in(scene.excluded for scene in scenes)
         kinds = (("query", photos, left_out), ("crop", crops, ()), ("map", maps, ()))
         self._names = [
-            ImageNames.of(what, names, left_out=others, scenes=reading.scenes, change=change)
+            ImageNames.build(what, names, left_out=others, scenes=reading.scenes, change=change)
             for what, names, others in kinds
         ]
         self._found: dict[str, Picture | None] = {}

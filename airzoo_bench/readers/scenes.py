@@ -100,7 +100,7 @@ class SceneOutput:
 def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> ImageNames:
     photos = names_in(truth.photos for truth in truths)
     left_out = names_in(truth.excluded for truth in truths)
-    return ImageNames.of("photo", photos, left_out=left_out, scenes=reading.scenes)
+    return ImageNames.build("photo", photos, left_out=left_out, scenes=reading.scenes)
 
 
 def sorted_images(folder: Path | None) -> list[str]:

@@ -235,7 +235,7 @@ def _descriptors(
     budget.hold(folder, "its queries", asked.size * (asked.itemsize + _DOUBLE))
     budget.hold(folder, "the names of its images", (len(gallery) + len(asked)) * _BYTES_OF_NAME)
     here = images.of_run((str(folder), log.database or "", log.queries or ""))
-    tiles, photos, assumed = names.of(log, here, len(gallery), len(asked))
+    tiles, photos, assumed = names.names_of_run(log, here, len(gallery), len(asked))
     queries = query_rows((photos, np.array(asked)), here, folder / _QUERIES)
     named = queries, gallery_rows((tiles, gallery), here, folder / _DATABASE)
     if assumed:
@@ -362,7 +362,7 @@ class _Names:
     def __post_init__(self) -> None:
         self._left = None if self.reading.names is None else read_names(self.reading.names)
 
-    def of(
+    def names_of_run(
         self, log: _Log, images: SceneImages, tiles: int, photos: int
     ) -> tuple[Sequence[str], Sequence[str], bool]:
         """Return the names of a run's database images and queries, and whether they are assumed."""

@@ -23,7 +23,7 @@ from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, poses_of
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, check_output_folder, temporary_folder, write_npz
 from airzoo_bench.core.optional_imports import load_pycolmap
-from airzoo_bench.core.progress import shown
+from airzoo_bench.core.progress import with_progress
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
@@ -151,7 +151,7 @@ def sparse_reconstruction(
     )
     views = [two for found in run.progress(matched, "matches", len(firsts)) for two in found]
     work = partial(_map_photos, lenses, features, views, scratch, settings)
-    return shown(work, "model", run.progress)
+    return with_progress(work, "model", run.progress)
 
 
 def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) -> Ints:

@@ -29,7 +29,7 @@ from pykdtree import kdtree
 from scipy.spatial import KDTree
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.progress import Progress, shown, silent
+from airzoo_bench.core.progress import Progress, silent, with_progress
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.clouds import concatenate_pieces, finite_pieces, map_points
@@ -85,7 +85,7 @@ def cloud_distances(
             fix="check the benchmark's cloud and the protocol's crop",
         )
     measure = partial(mutual_distances, *clouds, jobs=jobs, on_disk=on_disk)
-    return CloudDistances(*shown(measure, "distances", progress))
+    return CloudDistances(*with_progress(measure, "distances", progress))
 
 
 def mutual_distances(

@@ -16,7 +16,7 @@ import pandas as pd
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import PART
-from airzoo_bench.core.progress import Headed, shown
+from airzoo_bench.core.progress import Headed, with_progress
 from airzoo_bench.evaluation.track import Run, ScenePredictions, Scored
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.geometry.arrays import Floats
@@ -172,8 +172,8 @@ def compare(
     prepare = partial(
         preparation.prepare_cloud, settings=settings, region=region, block_points=block
     )
-    predicted = shown(partial(prepare, cloud), "preparing the prediction", progress)
-    true = shown(partial(prepare, true_cloud), "preparing the true cloud", progress)
+    predicted = with_progress(partial(prepare, cloud), "preparing the prediction", progress)
+    true = with_progress(partial(prepare, true_cloud), "preparing the true cloud", progress)
     distances = cloud_distances(
         predicted.source, true.source, block_points=block, jobs=run.jobs, progress=progress
     )

@@ -163,7 +163,7 @@ def rank_by_ids(
     last = begins[np.arange(len(some)), length - 1]
     for number in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
         row, start, given = some[number], last[number], listed[number, : length[number]]
-        run, mixed = _run_with_left_out(given, start, right.of(number), n_tiles)
+        run, mixed = _run_with_left_out(given, start, right.of_query(number), n_tiles)
         room = ranking.tiles[row, start:]
         room[:] = -1
         room[: len(run)] = run[: len(room)]

@@ -267,7 +267,7 @@ def _evaluate_crowds(
         for query, score, slack in zip(some.tolist(), scores, slacks, strict=True):
             tile = np.flatnonzero(score > -np.inf)
             level = _levels(np.zeros(len(tile), np.int64), score[tile], slack[tile])
-            positive = np.isin(tile, positives.of(query))
+            positive = np.isin(tile, positives.of_query(query))
             best = np.lexsort((tile, positive, level))
             first = best[(np.arange(len(best)) < gallery.k) | positive[best]]
             flat = len(tile) == n_tiles and not level.any()

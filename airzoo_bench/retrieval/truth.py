@@ -62,7 +62,7 @@ class Positives:
         """Query of each pair, (P,)."""
         return np.repeat(np.arange(self.n_queries), self.counts)
 
-    def of(self, query: int) -> NDArray[np.int32]:
+    def of_query(self, query: int) -> NDArray[np.int32]:
         """Return the positive tiles of one query."""
         return self.tiles[self.offsets[query] : self.offsets[query + 1]]
 

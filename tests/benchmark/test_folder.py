@@ -118,7 +118,7 @@ def test_truth_both_ways(tmp_path: Path) -> None:
     write_truth(tmp_path, truth, truth.positives)
     read = read_truth(tmp_path, "s")
     assert read.fingerprint == truth.fingerprint
-    assert [read.positives.of(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
+    assert [read.positives.of_query(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
     pd.testing.assert_frame_equal(read.conditions, truth.conditions)
 
 

@@ -95,7 +95,7 @@ def _rank(benchmark: Benchmark, quality: int, home: Path) -> Path:
         tiles = truth.tiles["id"].to_numpy(str)
         for row, query in enumerate(truth.queries["id"]):
             score = random.normal(size=len(tiles))
-            score[truth.positives.of(row)] += (0.0, 0.8, 1.6)[quality]
+            score[truth.positives.of_query(row)] += (0.0, 0.8, 1.6)[quality]
             ids.append(query)
             ranked.append(tiles[np.argsort(-score)[:20]])
     protocol = f"{benchmark.file.name}-retrieval"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from threading import Event
 from typing import TypeVar
 
-from airzoo_bench.core.progress import Headed, report_progress, shown
+from airzoo_bench.core.progress import Headed, report_progress, with_progress
 from tests.support import HANGS_S
 
 T = TypeVar("T")
@@ -51,5 +51,5 @@ def test_work_under_way_is_named_before_its_first_item_is_done() -> None:
     def soon(items: Iterable[T], label: str, total: int) -> Iterator[T]:
         return report_progress(items, label, total, say=say, first_s=0.01)
 
-    assert shown(slowly, "learning the words", Headed("city", soon))
+    assert with_progress(slowly, "learning the words", Headed("city", soon))
     assert said == ["city: learning the words ..."]

@@ -90,7 +90,7 @@ def on_meridian(folder: Path, lon: int, rules: dict[str, Any]) -> Meridian:
     )
     ranking = Ranking(order[:, :10], np.zeros(len(order), bool))
     records = score_scene(truth, ranking, np.ones(len(order), bool), protocol().scores)
-    positives = [truth.positives.of(q).tolist() for q in range(len(truth.queries))]
+    positives = [truth.positives.of_query(q).tolist() for q in range(len(truth.queries))]
     anchors = truth.footprints.filter(like="lon").to_numpy(float)
     lons = np.concatenate([truth.boxes[:, [0, 2]].ravel(), anchors.ravel()])
     assert found.overlaps.overlap is not None

@@ -101,7 +101,7 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
         memory_bytes=memory_bytes,
     )
     others = [
-        [tile for tile in range(1, n_tiles, 2) if tile not in positives.of(query)][:10]
+        [tile for tile in range(1, n_tiles, 2) if tile not in positives.of_query(query)][:10]
         for query in range(3)
     ]
     assert found.tiles.tolist() == others

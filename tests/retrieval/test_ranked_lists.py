@@ -44,7 +44,7 @@ def completed(ranked, scores, positives, n_tiles):
     for query, (tiles, row) in enumerate(zip(ranked, scores, strict=True)):
         if len(tiles) > 1 and row[-1] == row[-2]:
             whole[query] = row[-1]
-            whole[query, positives.of(query)] = -np.inf
+            whole[query, positives.of_query(query)] = -np.inf
         whole[query, tiles] = row
     return whole
 
@@ -68,7 +68,7 @@ def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, li
     given_scores = scores if falling else -scores
     found = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=k, depth=1)
     for query, row in enumerate(completed(ranked, scores, positives, n_tiles)):
-        positive = np.isin(np.arange(n_tiles), positives.of(query))
+        positive = np.isin(np.arange(n_tiles), positives.of_query(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
         order = order[row[order] > -np.inf]
         expected = [*order[:k], *[-1] * k][:k]

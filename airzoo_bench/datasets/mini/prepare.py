@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.core.progress import Progress, shown, silent
+from airzoo_bench.core.progress import Progress, silent, with_progress
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.flights import (
@@ -213,7 +213,7 @@ def _scene(
     inputs = _inputs(region, photos, files, seed)
     surveyed = inputs.photos["sequence"] == SURVEY
     build = partial(build_truths, inputs, protocols, cloud, surveyed)
-    return SceneContent(inputs, shown(build, f"{region.name}: truth", progress), files)
+    return SceneContent(inputs, with_progress(build, f"{region.name}: truth", progress), files)
 
 
 def _inputs(region: Region, photos: Photos, files: dict[str, Path], seed: int) -> SceneInputs:

@@ -17,7 +17,7 @@ import trimesh
 from airzoo_bench.core.errors import FIX_COPY, PredictionError, readable
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
-from airzoo_bench.formats.clouds.text import opened_lines, shown
+from airzoo_bench.formats.clouds.text import opened_lines, quoted
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 __all__ = ["open_gltf", "open_obj", "open_stl"]
@@ -120,7 +120,7 @@ def open_obj(path: Path) -> Mesh:
                     notes.add("mtllib, usemtl and the textures they name are not read")
             except (ValueError, OverflowError) as error:
                 expected = "v x y z, or f and indices of vertices from 1 (below 0: from the end)"
-                raise refusal(path, f"a line is {shown(line)}", expected=expected) from error
+                raise refusal(path, f"a line is {quoted(line)}", expected=expected) from error
     if not vertices:
         raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
     corners, faces = np.array(vertices).reshape(-1, 3), np.array(triangles).reshape(-1, 3)

@@ -20,7 +20,7 @@ from airzoo_bench.formats.clouds.cloud import (
     too_few,
     uncounted,
 )
-from airzoo_bench.formats.clouds.text import count_lines, read_rows, shown
+from airzoo_bench.formats.clouds.text import count_lines, quoted, read_rows
 
 __all__ = ["open_pcd"]
 
@@ -80,7 +80,7 @@ def _read_header(path: Path) -> _Header:
         width = int(values.get("WIDTH", [str(points)])[0])
         height = int(values.get("HEIGHT", ["1"])[0])
         if data not in _KINDS or not width * height == points >= 0:
-            raise ValueError(f"{points:,} points, {width:,} x {height:,}, as {shown(data)}")
+            raise ValueError(f"{points:,} points, {width:,} x {height:,}, as {quoted(data)}")
         names = values["FIELDS"]
         repeats = list(map(int, values.get("COUNT", ["1"] * len(names))))
         fields: list[tuple[str, str, tuple[int]]] = []

@@ -26,7 +26,7 @@ from airzoo_bench.formats.clouds.cloud import (
     uncounted,
 )
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
-from airzoo_bench.formats.clouds.text import count_lines, opened_lines, read_rows, shown
+from airzoo_bench.formats.clouds.text import count_lines, opened_lines, quoted, read_rows
 from airzoo_bench.geometry.arrays import Ints
 
 __all__ = ["open_ply", "write_ply"]
@@ -128,7 +128,7 @@ def _read_header(path: Path) -> _Header:
             case _:
                 raise refusal(
                     path,
-                    f"line {number} of the header is {shown(line)}",
+                    f"line {number} of the header is {quoted(line)}",
                     expected=f"format {', '.join(_ORDERS)} 1.0; element, name, count; property, "
                     "type, name; or property list, two types, name; each name once",
                 )
@@ -211,7 +211,7 @@ def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
                 add_fan(triangles, _polygon(faces, name, line.split()))
             except (ValueError, IndexError) as error:
                 expected = "a face: how many vertices, and their indices"
-                what = f"a line of its faces is {shown(line)}"
+                what = f"a line of its faces is {quoted(line)}"
                 raise refusal(header.path, what, expected=expected) from error
             found += 1
     if found < faces.rows:
@@ -277,7 +277,7 @@ def _record_at(
 def _cut_off(header: _Header, element: _Element) -> PredictionError:
     return refusal(
         header.path,
-        f"the file ends within its element {shown(element.name)}, or a list in it states an "
+        f"the file ends within its element {quoted(element.name)}, or a list in it states an "
         "absurd length",
         expected=f"{element.rows:,} rows, as its header says",
         fix=FIX_COPY,

@@ -27,7 +27,7 @@ from airzoo_bench.formats.clouds.cloud import (
 )
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["count_lines", "open_text", "opened_lines", "read_rows", "shown"]
+__all__ = ["count_lines", "open_text", "opened_lines", "quoted", "read_rows"]
 
 _SAMPLE = 1000
 _MOST_PREAMBLE = 1000
@@ -92,7 +92,7 @@ def _wrong_row(path: Path, lines: list[str], separator: str, width: int) -> Pred
     wrong = next((line for line, is_sound in zip(lines, sound, strict=False) if not is_sound), "")
     with path.open(encoding="latin-1") as stream:
         number = next((place for place, line in enumerate(stream, 1) if line == wrong), 0)
-    return refusal(path, f"line {number:,} is {shown(wrong)}", expected=f"{width} numbers")
+    return refusal(path, f"line {number:,} is {quoted(wrong)}", expected=f"{width} numbers")
 
 
 def _is_number(word: str) -> bool:
@@ -103,7 +103,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def shown(line: str) -> str:
+def quoted(line: str) -> str:
     """Return a line as it may stand in a message: short, and only characters that print."""
     return repr(line.strip()[:_SHOWN])
 
@@ -177,13 +177,13 @@ def _find_separator(path: Path, offset: int) -> tuple[str, int]:
         if len(words) > 1 and any(_NUMBER_WITH_COMMA.fullmatch(word) for word in words):
             raise refusal(
                 path,
-                f"a line has decimal commas: {shown(line)}",
+                f"a line has decimal commas: {quoted(line)}",
                 expected="decimal points",
                 fix="export it with decimal points",
             )
     width = len(first[0].replace(separator or " ", " ").split())
     if width < 3:
-        raise refusal(path, f"a line has {width} columns: {shown(first[0])}", expected=_EXPECTED)
+        raise refusal(path, f"a line has {width} columns: {quoted(first[0])}", expected=_EXPECTED)
     next(read_rows(path, offset, 0, len(first), width, len(first), separator))
     return separator, width
 
@@ -206,7 +206,7 @@ def _find_columns(path: Path, header: str | None, width: int) -> dict[str, int]:
         return first
     raise refusal(
         path,
-        f"its columns are {shown(header)}, and none is called x, y or z",
+        f"its columns are {quoted(header)}, and none is called x, y or z",
         expected="columns x, y and z (or easting, northing, height), in metres",
         fix="name the columns, or leave the names out where x y z stand first",
     )

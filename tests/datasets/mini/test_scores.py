@@ -39,7 +39,7 @@ def rank(mini: Prepared, path: Path, right: float) -> Result:
         truth = read_retrieval(mini.benchmark.scene_folder(scene), scene)
         tiles = truth.tiles["id"].to_numpy(str)
         for row, query in enumerate(truth.queries["id"]):
-            positive = truth.positives.of(row)
+            positive = truth.positives.of_query(row)
             others = np.setdiff1d(np.arange(len(tiles)), positive)
             first = positive if random.random() < right else others
             order = np.concatenate([first, np.setdiff1d(np.arange(len(tiles)), first)])
