@@ -49,7 +49,7 @@ _CANCELLED = 1e-3  # of two squares: what is left of their difference has few di
 _CELLS = 1 << 17
 
 Places = NDArray[np.intp]
-Tested = Iterator[tuple[int, Places, Floats]]
+Tested = Iterator[tuple[int | Places, Places, Floats]]
 """A variable, those that it is paired with, and p of each."""
 
 
@@ -84,6 +84,13 @@ def rows_of(wanted: Bools, width: int = 1) -> Iterator[tuple[int, Places]]:
         yield from ((one, others[first : first + step]) for first in range(0, len(others), step))
 
 
+def _pairs_of(wanted: Bools, width: int) -> Iterator[tuple[Places, Places]]:
+    """Yield each wanted pair once, so many at a time that memory is bounded."""
+    step, (firsts, others) = max(1, _CELLS // max(width, 1)), np.nonzero(wanted)
+    for start in range(0, len(firsts), step):
+        yield firsts[start : start + step], others[start : start + step]
+
+
 def mean_draws(sample: Sample, resampling: ResamplingConfig) -> Floats:
     """Average the resamples of `intervals.bootstrap` over groups, (V, B)."""
     total = np.zeros((len(sample.medians), resampling.resamples))
@@ -112,31 +119,36 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
     either = failing | failing[:, None]
     for one, others in rows_of(wanted & either, resampling.resamples >> 4):
         yield one, others, _permuted(sample, resampling, one, others)
-    draws, most = signed_sums(sample, resampling), int(np.log2(resampling.resamples))
-    count = resampling.resamples + 1
+    count, most = resampling.resamples + 1, int(np.log2(resampling.resamples))
     parts = [without_infinite(part) for part in sample.values]
     codes = tie_codes(np.concatenate(parts, axis=1))
     values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
     sums, products = values.sum(axis=1), _exact_gram(values)
-    for one, others in rows_of(wanted & ~either, resampling.resamples):
+    tested, drawn = [], np.zeros(len(sums), np.bool_)
+    for one, others in _pairs_of(wanted & ~either, resampling.resamples):
         spread = _spread(values, products, one, others)
         observed = np.abs(sums[others] - sums[one])
         scores = np.divide(observed, spread, out=np.zeros(len(others)), where=spread > 0)
-        p_values = normal_tail(scores)
         near = scores < _SURE
-        least = (observed - TIE * spread)[near, None]
-        extreme = (np.abs(draws[others[near]] - draws[one]) >= least).sum(axis=1)
+        drawn[others[near]] = drawn[one[near]] = True
+        tested.append((one, others, scores, near, (observed - TIE * spread)[near, None]))
+    draws, place = signed_sums(sample.take(drawn), resampling), np.cumsum(drawn) - 1
+    for one, others, scores, near, least in tested:
+        p_values = normal_tail(scores)
+        gaps = draws[place[others[near]]] - draws[place[one[near]]]
+        extreme = (np.abs(gaps) >= least).sum(axis=1)
         resolved, few = (extreme + 1) / count, (_RESOLVED + 1) / count
         tail = np.minimum(p_values[near], few)
         p_values[near] = np.where(extreme >= _RESOLVED, resolved, tail)
         # Of k differences the score is at most the root of k.
         close = np.flatnonzero(scores**2 <= most + 1)
-        unlike = codes[others[close]] != codes[one]
+        unlike = codes[others[close]] != codes[one[close]]
         differing = unlike.sum(axis=1)
         for number in np.unique(differing[differing <= most]).tolist():
             chosen = differing == number
             places = np.nonzero(unlike[chosen])[1].reshape(np.count_nonzero(chosen), number)
-            gaps = values[others[close[chosen], None], places] - values[one, places]
+            first, second = one[close[chosen], None], others[close[chosen], None]
+            gaps = values[second, places] - values[first, places]
             p_values[close[chosen]] = exact_p_values(gaps)
         yield one, others, p_values
 
@@ -159,12 +171,12 @@ def _exact_gram(values: Floats) -> Floats:
     return np.asarray(np.ldexp(whole @ whole.T, sizes[:, None] + sizes - 2 * digits))
 
 
-def _spread(values: Floats, products: Floats, one: int, others: Places) -> Floats:
+def _spread(values: Floats, products: Floats, one: Places, others: Places) -> Floats:
     """Return the standard deviation of the signed sum of differences."""
     both = products[one, one] + products[others, others]
     squares = both - 2 * products[one, others]
     cancelled = squares < _CANCELLED * both
-    squares[cancelled] = ((values[one] - values[others[cancelled]]) ** 2).sum(axis=1)
+    squares[cancelled] = ((values[one[cancelled]] - values[others[cancelled]]) ** 2).sum(axis=1)
     return np.sqrt(np.where(squares <= TIE**2 * both, 0.0, squares))
 
 
@@ -238,9 +250,8 @@ def pair_limits(
             levels = np.broadcast_to(resampling.tails, (len(ranked), 2))
             limits[:, one, others] = quantiles(ranked, levels).T
     else:
-        for one, others in rows_of(wanted, sum(part.shape[1] for part in sample.values)):
-            gaps_of_scenes = sample.differences(one, others)
-            limits[:, one, others] = difference_limits(gaps_of_scenes, confidence).T
+        for pairs in _pairs_of(wanted, sum(part.shape[1] for part in sample.values)):
+            limits[:, *pairs] = difference_limits(sample.differences(*pairs), confidence).T
     return limits
 
 
