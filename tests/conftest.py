@@ -28,7 +28,6 @@ settings.register_profile("mutants", derandomize=True, phases=(Phase.explicit, P
 # Files that take longest, begun first: one that began last would keep a single worker busy.
 LONGEST = (
     "engines/test_tracks.py",
-    "hostile/test_fuzz.py",
     "reconstruction/test_track.py",
     "leaderboard/ci/test_walk_through.py",
     "matching/test_baseline.py",

@@ -21,6 +21,7 @@ BETWEEN = {
 }
 
 
+@pytest.mark.slow  # `.ci/run` runs the demo of the wheel
 def test_the_demo_scores_every_track_and_keeps_its_predictions(tmp_path: Path) -> None:
     assert run_main("demo", "--out", tmp_path / "demo") == 0
     made = {path: path.stat().st_mtime_ns for path in (tmp_path / "demo").rglob("sift*.npz")}

@@ -172,6 +172,6 @@ def _check_names(path: Path, members: list[Member]) -> None:
             raise ValueError(f"the name {name[:80]!r} leads out of it or is no plain path")
         if name.casefold() in seen:
             raise ValueError(f"{name[:80]!r} stands in it more than once")
-        if not path.is_dir() and name.lower().endswith(ARCHIVE_SUFFIXES):
+        if not path.is_dir() and name.lower().endswith((*ARCHIVE_SUFFIXES, ".gz")):
             raise ValueError(f"{name[:80]!r} is an archive inside")
         seen.add(name.casefold())

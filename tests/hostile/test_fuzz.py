@@ -66,11 +66,6 @@ def test_processors_are_counted_and_not_the_clock(
     assert (seconds > 0.4) == (code is None)
 
 
-@pytest.mark.parametrize("cases", [10, pytest.param(2000, marks=pytest.mark.slow)])
-def test_no_input_makes_a_traceback(cases: int, tmp_path: Path) -> None:
-    fuzz(20_260, cases, "", tmp_path)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("only", GROUPS)
 def test_no_input_makes_a_traceback_in_20_000_cases(only: str, tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def gallery_of(kind, rng, n_tiles, length, dtype):
     return rows.astype(dtype)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from(["lattice", "plain", "blank", "run", "close", "equal", "multiples"]),

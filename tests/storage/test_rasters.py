@@ -115,6 +115,7 @@ def run(command: Run, predictions: object, data: object, out: Path) -> Any:
     return command("eval", "matching", predictions, "--data", data, "--out", out, "--method", "m")
 
 
+@pytest.mark.slow
 def test_matching_from_a_bucket(
     command: Run, bucket: Bucket, apart: Apart, prepared: Path, tmp_path: Path
 ) -> None:
