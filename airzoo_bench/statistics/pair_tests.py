@@ -125,32 +125,32 @@ def _test_means(sample: Sample, resampling: ResamplingConfig, wanted: Bools) -> 
     values = np.concatenate([part / part.shape[1] for part in parts], axis=1)
     sums, products = values.sum(axis=1), _exact_gram(values)
     tested, drawn = [], np.zeros(len(sums), np.bool_)
-    for one, others in _pairs_of(wanted & ~either, resampling.resamples):
-        spread = _spread(values, products, one, others)
-        observed = np.abs(sums[others] - sums[one])
+    for firsts, others in _pairs_of(wanted & ~either, resampling.resamples):
+        spread = _spread(values, products, firsts, others)
+        observed = np.abs(sums[others] - sums[firsts])
         scores = np.divide(observed, spread, out=np.zeros(len(others)), where=spread > 0)
         near = scores < _SURE
-        drawn[others[near]] = drawn[one[near]] = True
-        tested.append((one, others, scores, near, (observed - TIE * spread)[near, None]))
+        drawn[others[near]] = drawn[firsts[near]] = True
+        tested.append((firsts, others, scores, near, (observed - TIE * spread)[near, None]))
     draws, place = signed_sums(sample.take(drawn), resampling), np.cumsum(drawn) - 1
-    for one, others, scores, near, least in tested:
+    for firsts, others, scores, near, least in tested:
         p_values = normal_tail(scores)
-        gaps = draws[place[others[near]]] - draws[place[one[near]]]
+        gaps = draws[place[others[near]]] - draws[place[firsts[near]]]
         extreme = (np.abs(gaps) >= least).sum(axis=1)
         resolved, few = (extreme + 1) / count, (_RESOLVED + 1) / count
         tail = np.minimum(p_values[near], few)
         p_values[near] = np.where(extreme >= _RESOLVED, resolved, tail)
         # Of k differences the score is at most the root of k.
         close = np.flatnonzero(scores**2 <= most + 1)
-        unlike = codes[others[close]] != codes[one[close]]
+        unlike = codes[others[close]] != codes[firsts[close]]
         differing = unlike.sum(axis=1)
         for number in np.unique(differing[differing <= most]).tolist():
             chosen = differing == number
             places = np.nonzero(unlike[chosen])[1].reshape(np.count_nonzero(chosen), number)
-            first, second = one[close[chosen], None], others[close[chosen], None]
+            first, second = firsts[close[chosen], None], others[close[chosen], None]
             gaps = values[second, places] - values[first, places]
             p_values[close[chosen]] = exact_p_values(gaps)
-        yield one, others, p_values
+        yield firsts, others, p_values
 
 
 def tie_codes(values: Floats) -> Floats:
