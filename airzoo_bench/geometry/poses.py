@@ -47,10 +47,9 @@ class Poses:
 
     The centre is stored and t derived, not the other way round: with centres in projected
     coordinates (millions of metres) R X + t is a small difference of large numbers, R (X - C) is
-    not, and a centre given is a centre kept, to the last bit. Build with `from_centres`,
-    `from_translations` or `from_quaternions`, which raise CameraError for what is no pose and take
-    the names of the cameras for that; the fields are by keyword only, so that t is never taken
-    for C.
+    not, and a centre given is a centre kept, to the last bit. Build with `from_centres` or
+    `from_translations`, which raise CameraError, with the cameras' names, for invalid poses; the
+    fields are by keyword only, so that t is never taken for C.
     """
 
     rotation: Floats
@@ -75,13 +74,6 @@ class Poses:
         rotation = check_rotations(R, names)
         translation = _vectors("translations", t, len(rotation), names)
         return cls(rotation=rotation, centres=-apply_matrix(transposed(rotation), translation))
-
-    @classmethod
-    def from_quaternions(
-        cls, wxyz: ArrayLike, t: ArrayLike, names: Sequence[object] | None = None
-    ) -> Poses:
-        """Build poses from quaternions (N, 4) w x y z and translations (N, 3)."""
-        return cls.from_translations(quaternion_to_matrix(wxyz, names), t, names)
 
     def __len__(self) -> int:
         return len(self.rotation)

@@ -219,7 +219,7 @@ def test_poses_of_too_few_digits(world: World, tmp_path: Path, form: str) -> Non
         if form == "normalised again":
             rounded /= np.linalg.norm(rounded, axis=1, keepdims=True)
         fields = pose_list(world, tmp_path, rounded, exact.translation)
-        kept = Poses.from_quaternions(rounded, exact.translation)
+        kept = Poses.from_translations(quaternion_to_matrix(rounded), exact.translation)
     error = np.sqrt(((kept.centres - exact.centres) ** 2).sum(axis=1).mean())
     message = refused(world, tmp_path, fields)
     said = float(message.split("moves a camera by ")[1].split(" m")[0])
