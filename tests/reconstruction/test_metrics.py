@@ -20,7 +20,7 @@ from airzoo_bench.reconstruction.metrics import (
     exact_mean,
     score_distances,
 )
-from tests.geometry.support import quick
+from tests.geometry.support import quick, seeds
 from tests.reconstruction.cloud_support import clouds
 
 INF = math.inf
@@ -55,6 +55,28 @@ def test_by_hand() -> None:
     assert scored([7.0, 1.0, 2.0], [3.0]).accuracy_median == 2.0
 
 
+def test_cube_against_itself_made_a_tenth_larger() -> None:
+    # Corners: one stays, three move along an axis, three along a face, one along the diagonal.
+    scores = scored(*mutual_distances(CUBE * 1.1, CUBE, jobs=1))
+    mean = 0.1 * (0 + 3 * 1 + 3 * math.sqrt(2) + math.sqrt(3)) / 8
+    assert mean == pytest.approx(0.1121837, abs=1e-7)
+    assert scores.accuracy == pytest.approx(mean, rel=1e-12)
+    assert scores.completeness == pytest.approx(mean, rel=1e-12)
+    assert scores.chamfer == pytest.approx(mean, rel=1e-12)
+
+
+def test_perfect() -> None:
+    scores = scored(*mutual_distances(CUBE, CUBE[::-1], jobs=1))
+    assert scores.curve.f1.tolist() == [1.0, 1.0]
+    assert (scores.accuracy, scores.completeness, scores.chamfer) == (0.0, 0.0, 0.0)
+
+
+def test_nothing_near_scores_0_not_nan() -> None:
+    scores = scored([50.0], [50.0, 60.0])
+    for shares in (scores.curve.precision, scores.curve.recall, scores.curve.f1):
+        assert shares.tolist() == [0.0, 0.0]
+
+
 def test_empty_prediction_scores_0_with_infinite_distances() -> None:
     scores = scored([], [INF, INF])
     for shares in (scores.curve.precision, scores.curve.recall, scores.curve.f1):
@@ -64,8 +86,13 @@ def test_empty_prediction_scores_0_with_infinite_distances() -> None:
 
 
 def test_empty_truth_is_an_error() -> None:
-    with pytest.raises(BenchmarkError, match="the true cloud holds no point"):
+    with pytest.raises(BenchmarkError) as caught:
         scored([INF], [])
+    assert str(caught.value).splitlines() == [
+        "the true cloud holds no point",
+        "  expected: at least one point, after cropping too",
+        "  fix:      check the benchmark's cloud and the protocol's crop",
+    ]
 
 
 def test_clipping_by_name_changes_means_only() -> None:
@@ -85,6 +112,20 @@ def test_clipping_by_name_changes_means_only() -> None:
     assert (empty.accuracy, empty.completeness, empty.chamfer) == (INF, INF, INF)
 
 
+@given(distances, distances, seeds)
+@quick
+def test_no_bit_depends_on_order(to_truth: Floats, to_prediction: Floats, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    shuffled = random.permutation(to_truth), random.permutation(to_prediction)
+    assert values(scored(*shuffled)) == values(scored(to_truth, to_prediction))
+
+
+def values(scores: CloudScores) -> list[object]:
+    single = (scores.accuracy, scores.completeness, scores.chamfer)
+    medians = (scores.accuracy_median, scores.completeness_median)
+    return [*single, *medians, scores.curve.precision.tolist(), scores.curve.recall.tolist()]
+
+
 @given(clouds(), clouds())
 @quick
 def test_chamfer_is_symmetric_and_precision_is_the_others_recall(
@@ -95,6 +136,15 @@ def test_chamfer_is_symmetric_and_precision_is_the_others_recall(
     assert one.chamfer == other.chamfer
     assert one.curve.f1.tolist() == other.curve.f1.tolist()
     assert one.curve.precision.tolist() == other.curve.recall.tolist()
+
+
+@given(distances)
+@quick
+def test_mean_and_median_against_a_sorted_list(found: Floats) -> None:
+    ordered, count = sorted(found.tolist()), len(found)
+    scores = scored(found, [1.0])
+    assert scores.accuracy == math.fsum(ordered) / count
+    assert scores.accuracy_median == (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
 
 
 @given(distances, hnp.arrays(np.float64, 7, elements=st.floats(0.01, 1e12), unique=True))
@@ -115,6 +165,12 @@ def test_counts_of_several_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     assert exact_mean(found) == mean
 
 
+def test_counts_beyond_what_float32_can_count() -> None:
+    # A float32 sum of ones stays at 16,777,216.
+    found = np.zeros(16_777_220, dtype=np.float64)
+    assert counts_below(found, np.array([1.0])).tolist() == [16_777_220]
+
+
 def test_means_are_not_sums_with_roundings() -> None:
     found = np.array([1e16, 1.0, 1.0, 0.0])
     assert exact_mean(found) == (1e16 + 2) / 4
@@ -129,6 +185,16 @@ def test_curve_by_hand() -> None:
     assert curves.f1.tolist() == pytest.approx([0.0, 0.4, 2 / 3, 6 / 7])
     nothing = curve(np.zeros(0), np.array([INF]), even_thresholds(1.0, 2))
     assert nothing.f1.tolist() == nothing.precision.tolist() == [0.0, 0.0]
+
+
+@given(distances, distances)
+@quick
+def test_curve_agrees_with_the_scores_and_never_falls(first: Floats, second: Floats) -> None:
+    curves = curve(first, second, np.array([1.0, 10.0, 1e16]))
+    assert curves.f1[:2].tolist() == scored(first, second).curve.f1.tolist()
+    assert (np.diff(curves.precision) >= 0).all()
+    assert (np.diff(curves.recall) >= 0).all()
+    assert ((curves.f1 >= 0) & (curves.f1 <= 1)).all()
 
 
 def test_what_cannot_be_is_refused() -> None:

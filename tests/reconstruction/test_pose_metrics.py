@@ -117,6 +117,29 @@ def test_pairs_without_baseline() -> None:
     assert pair_errors(still, truth, least_baseline=5.0).direction_deg.max() == 0.0
 
 
+def test_no_scale_of_a_claim_is_too_small_for_directions() -> None:
+    rng = np.random.default_rng(6)
+    truth = poses(rng, 4)
+    predicted = shaken(truth, rng, 4.0, 3.0)
+    tiny = Poses(rotation=predicted.rotation, centres=predicted.centres * 2.0**-60)
+    np.testing.assert_allclose(errors(tiny, truth).worse_deg, errors(predicted, truth).worse_deg)
+
+
+def test_the_wrong_side_is_wrong() -> None:
+    truth = Poses(rotation=np.tile(np.eye(3), (2, 1, 1)), centres=np.eye(3)[:2])
+    mirrored = Poses(rotation=truth.rotation, centres=-truth.centres)
+    np.testing.assert_allclose(errors(mirrored, truth).direction_deg, 180.0)
+
+
+def test_small_angles_keep_their_digits() -> None:
+    rng = np.random.default_rng(2)
+    truth = poses(rng, 2)
+    tiny = Rotation.from_rotvec((1e-9, 0, 0), degrees=True).as_matrix()
+    rotation = np.stack((truth.rotation[0], tiny @ truth.rotation[1]))
+    found = errors(Poses(rotation=rotation, centres=truth.centres), truth)
+    np.testing.assert_allclose(found.rotation_deg, 1e-9, rtol=1e-3)
+
+
 def test_absolute_and_step_errors_by_hand() -> None:
     centres = np.arange(4.0)[:, None] * (10.0, 0.0, 0.0)
     truth = Poses(rotation=np.tile(np.eye(3), (4, 1, 1)), centres=centres)
@@ -181,3 +204,45 @@ def test_depth_anything_3_folds_directions_and_counts_whole_degrees() -> None:
     assert auc_of_depth_anything_3(mirrored, truth, [3]) == pytest.approx([5 / 6])
     # The last bin of a histogram has both its borders: 90 degrees are right below 91, and at 90.
     assert auc_of_depth_anything_3(truth, truth, [90]) == pytest.approx([(5 * 90 + 1) / 90 / 6])
+
+
+def test_the_first_camera_that_is_there_is_the_frame_of_depth_anything_3() -> None:
+    rng = np.random.default_rng(4)
+    truth = poses(rng, 6)
+    predicted = shaken(truth, rng, 4.0, 3.0)
+    limits = [5, 15, 30]
+    rest = auc_of_depth_anything_3(predicted.take(range(1, 6)), truth.take(range(1, 6)), limits)
+    centres = predicted.centres.copy()
+    centres[0] = np.nan
+    lost = Poses(rotation=predicted.rotation, centres=centres)
+    # 10 of 15 pairs are left, and score as if the lost camera had never been there.
+    found = auc_of_depth_anything_3(lost, truth, limits)
+    assert found == pytest.approx([area * 10 / 15 for area in rest])
+
+
+def test_steps_between_cameras_that_turn() -> None:
+    rng = np.random.default_rng(5)
+    truth = poses(rng, 4)
+    predicted = shaken(truth, rng, 20.0, 5.0)
+    translation, rotation_deg = step_errors(predicted, truth)
+    for step in range(3):
+        # E_i^-1 E_j of camera-to-world matrices, and what undoes the one of the truth.
+        one, true = (
+            np.linalg.inv(to_world(chosen, step)) @ to_world(chosen, step + 1)
+            for chosen in (predicted, truth)
+        )
+        left = np.linalg.inv(true) @ one
+        assert translation[step] == pytest.approx(np.linalg.norm(left[:3, 3]))
+        angle = np.degrees(Rotation.from_matrix(left[:3, :3]).magnitude())
+        assert rotation_deg[step] == pytest.approx(angle)
+    centres = predicted.centres.copy()
+    centres[1] = np.nan
+    lost, lost_deg = step_errors(Poses(rotation=predicted.rotation, centres=centres), truth)
+    assert lost.tolist() == [np.inf, np.inf, translation[2]]
+    assert lost_deg.tolist() == [np.inf, np.inf, rotation_deg[2]]
+
+
+def to_world(chosen: Poses, row: int) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = chosen.rotation[row].T, chosen.centres[row]
+    return matrix

@@ -55,3 +55,28 @@ def test_recall_is_that_of_scipy() -> None:
     for k in (1, 3, 5):
         expected = hypergeom.sf(0, 5000, positives, k)
         np.testing.assert_allclose(found[f"recall@{k}"], expected, rtol=1e-9)
+
+
+def test_lists_cut_at_the_ranks_kept_agree_with_random_orders() -> None:
+    # 400 tiles, 100 kept: the mean over 4,000 random orders, within four standard errors.
+    n_tiles, n_positives, n_orders = 400, 9, 4000
+    rng = np.random.default_rng(0)
+    scene = MadeScene("s", [list(range(n_positives))] * n_orders, n_tiles)
+    tiles = rng.permuted(np.tile(np.arange(n_tiles, dtype=np.int32), (n_orders, 1)), axis=1)
+    ranking = Ranking(tiles[:, :100], np.zeros(n_orders, bool))
+    records = score_scene(made_truth(scene), ranking, np.ones(n_orders, bool), scores())
+    for name, value in chance_scores(np.array([n_positives]), n_tiles, scores()).items():
+        column = records[name]
+        assert abs(column.mean() - value[0]) < 4 * column.std() / np.sqrt(n_orders), name
+
+
+def test_each_query_has_its_own() -> None:
+    found = chance_scores(np.array([3, 0, 3, 50]), 100, scores())["recall@1"]
+    np.testing.assert_allclose(found, [0.03, 0, 0.03, 0.5])
+
+
+@pytest.mark.parametrize("n_tiles", [1, 2, 3])
+def test_no_order_is_wrong_where_all_tiles_are_positive(n_tiles: int) -> None:
+    found = chance_scores(np.array([n_tiles]), n_tiles, scores())
+    for name in ("recall@1", "map", "mrr", "ndcg@5", "ap@5/min", "ap@5/trec", "ap@5/hits"):
+        assert found[name] == pytest.approx([1.0]), name

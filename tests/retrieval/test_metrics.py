@@ -52,6 +52,13 @@ def test_hit_matrix_by_hand():
     )
 
 
+def test_no_tile_is_no_hit_even_beside_the_last_tile_of_another_query():
+    # -1 lies one cell before tile 0, which is where the last tile of the query before would be.
+    ranked = np.full((3, 2), -1, dtype=np.int32)
+    offsets, tiles = offsets_of([[0, 1], [0, 1], [0, 1]])
+    assert not metrics.hit_matrix(ranked, offsets, tiles, 2).any()
+
+
 @given(st.data(), st.sampled_from([1, 7, 40, metrics._BITMAP_CELLS]))
 def test_hit_matrix_is_membership_for_any_block(data, cells):
     n_tiles = data.draw(st.integers(1, 9))
@@ -141,6 +148,21 @@ def test_empty_lists_score_zero(shape):
     assert metrics.first_hit_rank(found).dtype == np.int64
 
 
+def test_scores_do_not_depend_on_the_block(monkeypatch):
+    rng = np.random.default_rng(3)
+    found = rng.random((57, 23)) < 0.4
+    positives = found.sum(axis=1) + 2
+    whole = metrics.average_precision(found, positives), metrics.ndcg_at(found, positives, 9)
+    monkeypatch.setattr(metrics, "_HIT_CELLS", 50)
+    blocks = metrics.average_precision(found, positives), metrics.ndcg_at(found, positives, 9)
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(whole, blocks, strict=True))
+
+
+def test_an_unknown_variant_is_refused():
+    with pytest.raises(ValueError, match=r"unknown variant 'voc', expected one of .'precision'"):
+        metrics.average_precision_at(HITS, POSITIVES, 1, "voc")
+
+
 # --- properties of the scores -----------------------------------------------------------------
 
 
@@ -154,6 +176,33 @@ def all_scores(found: np.ndarray, positives: np.ndarray, k: int) -> dict[str, np
         variant: metrics.average_precision_at(found, positives, k, variant)
         for variant in get_args(metrics.ApVariant)
     }
+
+
+@given(hit_cases(), st.integers(1, 15))
+def test_bounds(case, k):
+    for score in all_scores(*case, k).values():
+        assert score.dtype == np.float64
+        assert ((score >= 0) & (score <= 1)).all()
+
+
+@given(hit_cases(), st.integers(1, 15))
+def test_recall_and_first_hit_and_mean_precision(case, k):
+    found, positives = case
+    recall, first = metrics.recall_at(found, k), metrics.first_hit_rank(found)
+    assert (recall == ((first >= 1) & (first <= k))).all()
+    precision = metrics.average_precision_at(found, positives, k, "precision")
+    assert (recall / k <= precision).all()
+    assert (precision <= recall).all()
+
+
+@given(hit_cases(), st.integers(1, 14))
+def test_a_deeper_cut_never_loses(case, k):
+    # Not so for the other variants and nDCG, whose divisor grows with k.
+    found, positives = case
+    assert (metrics.recall_at(found, k) <= metrics.recall_at(found, k + 1)).all()
+    trec = [metrics.average_precision_at(found, positives, depth, "trec") for depth in (k, k + 1)]
+    assert (trec[0] <= trec[1]).all()
+    assert (trec[1] <= metrics.average_precision(found, positives)).all()
 
 
 @given(hit_cases(), st.integers(1, 15), st.data())
@@ -209,8 +258,26 @@ def test_pdm():
     np.testing.assert_allclose(scores, expected, rtol=1e-14)
 
 
+def test_pdm_takes_a_size_for_each_tile():
+    metres, sizes = np.array([[50.0, 200.0, 7.0]]), np.array([[100.0, 400.0, 1.0]])
+    scores = metrics.pdm_at(metres, 2, sizes, *AUTHORS)
+    np.testing.assert_allclose(scores, 1 / (1 + math.exp(6 * (0.5 - 0.9))), rtol=1e-15)
+
+
 DISTANCES = hnp.arrays(
     np.float64,
     hnp.array_shapes(min_dims=2, max_dims=2, max_side=6),
     elements=st.floats(0, 1e6) | st.just(INF),
 )
+
+
+@given(DISTANCES, st.integers(1, 8), st.floats(0, 1))
+def test_nearer_is_never_worse(metres, k, share):
+    near = np.minimum(metres, 1e6) * share
+    for score in (
+        lambda d: metrics.sdm_at(d, k, 0.001),
+        lambda d: metrics.pdm_at(d, k, np.full(d.shape, 300.0), *AUTHORS),
+    ):
+        far_score, near_score = score(metres), score(near)
+        assert ((far_score >= 0) & (near_score <= 1)).all()
+        assert (far_score <= near_score + 1e-15).all()  # exp is monotone but for its last bit
