@@ -13,10 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.reconstruction.cameras import ImagePoses, match_cameras
+from airzoo_bench.reconstruction.similarity import umeyama
 from airzoo_bench.reconstruction.truth import read_truth
 from airzoo_bench.results.result import read_result
-from tests.reconstruction.both_scenes import both
+from tests.reconstruction.both_scenes import both, notes_of
 from tests.reconstruction.world import (
     ORIGIN,
     PROTOCOL,
@@ -254,3 +257,72 @@ def test_the_template_names_all_photos_and_scores(
     scored = world.record("yard", out)
     assert scored["points"] == 6 * 24 * 32
     assert scored["pose_auc_3deg"] < 0.2
+
+
+def test_ate_sees_the_cameras_that_the_alignment_left_out(world: World, tmp_path: Path) -> None:
+    poses = camera_poses("yard")
+    centres = poses.centres.copy()
+    centres[0] += (0.0, 30.0, 0.0)
+    extrinsics = np.concatenate([poses.rotation, -(poses.rotation @ centres[..., None])], axis=2)
+    path = predict_clouds(world, tmp_path / "p", {"yard": true_points("yard")})
+    save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=extrinsics))
+    record = world.record("yard", path)
+    assert record["inlier_cameras"] == 5
+    assert record["chamfer_m"] < 1e-6
+    fit = umeyama(centres, poses.centres, with_scale=True)
+    left = np.linalg.norm(fit.apply(centres) - poses.centres, axis=1)
+    assert record["ate_m"] == pytest.approx(np.sqrt((left**2).mean()), rel=1e-9)
+
+
+def test_cameras_may_be_required(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = both(world, tmp_path)
+    required = world.protocol(tmp_path / "c.toml", alignment={"cameras": "required"})
+    assert run_main("eval", "reconstruction", path, "--protocol", required) == 2
+    message = capsys.readouterr().err
+    assert "cameras" in message
+    assert "requires" in message
+    assert any("no cameras" in note for note in notes_of(world, path))
+
+
+@pytest.mark.parametrize("fault", ["2 cameras", "no camera", "one point", "no names", "NaN"])
+def test_a_failed_scene_scores_its_worst_and_is_named(
+    fault: str, world: World, tmp_path: Path
+) -> None:
+    path = predict_clouds(world, tmp_path / "p", {s: true_points(s) for s in ("yard", "lot")})
+    lot = world.score(path).result.scenes["lot"]
+    fields = world.views("yard") if fault == "no names" else world.cameras("yard")
+    poses = fields["extrinsics"].copy()
+    if fault == "NaN":
+        write_ply(path / "yard.ply", Cloud(np.full((9, 3), np.nan)))
+    elif fault == "one point":
+        poses[..., 3] = 0.0
+    else:
+        poses[2 if fault == "2 cameras" else 0 :] = np.nan
+    if fault == "no names":
+        (path / "yard.ply").unlink()
+        (path / "yard.cameras.npz").unlink()
+        del fields["image_names"]
+    name = "yard.npz" if fault == "no names" else "yard.cameras.npz"
+    save(path / name, fields | {"extrinsics": poses})
+    result = world.score(path).result
+    assert result.scenes["lot"] == lot
+    failed = result.scenes["yard"]
+    assert [failed[f"{what}_10m"] for what in ("precision", "recall", "f1")] == [0.0, 0.0, 0.0]
+    assert np.isinf([failed["chamfer_m"], failed["accuracy_m"], failed["completeness_m"]]).all()
+    assert failed["cameras_placed"] == (fault == "NaN")
+    assert result.counts["yard"].get("failed", 0) == (fault != "NaN")
+    assert any(note.startswith("scene yard: ") for note in result.notes)
+    assert notes_of(world, path) == list(result.notes)
+
+
+@pytest.mark.parametrize("method", ["back-projection", "tsdf"])
+def test_fusion_gives_the_same_bytes_again(method: str, world: World, tmp_path: Path) -> None:
+    path = save(tmp_path / "p" / "yard.npz", world.views("yard")).parent
+    chosen = world.protocol(tmp_path / "c.toml", fusion={"method": method})
+    records = [
+        world.score(path, protocol=str(chosen), jobs=jobs, memory_bytes=memory).records
+        for jobs, memory in ((1, 1 << 30), (2, 1 << 30), (2, 2 << 20))
+    ]
+    assert records[0].to_csv() == records[1].to_csv() == records[2].to_csv()
