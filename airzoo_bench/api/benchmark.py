@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -30,7 +30,6 @@ from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
-from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
 from airzoo_bench.storage.urls import is_url
 
@@ -44,10 +43,7 @@ _POINTS = 1 << 19  # of a crop that are lifted at a time
 
 
 def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> BlindBenchmark:
-    """Open a benchmark for a method that is to be scored on it.
-
-    It leads to all that a method may know, and to nothing of the truth: no positives, no true
-    pose, no true cloud.
+    """Open a benchmark for a method that is to be scored on it: all but the truth.
 
     Parameters
     ----------
@@ -67,68 +63,48 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     ------
     BenchmarkError
         It is not there, or a file of it is missing or was changed.
-
-    Examples
-    --------
-    >>> load_benchmark("nowhere")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ...
-    airzoo_bench.core.errors.BenchmarkError: ...benchmark nowhere is not there...
     """
     folder = data_here(name_or_path)
     is_folder = is_url(name_or_path) or (folder / "benchmark.toml").is_file()
     if is_folder or len(folder.parts) > 1:
-        return blinded(Benchmark.open(folder, sealed=True))
-    return blinded(find_benchmark(str(name_or_path), data_here(data), sealed=True))
-
-
-def blinded(benchmark: Benchmark) -> BlindBenchmark:
-    """Leave the truth out: the manifest does not name the true cloud."""
+        opened = Benchmark.open(folder, sealed=True)
+    else:
+        opened = find_benchmark(str(name_or_path), data_here(data), sealed=True)
+    # The manifest names the true cloud.
     nothing = {"cloud": None, "cloud_sha256": None}
-    scenes = tuple(scene.model_copy(update=nothing) for scene in benchmark.file.scenes)
-    file = benchmark.file.model_copy(update={"scenes": scenes, "checksums": {}})
-    return BlindBenchmark(Benchmark(benchmark.folder, file))
+    scenes = tuple(scene.model_copy(update=nothing) for scene in opened.file.scenes)
+    file = opened.file.model_copy(update={"scenes": scenes, "checksums": {}})
+    source = Benchmark(opened.folder, file)
+    blind = [BlindScene(one.id, one.title, one.crs, one.plane_height_m, source) for one in scenes]
+    return BlindBenchmark(source.name, source.folder, tuple(file.tracks), Items(blind), source)
 
 
 class Items(tuple[T, ...]):
     """Scenes, photos, tiles or crops, which are shown as their number."""
 
     def __repr__(self) -> str:
-        return (
-            f"<{len(self):,} {type(self[0]).__name__.removeprefix('Blind').lower()}s>"
-            if self
-            else "<none>"
-        )
+        kind = type(self[0]).__name__.removeprefix("Blind").lower() if self else "item"
+        return f"<{len(self):,} {kind}s>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BlindBenchmark:
-    """A benchmark without its truth, as `load_benchmark` opens it."""
+    """A benchmark without its truth, as `load_benchmark` opens it.
 
+    Attributes
+    ----------
+    name : str
+    folder : Path
+    tracks : tuple of str
+        The tracks that it serves: retrieval, matching, reconstruction.
+    scenes : tuple of BlindScene
+    """
+
+    name: str
+    folder: Path
+    tracks: tuple[str, ...]
+    scenes: Items[BlindScene]
     _source: Benchmark
-
-    @property
-    def name(self) -> str:
-        """The benchmark's name, as protocols give it."""
-        return self._source.name
-
-    @property
-    def folder(self) -> Path:
-        """The benchmark folder."""
-        return self._source.folder
-
-    @property
-    def tracks(self) -> tuple[str, ...]:
-        """The tracks that it serves: retrieval, matching, reconstruction."""
-        return tuple(self._source.file.tracks)
-
-    @property
-    def scenes(self) -> Items[BlindScene]:
-        """All scenes, in their order."""
-        return Items(
-            BlindScene(self._source, one.id, one.title, one.crs, one.plane_height_m)
-            for one in self._source.file.scenes
-        )
 
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id.
@@ -148,36 +124,39 @@ class BlindBenchmark:
         BenchmarkError
             There is none of that id.
         """
-        found = [scene for scene in self.scenes if scene.id == scene_id]
-        if not found:
-            known = ", ".join(scene.id for scene in self.scenes)
+        by_id = {scene.id: scene for scene in self.scenes}
+        if scene_id not in by_id:
             what = f"has no scene {scene_id!r}"
-            raise BenchmarkError(what, where=self.folder, expected=known)
-        return found[0]
-
-    def _scenes_of(self, protocol: Protocol) -> Items[BlindScene]:
-        """Return the scenes of a protocol, in its order."""
-        self._source.check_fits(protocol)
-        return Items(self.scene(scene.id) for scene in protocol.scenes)
+            raise BenchmarkError(what, where=self.folder, expected=", ".join(by_id))
+        return by_id[scene_id]
 
     def __repr__(self) -> str:
         scenes = ", ".join(scene.id for scene in self.scenes)
         return f"BlindBenchmark({self.name!r}: {', '.join(self.tracks)}; scenes {scenes})"
 
 
+class Named:
+    """Is shown as its id."""
+
+    id: str
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.id!r})"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class BlindScene:
+class BlindScene(Named):
     """A scene without its truth; pictures are read when they are asked for.
 
     `crs` is the projected CRS of poses, surface model and clouds, in metres; `plane_height_m` the
     median height of the surface model, or of the ground by the dataset's word.
     """
 
-    _source: Benchmark
     id: str
     title: str
     crs: str | None
     plane_height_m: float | None
+    _source: Benchmark
 
     def queries(self) -> Items[Photo]:
         """Return the queries of retrieval, sorted by id."""
@@ -190,11 +169,10 @@ class BlindScene:
     def tiles(self) -> Items[Tile]:
         """Return the tiles of the gallery, sorted by id."""
         table, entry = read_tiles(self._home("retrieval")), self._source.scene(self.id)
+        gallery = self._source.resolve(needed(entry.gallery or entry.dom, "gallery", self.id))
         if "image" in table.columns:
-            folder = self._source.resolve(needed(entry.gallery, "gallery", self.id))
             pairs = zip(table["id"], table["image"], strict=True)
-            return Items(Tile(name, folder / image) for name, image in pairs)
-        gallery = self._source.resolve(needed(entry.gallery or entry.dom, "map", self.id))
+            return Items(Tile(name, gallery / image) for name, image in pairs)
         windows = table[["x", "y", "width", "height"]].to_numpy(np.int64).tolist()
         sizes, boxes = table["size_m"].astype(float), boxes_of(table).tolist()
         rows = zip(table["id"], windows, boxes, sizes, strict=True)
@@ -205,17 +183,15 @@ class BlindScene:
     def crops(self) -> Items[Crop]:
         """Return the crop of each query of matching, sorted by the photo's id."""
         photos, truth = self._photos("matching"), read_matching_truth(self._source, self.id)
-        rows = zip(photos, map(tuple, truth.crops.tolist()), strict=True)
-        maps = [truth.map_of(row) for row in range(len(photos))]
+        windows, maps = truth.crops.tolist(), map(truth.map_of, range(len(photos)))
         return Items(
-            Crop(photo, window, one.dom, one.dsm)
-            for (photo, window), one in zip(rows, maps, strict=True)
+            Crop(photo.id, photo, tuple(window), one.dom, one.dsm)
+            for photo, window, one in zip(photos, windows, maps, strict=True)
         )
 
     def _photos(self, track: str) -> Items[Photo]:
-        self._home(track)
-        excluded = read_excluded(self._source, self.id, track)
-        table = read_queries(self._source.scene_folder(self.id), excluded)
+        folder = self._home(track).parent
+        table = read_queries(folder, read_excluded(self._source, self.id, track))
         return photos_of(table, self._source.resolve(self._source.scene(self.id).images))
 
     def _home(self, track: str) -> Path:
@@ -226,9 +202,6 @@ class BlindScene:
                 expected=", ".join(self._source.file.tracks),
             )
         return self._source.scene_folder(self.id) / track
-
-    def __repr__(self) -> str:
-        return f"BlindScene({self.id!r}, {self.crs})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +225,7 @@ class Camera:
         """Return the rays (M, 3) of pixels (M, 2): unit vectors of the camera frame."""
         lens = self.distortion[None]
         batch = Cameras.from_matrices(self.K[None], self.width, self.height, lens)
-        found: Floats = back_project(batch, np.asarray(xy, np.float64)[None])[0]
-        return found
+        return np.asarray(back_project(batch, np.asarray(xy, np.float64)[None])[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +237,7 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Photo:
+class Photo(Named):
     """A photo as a method may know it: its prior is what its own GPS and gimbal say.
 
     The id is ``scene/name``. Conditions that are numbers, such as altitude, are left out: they
@@ -302,37 +274,29 @@ class Photo:
             )
         return read_rgb_photo(self.path, long_side_px or max(size))
 
-    def __repr__(self) -> str:
-        return f"Photo({self.id!r})"
-
 
 def photos_of(table: pd.DataFrame, folder: Path) -> Items[Photo]:
     """Make photos of a scene's table, without its columns of true poses."""
-    shown = conditions_of(table).select_dtypes(exclude="number").astype(str)
-    conditions: list[dict[Any, str]] = shown.to_dict("records")
-    priors: dict[int, Pose] = {}
+    texts = conditions_of(table).select_dtypes(exclude="number").astype(str)
+    priors: list[Pose | None] = [None] * len(table)
     if set(PRIOR_COLUMNS) <= set(table.columns):
         there = np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
         poses = poses_of(table[there], PRIOR_COLUMNS)
-        made = map(Pose, poses.rotation.copy(), poses.centres.copy())
-        priors = dict(zip(np.flatnonzero(there).tolist(), made, strict=True))
+        for row, *pose in zip(np.flatnonzero(there), poses.rotation, poses.centres, strict=True):
+            priors[row] = Pose(*(part.copy() for part in pose))
     cameras: list[Camera | None] = [None] * len(table)
     if set(CAMERA_COLUMNS) <= set(table.columns):
         batch = cameras_of(table)
-        columns = batch.width, batch.height, batch.matrices, batch.distortion
-        cameras = [
-            Camera(int(width), int(height), K, lens)
-            for width, height, K, lens in zip(*columns, strict=True)
-        ]
-    rows = enumerate(zip(table["id"], table["image"], cameras, strict=True))
-    return Items(
-        Photo(one, name, folder / name, priors.get(row), conditions[row], camera)
-        for row, (one, name, camera) in rows
-    )
+        sizes = np.stack([batch.width, batch.height], axis=1).astype(int).tolist()
+        lenses = zip(sizes, batch.matrices, batch.distortion, strict=True)
+        cameras = [Camera(*size, K, lens) for size, K, lens in lenses]
+    columns = (table["id"], table["image"], priors, texts.to_dict("records"), cameras)
+    rows = zip(*columns, strict=True)
+    return Items(Photo(one, name, folder / name, *rest) for one, name, *rest in rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tile:
+class Tile(Named):
     """A tile of a gallery: a window (x, y, width, height) of a map, or an image.
 
     `box` is lon_min, lat_min, lon_max, lat_max in degrees, `size_m` the mean side on the ground;
@@ -352,17 +316,15 @@ class Tile:
             return read_rgb_photo(self.map, max(photo_size(self.map)))
         return read_rgb(self.map, self.window)
 
-    def __repr__(self) -> str:
-        return f"Tile({self.id!r})"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Crop:
+class Crop(Named):
     """The window (x, y, width, height) of an orthophoto that a query is matched with.
 
     It is chosen by the query's prior; `surface` is the surface model, on a grid of its own.
     """
 
+    id: str
     query: Photo
     window: Window
     map: RasterInfo
@@ -394,8 +356,8 @@ class Crop:
         step = max(1, _POINTS // width)
         for top in range(0, height, step):
             part = heights[top : top + step]
-            row, column = np.indices(part.shape, np.float64)
-            xy = np.stack((column + 0.5, row + 0.5 + top), axis=-1).reshape(-1, 2)
+            row, column = np.indices(part.shape)
+            xy = np.column_stack([column.ravel() + 0.5, row.ravel() + 0.5 + top])
             part[...] = self.to_points(xy)[:, 2].reshape(part.shape)
         return heights
 
@@ -410,6 +372,3 @@ class Crop:
     def to_points(self, xy: ArrayLike) -> Floats:
         """Lift pixels (M, 2) of the crop onto the surface: (M, 3) in the scene's CRS, or NaN."""
         return lift(self.to_map(xy), self.map, self.surface, jobs=1).points
-
-    def __repr__(self) -> str:
-        return f"Crop({self.query.id!r}, {self.window})"

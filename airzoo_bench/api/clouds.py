@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import InMemoryCloud, finite_rows
@@ -29,9 +28,8 @@ class CloudComparison(Shown):
 
     Attributes
     ----------
-    threshold : float
-    precision, recall, f1 : float
-        0 to 1.
+    threshold, precision, recall, f1 : float
+        The last three from 0 to 1.
     chamfer, accuracy, completeness : float
         Means of distances, in units of the clouds; infinite where nothing is predicted.
     predicted_points, true_points : int
@@ -39,7 +37,7 @@ class CloudComparison(Shown):
     not_finite, outside, thinned : int
         Predicted points that were not: NaN or infinite, cropped, merged by voxels.
     to_truth, to_prediction : (P,), (T,) float64
-        Distance of each point to the nearest of the other cloud, for further scores.
+        Distance of each point to the nearest of the other cloud.
     """
 
     threshold: float
@@ -70,11 +68,12 @@ def cloud_scores(
     plain: bool = False,
     jobs: int = 1,
 ) -> CloudComparison:
-    """Score a predicted cloud: Chamfer distance, precision, recall, F1.
+    """Score a predicted cloud as the reconstruction track does once it is aligned.
 
-    The reconstruction track does the same once a prediction is aligned, with recall over all true
-    points (``region = "all"``): both clouds are cropped to the columns that the truth covers,
-    grown by the threshold, and thinned by voxels of a twentieth of it.
+    Both clouds are cropped to the columns that the truth covers, grown by the threshold, and
+    thinned by voxels of a twentieth of it; recall is over all true points (``region = "all"``).
+
+    Source: Knapitsch et al., Tanks and Temples, ACM TOG 36(4), 2017; Seitz et al., CVPR 2006.
 
     Parameters
     ----------
@@ -84,10 +83,10 @@ def cloud_scores(
     true : (T, 3) array-like
         In units of the threshold.
     threshold : float
-        A point counts as right nearer than this, strictly; in units of the clouds.
+        Points nearer than this, strictly, are right.
     plain : bool
-        Compare the clouds as they are instead, as other evaluations do. Otherwise distances count
-        as at most ten times the threshold.
+        Compare the clouds as they are instead; otherwise distances count as at most ten times the
+        threshold.
     jobs : int
         Threads; the scores do not depend on it.
 
@@ -95,19 +94,14 @@ def cloud_scores(
     -------
     CloudComparison
         Precision is the share of predicted points that are right, recall that of true points near
-        a predicted one, F1 their harmonic mean. Accuracy and completeness are the means of the
-        distances from prediction to truth and back, the Chamfer distance the mean of the two: not
-        their sum, and not of squares.
+        a predicted one, F1 their harmonic mean; accuracy and completeness are the mean distances
+        to the truth and back, the Chamfer distance the mean of these two.
 
     Raises
     ------
     ArgumentError
-        Another shape, a threshold that is not above 0, a true cloud with no point, a predicted
-        one with no finite point among those that it has.
-
-    References
-    ----------
-    Knapitsch et al., Tanks and Temples, ACM TOG 36(4), 2017; Seitz et al., CVPR 2006.
+        Another shape, too few digits, a threshold that is not above 0, a true cloud with no
+        point, a predicted one with no finite point among those that it has.
 
     Examples
     --------
@@ -128,43 +122,34 @@ def cloud_scores(
         hidden_beyond_m=1.0,
         voxel_m="none" if plain else limit / 20,
     )
-    given, truth = (_cloud("predicted", predicted, limit), _cloud("true", true, limit))
+    given, truth = _cloud("predicted", predicted, limit), _cloud("true", true, limit)
     if given.count and not finite_rows(given.points).any():
-        raise ArgumentError("no point is finite", where="predicted", expected="finite numbers")
+        raise arg.fault("predicted", "no point is finite", "finite numbers")
+    threads = min(arg.whole("jobs", jobs), _MOST_THREADS)
     block = max(given.count, truth.count, 1)
     with arg.refused("true"):
         region = cropped_region(truth, box_of(truth), settings, block)
         kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in (given, truth))
-        threads = min(arg.whole("jobs", jobs), _MOST_THREADS)
-        found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
+    found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     scores = score_distances(
         found.to_truth,
         found.to_prediction,
         thresholds=np.array([limit]),
         max_distance=None if plain else 10 * limit,
     )
-    return CloudComparison(
-        threshold=limit,
-        precision=float(scores.curve.precision[0]),
-        recall=float(scores.curve.recall[0]),
-        f1=float(scores.curve.f1[0]),
-        chamfer=scores.chamfer,
-        accuracy=scores.accuracy,
-        completeness=scores.completeness,
-        predicted_points=len(found.to_truth),
-        true_points=len(found.to_prediction),
-        not_finite=kept.not_finite,
-        outside=kept.outside,
-        thinned=kept.thinned,
-        to_truth=found.to_truth,
-        to_prediction=found.to_prediction,
+    precision, recall, f1 = (
+        float(share[0]) for share in (scores.curve.precision, scores.curve.recall, scores.curve.f1)
     )
+    means = (scores.chamfer, scores.accuracy, scores.completeness)
+    counts = (len(found.to_truth), len(found.to_prediction))
+    left_out = (kept.not_finite, kept.outside, kept.thinned)
+    distances = (found.to_truth, found.to_prediction)
+    return CloudComparison(limit, precision, recall, f1, *means, *counts, *left_out, *distances)
 
 
 def _cloud(name: str, values: ArrayLike, limit: float) -> InMemoryCloud:
     """Return points (N, 3), finite or not, whose type keeps a twentieth of the threshold."""
     given = arg.numbers(name, values, (None, 3))
     points = given.astype(np.float64)
-    if given.dtype.kind == "f" and given.dtype.itemsize < points.dtype.itemsize:
-        arg.check_digits(name, points[np.isfinite(points)], given.dtype.type, limit / 20)
+    arg.check_digits(name, points[np.isfinite(points)], given.dtype.type, limit / 20)
     return InMemoryCloud(points)

@@ -11,10 +11,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.intervals import Interval, sample_intervals
+from airzoo_bench.statistics.intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
 __all__ = ["ConfidenceInterval", "bootstrap_ci"]
@@ -36,10 +35,8 @@ class ConfidenceInterval(Shown):
     low, high : float or None
         None where there is no interval; a limit may be infinite.
     confidence : float
-    method : str
-        "wilson", "mover", "bca" or "percentile"; empty where there is none.
-    reason : str
-        Why there is none; else empty.
+    method, reason : str
+        "wilson", "mover", "bca" or "percentile", or empty; why there is none.
     scenes : dict of str to ConfidenceInterval
         Of each scene; empty where none were named.
     """
@@ -74,18 +71,21 @@ def bootstrap_ci(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> ConfidenceInterval:
-    """Return the confidence interval of an average, by the method that docs/statistics.md gives it.
+    """Return the confidence interval of an average; docs/statistics.md says how it is made.
+
+    Source: Wilson, JASA 22, 1927. Zou and Donner, Statistics in Medicine 27, 2008 (MOVER). Efron
+    and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 14 (BCa).
 
     Parameters
     ----------
     values : (N,) array-like
         A value a query. Infinite errors are values like all others.
     scenes : (N,) array-like, optional
-        The scene of each query. The average is then the unweighted mean of the scenes' averages,
-        and queries are resampled within scenes.
+        The scene of each query: the average is the unweighted mean of theirs, and queries are
+        resampled within scenes.
     statistic : {"share", "mean", "median"}
-        The mean of shares from 0 to 1, such as hits and AP, needs no resamples: Wilson's interval,
-        over scenes that of MOVER. Other means and medians are bootstrapped.
+        Means of shares from 0 to 1, such as hits and AP, have Wilson's interval, over scenes that
+        of MOVER; other means and medians are bootstrapped.
     confidence : float
         Between 0 and 1.
     seed : int
@@ -94,18 +94,13 @@ def bootstrap_ci(
     Returns
     -------
     ConfidenceInterval
-        The same for the same values in the same order, whatever the machine. There is none, and
-        `reason` says so, where a scene has fewer than 5 queries, or all resampled values are alike.
+        The same on every machine. There is none, and `reason` says so, where a scene has fewer
+        than 5 queries, or all resampled values are alike.
 
     Raises
     ------
     ArgumentError
         NaN, no value, shares outside 0 to 1, `scenes` of another length, settings out of range.
-
-    References
-    ----------
-    Wilson, JASA 22, 1927. Zou and Donner, Statistics in Medicine 27, 2008 (MOVER). Efron and
-    Tibshirani, An Introduction to the Bootstrap, 1993, chapter 14 (BCa).
 
     Examples
     --------
@@ -116,9 +111,11 @@ def bootstrap_ci(
     arg.choice("statistic", statistic, get_args(Statistic))
     share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
     plan = ResamplingConfig(seed=arg.whole("seed", seed, 0), confidence=share)
-    arg.same_index(values=values, scenes=scenes)
-    given = _values(values, statistic)
-    groups = {"": given} if scenes is None else _by_scene(given, scenes)
+    given = _checked_values(values, statistic)
+    groups = {"": given}
+    if scenes is not None:
+        groups = _split(given, scenes)
+        arg.check_labels(values=values, scenes=scenes)
     sample = Sample(
         "query",
         tuple(groups),
@@ -128,42 +125,35 @@ def bootstrap_ci(
     )
     found = sample_intervals(sample, plan, groups=scenes is not None)
     average = np.median if statistic == "median" else np.mean
-    averages = {name: float(average(part)) for name, part in groups.items()}
+    means = {name: float(average(part)) for name, part in groups.items()}
+    spans = {name: part[0] for name, part in found.groups.items()}
+    parts = {
+        name: ConfidenceInterval(means[name], one.low, one.high, share, one.method, one.reason, {})
+        for name, one in spans.items()
+    }
+    one, mean = found.overall[0], float(np.mean(list(means.values())))
+    return ConfidenceInterval(mean, one.low, one.high, share, one.method, one.reason, parts)
 
-    def named(
-        value: float, one: Interval, parts: dict[str, ConfidenceInterval]
-    ) -> ConfidenceInterval:
-        return ConfidenceInterval(value, one.low, one.high, share, one.method, one.reason, parts)
 
-    parts = {name: named(averages[name], part[0], {}) for name, part in found.groups.items()}
-    return named(float(np.mean(list(averages.values()))), found.overall[0], parts)
-
-
-def _values(values: ArrayLike, statistic: Statistic) -> Floats:
-    array = arg.array_of("values", values)
-    given = arg.floats(
-        "values", array.astype(np.int64) if array.dtype == np.bool_ else array, (None,)
-    )
-    bad = np.isnan(given) | np.isneginf(given) | (np.isfinite(given) & (np.abs(given) > _LARGEST))
+def _checked_values(values: ArrayLike, statistic: Statistic) -> Floats:
+    given = arg.floats("values", values, (None,))
+    bad = ~(np.abs(given) <= _LARGEST) & ~np.isposinf(given)
     expected = "a number a query; a failure is the worst value, such as infinity for errors"
     arg.refuse_rows("values", bad, "NaN, -inf or too large a number", expected)
     if len(given) == 0:
-        raise ArgumentError("holds no value", where="values", expected=expected)
+        raise arg.fault("values", "holds no value", expected)
     if statistic == "share" and not ((given >= 0.0) & (given <= 1.0)).all():
-        raise ArgumentError(
-            f"run from {given.min():g} to {given.max():g}",
-            where="values",
-            expected="shares from 0 to 1",
-            fix='divide percent by 100, or choose statistic="mean" or "median"',
-        )
+        what = f"run from {given.min():g} to {given.max():g}"
+        fix = 'divide percent by 100, or choose statistic="mean" or "median"'
+        raise arg.fault("values", what, "shares from 0 to 1", fix)
     return given
 
 
-def _by_scene(values: Floats, scenes: ArrayLike) -> dict[str, Floats]:
-    named = arg.array_of("scenes", scenes).astype(object)
+def _split(values: Floats, scenes: ArrayLike) -> dict[str, Floats]:
+    """Return the values of each scene, in the order in which scenes are first named."""
+    named = arg.as_array("scenes", scenes).astype(object)
     if named.shape != values.shape or pd.isna(named).any():
-        found = f"has shape {named.shape}, or names that are missing"
-        expected = f"({len(values)},), the scene of each value"
-        raise ArgumentError(found, where="scenes", expected=expected)
+        what = f"has shape {named.shape}, or names that are missing"
+        raise arg.fault("scenes", what, f"({len(values)},), the scene of each value")
     rows, names = pd.factorize(named.astype(str))
     return {str(name): values[rows == place] for place, name in enumerate(names)}

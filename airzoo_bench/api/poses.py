@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.retrieval import QueryScores
-from airzoo_bench.core.errors import ArgumentError
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses, check_rotations
+from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
 from airzoo_bench.matching import metrics, solving
 from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
 from airzoo_bench.matching.settings import MatchingScores, Solver, SolverName
@@ -35,6 +36,8 @@ __all__ = ["CameraAlignment", "align_cameras", "pose_errors", "pose_scores", "so
 def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     """Compare camera poses with the true ones: metres and degrees.
 
+    Source: Hartley, Trumpf, Dai, Li, Rotation averaging, IJCV 103, 2013, for the geodesic angle.
+
     Parameters
     ----------
     predicted : (N, 3, 4) or (N, 4, 4) array-like
@@ -46,19 +49,15 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     Returns
     -------
     PoseErrors
-        ``translation_m``, the distance of the camera centres -R^T t; ``horizontal_m`` and
-        ``vertical_m``, its parts (z is up); ``rotation_deg``, the geodesic angle of the rotations,
-        or None where `true` has none. Each is (N,).
+        (N,) each: ``translation_m``, the distance of the camera centres -R^T t; ``horizontal_m``
+        and ``vertical_m``, its parts (z is up); ``rotation_deg``, the geodesic angle of the
+        rotations, or None where `true` has none.
 
     Raises
     ------
     ArgumentError
         Arrays of other shapes or lengths; matrices that are no poses; a truth with NaN; too few
         digits to place a camera to a centimetre, as float32 has for projected coordinates.
-
-    References
-    ----------
-    Hartley, Trumpf, Dai, Li, Rotation averaging, IJCV 103, 2013, for the geodesic angle.
 
     Examples
     --------
@@ -73,9 +72,9 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     ([3.0, inf], [0.0, inf])
     """
     given, known = _cameras("predicted", predicted, may_be_missing=True), _cameras("true", true)
-    arg.same_length("predicted", given.centres, "true", known.centres)
+    arg.check_pairs(predicted=predicted, true=true)
     if given.rotation is None:
-        raise ArgumentError("are centres", where="predicted", expected="poses of shape (N, 3, 4)")
+        raise arg.fault("predicted", "are centres", "poses of shape (N, 3, 4)")
     return metrics.pose_errors(given.rotation, given.centres, known.rotation, known.centres)
 
 
@@ -83,16 +82,16 @@ def pose_scores(
     errors: PoseErrors | tuple[ArrayLike, ArrayLike | None],
     thresholds: Iterable[tuple[float, float]] = ((5, 1), (10, 1), (20, 2)),
 ) -> QueryScores:
-    """Score pose errors: recall, medians and areas under the error curve.
+    """Score pose errors: recall strictly below thresholds, medians and areas under the error curve.
 
-    Errors count as right below a threshold, strictly. A failure is an infinite error, and stays in
-    every share and median.
+    Source: Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020, for the area, whose code
+    joins the steps by lines, which gives up to 1 / (2 N) more.
 
     Parameters
     ----------
     errors : PoseErrors, or (translation, rotation)
-        From `pose_errors`; or (N,) array-likes in metres and degrees, infinite for failures, the
-        second None where the truth has no orientation.
+        From `pose_errors`; or (N,) array-likes in metres and degrees, infinite for failures, which
+        stay in every share and median; the second None where the truth has no orientation.
     thresholds : iterable of (metres, degrees)
         Of pose recall; translation recall and area are at the same metres.
 
@@ -109,28 +108,21 @@ def pose_scores(
         Errors that are NaN, negative or of different lengths, no query; thresholds that are not
         above 0, or none.
 
-    References
-    ----------
-    Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020, for the area, whose code joins
-    the steps by lines, which gives up to 1 / (2 N) more.
-
     Examples
     --------
     >>> found = pose_scores(([0.5, 4.0, float("inf")], [0.2, 1.5, float("inf")]), [(5, 1)])
     >>> found["within_5m_1deg"], found["error_m"], found.counts["failures"]
     (0.3333333333333333, 4.0, 1)
     """
-    found = errors if isinstance(errors, PoseErrors) else _errors(errors)
+    found = errors if isinstance(errors, PoseErrors) else _pair_errors(errors)
     if len(found.translation_m) == 0:
-        raise ArgumentError("hold no query", where="errors", expected="at least one")
-    rows = arg.floats("thresholds", arg.listed("thresholds", thresholds), (None, 2)).tolist()
-    pairs = sorted(
-        {(arg.positive("thresholds", m), arg.positive("thresholds", deg)) for m, deg in rows}
-    )
+        raise arg.fault("errors", "hold no query", "at least one")
+    limits = arg.floats("thresholds", arg.listed("thresholds", thresholds), (None, 2))
+    pairs = sorted({tuple(arg.positive("thresholds", limit) for limit in row) for row in limits})
     metres = tuple(sorted({limit for limit, _ in pairs}))
     if not pairs or len({f"{limit:g}" for limit in metres}) < len(metres):
         expected = "pairs of metres and degrees, such as (5, 1), that differ in 6 digits"
-        raise ArgumentError(f"are {rows}", where="thresholds", expected=expected)
+        raise arg.fault("thresholds", f"are {limits.tolist()}", expected)
     settings = MatchingScores.model_construct(
         orientation_is_trusted=found.rotation_deg is not None,
         failed_rotation_deg="infinite",
@@ -139,39 +131,34 @@ def pose_scores(
         auc_up_to_m=metres,
     )
     # Of a pair of errors there are no horizontal and vertical parts.
-    columns = {
-        name: values
-        for name, values in pose_columns(found, settings).items()
-        if not np.isnan(values).any()
-    }
-    records = pd.DataFrame({"scene": "", **columns})
-    asked = [score for score in matching_scores(settings) if score.column in columns]
+    columns = pose_columns(found, settings).items()
+    known = {name: values for name, values in columns if not np.isnan(values).any()}
+    records = pd.DataFrame({"scene": "", **known})
+    scores = [score for score in matching_scores(settings) if score.column in known]
+    averages = summarise(records, scores, [""]).overall
     failures = int(np.isinf(found.translation_m).sum())
-    return QueryScores(
-        summarise(records, asked, [""]).overall,
-        records.drop(columns="scene"),
-        {"queries": len(records), "failures": failures},
-    )
+    counts = {"queries": len(records), "failures": failures}
+    return QueryScores(averages, records.drop(columns="scene"), counts)
 
 
-def _errors(errors: Any) -> PoseErrors:
+def _pair_errors(errors: Any) -> PoseErrors:
     if not isinstance(errors, Sequence) or len(errors) != 2:
         expected = "the result of pose_errors, or a pair: metres, and degrees or None"
-        raise ArgumentError(f"is {type(errors).__name__}", where="errors", expected=expected)
-    arg.same_index(**{"errors[0]": errors[0], "errors[1]": errors[1]})
-    metres = _error_row("errors[0]", errors[0], np.inf)
-    degrees = None if errors[1] is None else _error_row("errors[1]", errors[1], 180.0)
-    arg.same_length("errors[0]", metres, "errors[1]", metres if degrees is None else degrees)
-    unknown = np.full(len(metres), np.nan)
+        raise arg.fault("errors", f"is {type(errors).__name__}", expected)
+    rows = []
+    for place, most in ((0, np.inf), (1, 180.0)):
+        name = f"errors[{place}]"
+        row = None if place and errors[1] is None else arg.floats(name, errors[place], (None,))
+        if row is not None:
+            bad = ~((row >= 0.0) & ((row <= most) | np.isinf(row)))
+            expected = f"0 to {most:g}; infinite for a failure"
+            arg.refuse_rows(name, bad, "NaN, or a number out of range,", expected, noun="query")
+        rows.append(row)
+    metres, degrees = rows
+    if degrees is not None:
+        arg.check_pairs(**{"errors[0]": errors[0], "errors[1]": errors[1]})
+    unknown = np.full_like(metres, np.nan)
     return PoseErrors(metres, unknown, unknown, degrees)
-
-
-def _error_row(name: str, values: ArrayLike, most: float) -> Floats:
-    errors = arg.floats(name, values, (None,))
-    good = (errors >= 0.0) & ((errors <= most) | np.isinf(errors))
-    expected = f"0 to {most:g}; infinite for a failure"
-    arg.refuse_rows(name, ~good, "NaN, or a number out of range,", expected, noun="query")
-    return errors
 
 
 def solve_pose(
@@ -188,6 +175,9 @@ def solve_pose(
     """Find a camera's pose from 2D-3D matches, as the matching track does.
 
     The defaults are those of all shipped protocols: LO-RANSAC of COLMAP, without refinement.
+
+    Source: Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schönberger, Frahm,
+    Structure-from-motion revisited, CVPR 2016. Larsson and contributors, PoseLib, 2020.
 
     Parameters
     ----------
@@ -223,11 +213,6 @@ def solve_pose(
     UsageError
         PoseLib is asked for and not installed.
 
-    References
-    ----------
-    Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schönberger, Frahm,
-    Structure-from-motion revisited, CVPR 2016. Larsson and contributors, PoseLib, 2020.
-
     Examples
     --------
     >>> K = [[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]
@@ -238,10 +223,9 @@ def solve_pose(
     ('solved', 6, True)
     """
     arg.choice("solver", solver, get_args(SolverName))
-    arg.same_index(pixels=pixels, points3d=points3d)
-    at = arg.finite("pixels", arg.floats("pixels", pixels, (None, 2)))
+    at = arg.floats("pixels", pixels, (None, 2), finite=True)
     points = arg.coordinates("points3d", points3d)
-    arg.same_length("pixels", at, "points3d", points)
+    arg.check_pairs(pixels=pixels, points3d=points3d)
     settings = Solver.model_construct(
         name=solver,
         max_error_px=arg.positive("max_error_px", max_error_px),
@@ -314,7 +298,7 @@ class CameraAlignment(Shown):
         return {
             "cameras": len(self.residuals),
             "without_pose": int(np.isinf(self.residuals).sum()),
-            "inliers": int(self.inliers.sum()),
+            "inliers": len(inliers),
             "scale": f"{self.scale:.6g}",
             "rms_of_inliers": number(float(np.sqrt((inliers * inliers).mean()))),
             "used_orientations": self.used_orientations,
@@ -331,6 +315,9 @@ def align_cameras(
     seed: int = 0,
 ) -> CameraAlignment:
     """Find the similarity that brings predicted camera centres to the true ones.
+
+    Source: Umeyama, Least-squares estimation of transformation parameters between two point
+    patterns, PAMI 13(4), 1991. Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003.
 
     Parameters
     ----------
@@ -360,11 +347,6 @@ def align_cameras(
         Fewer than 3 cameras; centres at one point, or on a line without orientations; arrays that
         do not fit; a truth with NaN.
 
-    References
-    ----------
-    Umeyama, Least-squares estimation of transformation parameters between two point patterns,
-    PAMI 13(4), 1991. Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003.
-
     Examples
     --------
     >>> true = [[0.0, 0, 50], [40, 0, 50], [40, 30, 60], [0, 30, 55], [20, 15, 52]]
@@ -374,24 +356,20 @@ def align_cameras(
     >>> round(found.scale, 9), found.inliers.tolist()
     (10.0, [True, True, True, True, False])
     """
-    arg.same_index(predicted=predicted, true=true)
     given, known = _cameras("predicted", predicted, may_be_missing=True), _cameras("true", true)
-    arg.same_length("predicted", given.names, "true", known.names)
+    arg.check_pairs(predicted=predicted, true=true)
+    limit, seed = arg.positive("inlier_m", inlier_m), arg.whole("seed", seed, 0)
     if robust and not with_scale:
-        fix = "leave it at True, or choose robust=False"
-        raise ArgumentError("needs robust=False", where="with_scale", fix=fix)
+        raise arg.fault("with_scale", "is False", "True, which robust=True fits", "robust=False")
     rows = np.flatnonzero(np.isfinite(given.centres).all(axis=1))
     if len(rows) < LEAST_CAMERAS:
-        found = f"has {len(rows)} cameras with a pose"
         expected = f"at least {LEAST_CAMERAS}, which a similarity needs"
-        raise ArgumentError(found, where="predicted", expected=expected)
+        raise arg.fault("predicted", f"has {len(rows)} cameras with a pose", expected)
     source, target = given.take(rows), known.take(rows)
-    limit = arg.positive("inlier_m", inlier_m)
-    settings = RansacSettings(inlier_limit=limit, seed=arg.whole("seed", seed, 0))
     inliers = np.zeros(len(known.names), np.bool_)
     with arg.refused("predicted, true"):
         if robust:
-            fit = fit_cameras(source, target, settings)
+            fit = fit_cameras(source, target, RansacSettings(inlier_limit=limit, seed=seed))
             transform, inliers[rows], turned = fit.transform, fit.inliers, fit.used_orientations
         else:
             transform = umeyama(source.centres, target.centres, with_scale=with_scale)
@@ -403,13 +381,39 @@ def align_cameras(
 
 
 def _cameras(name: str, values: ArrayLike, *, may_be_missing: bool = False) -> PosedCameras:
-    """Return cameras of poses, or of centres (N, 3) alone."""
-    if arg.array_of(name, values, "poses (N, 3, 4) or centres (N, 3)").ndim != 2:
-        poses = arg.pose_rows(name, values, may_be_missing=may_be_missing)
-        centres, rotation = poses.centres, poses.rotation
+    """Return cameras of poses, or of centres (N, 3) alone; NaN where one may be missing."""
+    array = arg.as_array(name, values, "poses (N, 3, 4) or centres (N, 3)")
+    rotation = None
+    if array.ndim != 2:
+        rotation, centres = _split_poses(name, array, may_be_missing=may_be_missing)
     elif may_be_missing:
-        centres, rotation = arg.floats(name, values, (None, 3)), None
-        arg.finite(name, centres[~np.isnan(centres).all(axis=1)])
+        centres = arg.floats(name, array, (None, 3))
+        arg.floats(name, centres[~np.isnan(centres).all(axis=1)], (None, 3), finite=True)
     else:
-        centres, rotation = arg.coordinates(name, values), None
+        centres = arg.coordinates(name, array)
     return PosedCameras(tuple(map(str, range(len(centres)))), centres, rotation)
+
+
+def _split_poses(name: str, array: Any, *, may_be_missing: bool) -> tuple[Floats, Floats]:
+    """Return rotations and centres of world-to-camera poses (N, 3, 4) or (N, 4, 4)."""
+    is_square = array.shape[1:2] == (4,)
+    matrices = arg.floats(name, array, (None, 3 + is_square, 4))
+    there = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    empty = np.isnan(matrices[:, :3]).all(axis=(1, 2)) & may_be_missing
+    expected = "whole poses, or all of one NaN where allowed"
+    arg.refuse_rows(name, ~there & ~empty, "NaN or infinity", expected, noun="pose")
+    if is_square:
+        off = ~(np.abs(matrices[:, 3] - (0, 0, 0, 1)) <= 1e-6).all(axis=1) & there
+        fix = "transpose the matrices, if their last row holds t"
+        arg.refuse_rows(name, off, "another last row", "[R | t] above 0 0 0 1", fix, "pose")
+    turns, moves = matrices[there, :3, :3], matrices[there, :3, 3]
+    with arg.refused(name):
+        names = [f"row {row}" for row in np.flatnonzero(there).tolist()]
+        made = Poses.from_translations(check_rotations(turns, names), moves, names)
+    coarse = there.copy()
+    coarse[there] = pose_errors_m(turns, moves, None) > COARSEST_M
+    expected = f"digits that place a camera to {COARSEST_M} m: poses computed in float64"
+    arg.refuse_rows(name, coarse, "too few digits", expected, noun="pose")
+    rotation, centres = np.full((len(there), 3, 3), np.nan), np.full((len(there), 3), np.nan)
+    rotation[there], centres[there] = made.rotation, made.centres
+    return rotation, centres

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.benchmark.mirrored import data_here
-from airzoo_bench.core.errors import ArgumentError, UserError, first_of
+from airzoo_bench.core.errors import UserError, first_of
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
 from airzoo_bench.evaluation.opening import ReadBy
@@ -120,8 +120,8 @@ class Result(Scored):
         methods = [self, *others]
         check_same_queries(methods)
         chosen = draw.choose_score(methods, score, of_errors=kind == "errors")
-        of = [] if kind in ("recall", "thresholds") else [chosen]
-        figure: Figure = getattr(draw, kind)(methods, *of, **options)
+        given = [] if kind in ("recall", "thresholds") else [chosen]
+        figure: Figure = getattr(draw, kind)(methods, *given, **options)
         return figure
 
     def save(self, folder: str | Path) -> Path:
@@ -191,16 +191,9 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     ------
     UserError
         It is missing, was changed since it was written, or its records do not fit it.
-
-    Examples
-    --------
-    >>> load_result("nowhere")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ...
-    airzoo_bench.core.errors.ResultError: ...
     """
     (found,) = read_scored(results_here([path]))
-    return Result(found.name if name is None else name, found.result, found.records)
+    return Result(name or found.name, found.result, found.records)
 
 
 def evaluate(
@@ -237,19 +230,12 @@ def evaluate(
     Returns
     -------
     Result
-        Scores by scene and overall, with `records`; it shows itself as a table.
+        Scores by scene and overall, with `records`.
 
     Raises
     ------
     UserError
         The predictions, the protocol or the benchmark folder are not as they must be.
-
-    Examples
-    --------
-    >>> evaluate("nowhere.npz")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ...
-    airzoo_bench.core.errors.UnreadableError: nowhere.npz: no such prediction file...
     """
     with _as_path(predictions, protocol) as path:
         done = score_predictions(
@@ -267,14 +253,13 @@ def evaluate(
     return Result(name, done.result, checked_records(records, done.result, name))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Check:
-    """The errors of predictions, and notes on them.
+    """The errors of predictions that `evaluate` would raise, and notes on them.
 
     Attributes
     ----------
     errors : tuple of UserError
-        Errors that `evaluate` would raise.
     notes : tuple of str
     """
 
@@ -287,8 +272,8 @@ class Check:
         return not self.errors
 
     def __repr__(self) -> str:
-        said = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
-        return "\n".join(said) or "nothing wrong was found"
+        lines = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
+        return "\n".join(lines) or "nothing wrong was found"
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
@@ -319,13 +304,6 @@ def check(
     ------
     UserError
         There is nothing to check: no such file, or no known protocol.
-
-    Examples
-    --------
-    >>> check({"query_ids": ["city/1"]})  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ...
-    airzoo_bench.core.errors.ArgumentError: predictions as arrays do not say...
     """
     with _as_path(predictions, protocol) as path:
         found = find_errors(
@@ -344,19 +322,14 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     if not isinstance(predictions, Mapping):
         yield here(predictions)
         return
-    is_gallery = {name: name.startswith("gallery") for name in predictions}
-    for part in (False, True):
-        arg.same_index(
-            **{name: predictions[name] for name in predictions if is_gallery[name] is part}
-        )
+    for of_tiles in (True, False):
+        rows = {n: some for n, some in predictions.items() if n.startswith("gallery") is of_tiles}
+        arg.check_labels(**rows)
     fields = {name: _field(name, values) for name, values in predictions.items()}
     named = protocol or fields.pop("protocol", None)
     if named is None:
-        raise ArgumentError(
-            "predictions as arrays do not say which protocol they are for",
-            expected="protocol=, or a field 'protocol', with the name of one",
-            fix="`airzoo-bench protocols` lists them",
-        )
+        expected = "the name of one, here or as a field"
+        raise arg.fault("protocol", "is not named", expected, "`airzoo-bench protocols` lists them")
     with TemporaryDirectory() as folder:
         path = Path(folder, "predictions.npz")
         write_predictions(path, str(named), fields)
@@ -365,15 +338,12 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
 
 def _field(name: str, values: Any) -> NDArray[Any]:
     """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
-    array = arg.array_of(f"field {name!r}", values)
+    array = arg.as_array(f"field {name!r}", values)
     if array.dtype != np.dtype(object):
         return array
     if not all(isinstance(value, str) for value in array.ravel()):
-        raise ArgumentError(
-            f"field {name!r} holds Python objects, or lists of different lengths",
-            expected="an array of numbers or text",
-            fix="np.array(values, dtype=str) for ids; fill shorter lists with empty ids",
-        )
+        fix = "np.array(values, dtype=str) for ids; fill shorter lists with empty ids"
+        raise arg.fault(f"field {name!r}", "holds Python objects", "numbers or text", fix)
     return array.astype(str)
 
 
@@ -432,41 +402,24 @@ def compare(
         ``reference_value``, ``difference``, its ``low`` and ``high``, ``p``, ``p_holm``,
         ``p_mcnemar``, ``wins``, ``ties``, ``losses`` and ``verdict``. A single result gives a row
         a scene and score: ``scene`` (None for the average), ``score``, ``value``, ``low``,
-        ``high``, ``interval`` and ``reason``. Shares are 0 to 1.
+        ``high``, ``interval`` and ``reason``. Shares are 0 to 1; docs/statistics.md has the rest.
 
     Raises
     ------
     UserError
         Results cannot be read or compared; there is no such score, method or scene.
-
-    References
-    ----------
-    docs/statistics.md says how each number is made.
-
-    Examples
-    --------
-    >>> compare([])
-    Traceback (most recent call last):
-    ...
-    airzoo_bench.core.errors.ArgumentError: results: holds nothing to compare
-      expected: results, or paths of result.json
     """
     methods, chosen = methods_of(results, scores, every=every)
     if len(methods) == 1 and (reference or method):
-        expected = "several results"
-        raise ArgumentError("needs two results", where="reference, method", expected=expected)
-    chosen_scene = scene and find_scene(methods[0].result.truth.scene_titles, scene)
+        raise arg.fault("reference, method", "needs two results", "several results")
+    where = scene and find_scene(methods[0].result.truth.scene_titles, scene)
+    plan = ResamplingConfig()
     if len(methods) == 1:
-        return _intervals(methods[0], chosen, chosen_scene)
+        return _intervals(methods[0], chosen, where, plan)
     found = comparison.compare(
-        methods,
-        chosen,
-        reference=reference,
-        method=method,
-        scene=chosen_scene,
-        resampling=ResamplingConfig(),
+        methods, chosen, reference=reference, method=method, scene=where, resampling=plan
     )
-    return Comparison(comparison_table(found), pd.DataFrame([_row(pair) for pair in found.pairs]))
+    return Comparison(comparison_table(found), pd.DataFrame([*map(_row, found.pairs)]))
 
 
 def methods_of(
@@ -478,11 +431,10 @@ def methods_of(
     strange = [type(result).__name__ for result in given if not isinstance(result, kinds)]
     if strange or not given:
         what = f"holds {first_of(strange)}" if strange else "holds nothing to compare"
-        expected = "results, or paths of result.json"
-        raise ArgumentError(what, where="results", expected=expected)
+        raise arg.fault("results", what, "results, or paths of result.json")
     if isinstance(scores, str) or (every and scores):
         expected = "a list of scores, such as ['recall@1'], or every=True"
-        raise ArgumentError(f"is {scores!r}", where="scores, every", expected=expected)
+        raise arg.fault("scores, every", f"is {scores!r}", expected)
     paths = results_here([result for result in given if not isinstance(result, Scored)])
     wanted = None
     if paths and not all_columns:
@@ -490,14 +442,9 @@ def methods_of(
     read = iter(read_scored(paths, wanted) if paths else [])
     methods = [_rechecked(one) if isinstance(one, Scored) else next(read) for one in given]
     names = [method.name for method in methods]
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    if twice:
-        raise ArgumentError(
-            f"several have the name {first_of(twice)}",
-            where="results",
-            expected="methods of different names",
-            fix="load_result(path, name=...)",
-        )
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        fix, expected = "load_result(path, name=...)", "methods of different names"
+        raise arg.fault("results", f"several have the name {first_of(twice)}", expected, fix)
     check_same_queries(methods)
     return methods, choose_scores(methods, scores, every=every)
 
@@ -507,35 +454,32 @@ def _rechecked(one: Scored) -> Scored:
     return replace(one, records=checked_records(one.records, one.result, f"records of {one.name}"))
 
 
-def _intervals(method: Scored, scores: list[ScoreColumn], scene: str | None) -> Comparison:
-    plan, result = ResamplingConfig(), method.result
+def _intervals(
+    method: Scored, scores: list[ScoreColumn], scene: str | None, plan: ResamplingConfig
+) -> Comparison:
+    result = method.result
     found = comparison.score_intervals(method, scores, plan, scene)
-    parts = [(name, result.scenes[name], spans) for name, spans in found.groups.items()]
-    overall = [] if scene else [(None, result.overall, found.overall)]
+    parts: list[Any] = [(name, result.scenes[name], spans) for name, spans in found.groups.items()]
+    parts += [] if scene else [(None, result.overall, found.overall)]
     rows = [
-        {
-            "scene": name,
-            "score": score.key,
-            "value": values[score.key],
-            "low": span.low,
-            "high": span.high,
-            "interval": span.method,
-            "reason": span.reason,
-        }
-        for name, values, spans in [*parts, *overall]
+        (name, score.key, values[score.key], span.low, span.high, span.method, span.reason)
+        for name, values, spans in parts
         for score, span in zip(scores, spans, strict=True)
     ]
-    return Comparison(intervals_table(method, scores, found, plan, scene), pd.DataFrame(rows))
+    columns = ["scene", "score", "value", "low", "high", "interval", "reason"]
+    table = intervals_table(method, scores, found, plan, scene)
+    return Comparison(table, pd.DataFrame(rows, columns=columns))
 
 
 def _row(pair: comparison.Pair) -> dict[str, Any]:
-    same = ("method", "reference", "value", "reference_value", "difference", "p_holm", "p_mcnemar")
+    names = ("method", "reference", "value", "reference_value", "difference")
+    tested = ("p_holm", "p_mcnemar", "wins", "ties", "losses")
     return {
         "score": pair.score.key,
-        **{name: getattr(pair, name) for name in same[:5]},
+        **{name: getattr(pair, name) for name in names},
         "low": pair.interval.low,
         "high": pair.interval.high,
         "p": pair.test.p_value,
-        **{name: getattr(pair, name) for name in (*same[5:], "wins", "ties", "losses")},
+        **{name: getattr(pair, name) for name in tested},
         "verdict": verdict(pair),
     }

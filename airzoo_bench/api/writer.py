@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable
-from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Any, Self
@@ -18,11 +16,8 @@ from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError, first_of
 from airzoo_bench.core.files import (
     atomic_entries,
-    cannot_write,
     check_output_file,
     check_output_folder,
-    only_writer,
-    temporary_folder,
     write_npz,
 )
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
@@ -37,6 +32,7 @@ from airzoo_bench.protocol.lookup import find_protocol
 __all__ = ["PredictionWriter"]
 
 Array = NDArray[Any]
+Answer = dict[str, Array]
 
 _SCENE_FILES = (".ply", ".cameras.npz", ".npz")
 _POSE, _DEPTH = {"rotation", "centre"}, {"rotation", "centre", "depth", "intrinsics"}
@@ -55,6 +51,8 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "centre": (3,),
 }
 _COORDINATES = ("query_xy", "map_xy", "points3d", "centre", "points")
+# Fields whose rows become one array, and fields that are pairs.
+_STACKED, _PAIRED = ("descriptor", "depth", "confidence"), {"query_xy", "ranked_ids", "points"}
 
 
 class PredictionWriter:
@@ -77,8 +75,8 @@ class PredictionWriter:
     Raises
     ------
     UserError
-        The protocol or its benchmark is not there, they do not belong together, nothing can be
-        written to `path`, or another writer is at it.
+        The protocol or its benchmark is not there, they do not belong together, or nothing can be
+        written to `path`.
 
     Examples
     --------
@@ -92,9 +90,8 @@ class PredictionWriter:
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
         self._path = Path(path)
-        self._protocol: Any = find_protocol(
-            protocol, benchmark.folder if benchmark else data_here()
-        )
+        data = benchmark.folder if benchmark else data_here()
+        self._protocol: Any = find_protocol(protocol, data)
         self._track = self._protocol.track
         self._benchmark = benchmark or load_benchmark(self._protocol.benchmark)
         if self._protocol.benchmark != self._benchmark.name:
@@ -109,29 +106,12 @@ class PredictionWriter:
         else:
             check_npz(self._path)
             check_output_file(self._path)
-        self._scenes = self._benchmark._scenes_of(self._protocol)
-        self._ids = self._known_ids()
-        self._answers: dict[str, dict[str, Array]] = {}
-        self._forms: dict[str, set[str]] = {}
-        self._first: dict[str, Array] = {}
+        self._benchmark._source.check_fits(self._protocol)
+        self._scenes = [self._benchmark.scene(scene.id) for scene in self._protocol.scenes]
+        self._ids = _known_ids(self._track, self._scenes)
+        self._answers: dict[str, Answer] = {}
+        self._firsts: dict[str, Answer] = {}  # of each group that has one kind of answer
         self._closed = False
-        self._stack = ExitStack()
-        self._hold()
-        parent = self._path.absolute().parent
-        self._folder = self._stack.enter_context(temporary_folder(parent, self._path.name))
-
-    def _known_ids(self) -> dict[str, dict[str, int]]:
-        """Return the ids that may be answered, with their rows, in groups."""
-        scenes = self._scenes
-        if self._track == "matching":
-            return {"query": _numbered(crop.query.id for s in scenes for crop in s.crops())}
-        if self._track == "retrieval":
-            return {
-                "query": _numbered(query.id for s in scenes for query in s.queries()),
-                "tile": _numbered(tile.id for s in scenes for tile in s.tiles()),
-            }
-        photos = {f"photo of {s.id}": _numbered(one.id for one in s.photos()) for s in scenes}
-        return {"scene": _numbered(s.id for s in scenes), **photos}
 
     def add(self, name: str, **fields: ArrayLike | None) -> None:
         """Add the answer to one query, or the description of one tile, photo or scene.
@@ -179,22 +159,16 @@ class PredictionWriter:
         try:
             if self._closed:
                 raise UsageError("the file is closed", fix="add all answers in the with block")
-            group = self._checked_group(name, given.keys())
-            answer = _arrays(given)
+            group = self._find_group(name, {*given})
+            answer = _checked_answer(given)
             for tile in answer.get("ranked_ids", ()):
                 if tile not in self._ids["tile"]:
                     raise _unknown(tile, self._ids["tile"], "tile of the gallery")
-            if "rotation" in answer:
-                rotation, centre = answer["rotation"][None], answer["centre"][None]
-                Poses.from_centres(rotation, centre, [name])
             self._check_alike(group, answer)
-            if "points" in answer:
-                cloud = Cloud(answer.pop("points"), answer.pop("colours", None))
-                write_ply(self._folder / f"{name}.ply", cloud)
         except UserError as error:
             raise error.inside(f"{self._path}, {str(name)[:80]}") from error
         self._answers[name] = answer
-        self._forms[self._kind(group)] = {*given}
+        self._firsts.setdefault(self._alike_in(group), answer)
 
     def __len__(self) -> int:
         """Return the number of answers."""
@@ -209,12 +183,11 @@ class PredictionWriter:
             In the order of the benchmark.
         """
         if self._track == "reconstruction":
-            with_depth = {group[9:] for group, form in self._forms.items() if "depth" in form}
-            return tuple(
-                one for one in self._ids["scene"] if one not in {*self._answers, *with_depth}
-            )
+            with_depth = {group[9:] for group, one in self._firsts.items() if "depth" in one}
+            done = self._answers.keys() | with_depth
+            return tuple(scene for scene in self._ids["scene"] if scene not in done)
         names = [*self._ids["query"]]
-        if any("descriptor" in form for form in self._forms.values()):
+        if any("descriptor" in one for one in self._firsts.values()):
             names += self._ids["tile"]
         return tuple(name for name in names if name not in self._answers)
 
@@ -230,13 +203,12 @@ class PredictionWriter:
         if self._closed:
             return
         self._closed = True
-        with self._stack:
-            if not self._answers:
-                raise PredictionError("no answer was added", where=self._path)
-            if self._track == "reconstruction":
-                self._write_scenes()
-            else:
-                write_predictions(self._path, self._protocol.name, self._query_arrays())
+        if not self._answers.keys() & self._ids.get("query", self._answers).keys():
+            raise PredictionError("no answer was added", where=self._path)
+        if self._track == "reconstruction":
+            self._write_scenes()
+        else:
+            write_predictions(self._path, self._protocol.name, self._query_arrays())
         found = find_errors(self._path, data=self._benchmark.folder, protocol=self._protocol.name)
         if found.errors:
             raise found.errors[0]
@@ -245,28 +217,24 @@ class PredictionWriter:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: object, traceback: TracebackType | None
     ) -> None:
         if kind is None:
             self.close()
         self._closed = True
-        self._stack.close()
 
     def __repr__(self) -> str:
         return f"PredictionWriter({str(self._path)!r}, {self._protocol.name!r}): {len(self)} added"
 
-    def _kind(self, group: str) -> str:
+    def _alike_in(self, group: str) -> str:
         """Return what has one kind of answer: a whole file, or the photos of a scene."""
         return group if self._track == "reconstruction" else "all answers"
 
-    def _checked_group(self, name: str, keys: Iterable[str]) -> str:
-        """Return the group of an id, and refuse ids and fields that do not fit together."""
-        form, forms = {*keys}, _FORMS[self._track]
+    def _find_group(self, name: str, form: set[str]) -> str:
+        """Return the group of an id that may be added with these fields."""
+        forms = _FORMS[self._track]
         if form not in forms:
-            what = f"{' and '.join(keys) or 'nothing'} is no answer of the {self._track} track"
+            what = f"{_joined(form) or 'nothing'} is no answer of the {self._track} track"
             raise PredictionError(what, expected="; or ".join(map(_joined, forms)))
         groups = [group for group in self._ids if (group == "scene") == ("points" in form)]
         if "descriptor" not in form and "tile" in groups:
@@ -277,140 +245,86 @@ class PredictionWriter:
             raise _unknown(name, known, f"{' or '.join(groups)} of the benchmark")
         if name in self._answers:
             raise PredictionError("was added before", expected="each id once")
-        before = self._forms.get(self._kind(group), form)
-        if before != form:
-            what = f"{_joined(form)} after answers of another kind"
-            raise PredictionError(what, expected=f"{_joined(before)} in {self._kind(group)}")
-        scene = name.partition("/")[0]
-        depth = form if "depth" in form else self._forms.get(f"photo of {scene}", ())
-        if "depth" in depth and (group == "scene" or scene in self._answers):
-            expected = "one of the two, the cloud with cameras"
-            raise PredictionError("a cloud and depth maps in one scene", expected=expected)
         return group
 
-    def _check_alike(self, group: str, answer: dict[str, Array]) -> None:
-        """Refuse rows of another shape or type than the first, which could not be one array."""
-        for key in {"descriptor", "depth", "confidence"} & {*answer}:
-            row, place = answer[key], key if key == "descriptor" else f"{key} of {group}"
-            first = self._first.get(place, row)
-            if row.dtype.kind != "f" or row.shape != first.shape or row.dtype != first.dtype:
-                what = f"{key} is {row.dtype} of shape {row.shape}"
-                expected = f"{first.dtype} of shape {first.shape}, as the first"
-                raise PredictionError(what, expected=expected)
-            self._first[place] = first
+    def _check_alike(self, group: str, answer: Answer) -> None:
+        """Refuse an answer of another kind, or with rows of another type or shape, than others."""
+        alike = self._alike_in(group)
+        first = self._firsts.get(alike, answer)
+        if first.keys() != answer.keys():
+            what = f"{_joined(answer)} after answers of another kind"
+            raise PredictionError(what, expected=f"{_joined(first)} in {alike}")
+        for key in {*_STACKED} & answer.keys():
+            one, row = first[key], answer[key]
+            if row.dtype.kind != "f" or (row.shape, row.dtype) != (one.shape, one.dtype):
+                expected = f"floats, of the type and shape of the first: {one.dtype} {one.shape}"
+                raise PredictionError(f"{key} is {row.dtype} {row.shape}", expected=expected)
 
-    def _query_arrays(self) -> dict[str, Array]:
+    def _query_arrays(self) -> Answer:
         """Return the arrays of a file of queries, in the order of the benchmark."""
         names = [name for name in self._ids["query"] if name in self._answers]
-        answers, form = [self._answers[name] for name in names], self._forms["all answers"]
-        if not names:
-            raise PredictionError("no query has an answer", where=self._path)
+        answers = [self._answers[name] for name in names]
+        form = answers[0].keys()
         if "descriptor" in form:
-            arrays = self._descriptors()
-        elif "rotation" in form:
-            arrays = {
-                "rotations": np.stack([answer["rotation"] for answer in answers]),
-                "centres": np.stack([answer["centre"] for answer in answers]),
-            }
+            arrays = self._descriptors(answers)
+        elif "ranked_ids" in form:
+            arrays = _padded_lists(answers, self._protocol.scores.depth)
         elif "query_xy" in form:
-            counts = [0, *(len(answer["query_xy"]) for answer in answers)]
             arrays = {key: np.concatenate([one[key] for one in answers]) for key in form}
+            counts = [0, *(len(one["query_xy"]) for one in answers)]
             arrays["offsets"] = np.cumsum(counts, dtype=np.int64)
         else:
-            arrays = self._lists(answers)
+            arrays = {f"{key}s": np.stack([one[key] for one in answers]) for key in form}
         return {"query_ids": np.array(names, dtype=str), **arrays}
 
-    def _lists(self, answers: list[dict[str, Array]]) -> dict[str, Array]:
-        """Return ranked lists of one length: shorter ones are filled up with empty ids."""
-        shape = (
-            len(answers),
-            max(self._protocol.scores.depth, *(len(one["ranked_ids"]) for one in answers)),
-        )
-        ids, scores = np.full(shape, "", dtype=object), np.zeros(shape)
-        for row, one in enumerate(answers):
-            count = len(one["ranked_ids"])
-            ids[row, :count] = one["ranked_ids"]
-            if "scores" in one and count:
-                scores[row, :count], scores[row, count:] = one["scores"], one["scores"][-1]
-        arrays = {"ranked_ids": ids.astype(str)}
-        return arrays | ({"scores": scores} if "scores" in answers[0] else {})
-
-    def _descriptors(self) -> dict[str, Array]:
-        lacking = [name for name in self._ids["tile"] if name not in self._answers]
-        if lacking:
+    def _descriptors(self, answers: list[Answer]) -> Answer:
+        tiles = [*self._ids["tile"]]
+        if lacking := [name for name in tiles if name not in self._answers]:
             raise PredictionError(
-                f"no descriptor of tiles: {first_of(lacking, len(self._ids['tile']))}",
+                f"no descriptor of tiles: {first_of(lacking, len(tiles))}",
                 where=self._path,
                 expected="every tile of the gallery: leaving some out would make the task easier",
                 fix="add the descriptor of each tile of scene.tiles(), in every scene",
             )
-        queries = [name for name in self._ids["query"] if name in self._answers]
-        described = [
-            [self._answers[name].pop("descriptor") for name in part]
-            for part in (queries, self._ids["tile"])
-        ]
         return {
-            "query_descriptors": np.stack(described[0]),
-            "gallery_ids": np.array([*self._ids["tile"]], dtype=str),
-            "gallery_descriptors": np.stack(described[1]),
+            "query_descriptors": np.stack([one["descriptor"] for one in answers]),
+            "gallery_ids": np.array(tiles, dtype=str),
+            "gallery_descriptors": np.stack([self._answers[one]["descriptor"] for one in tiles]),
         }
 
     def _write_scenes(self) -> None:
         entries = [f"{scene.id}{ending}" for scene in self._scenes for ending in _SCENE_FILES]
         with atomic_entries(self._path, ("protocol.txt", *entries)) as folder:
             for scene in self._scenes:
-                if scene.id in self._answers:
-                    shutil.move(self._folder / f"{scene.id}.ply", folder / f"{scene.id}.ply")
-                arrays = self._scene_arrays(scene)
-                if arrays:
+                if cloud := self._answers.get(scene.id):
+                    write_ply(folder / f"{scene.id}.ply", Cloud(**cloud))
+                photos = [photo for photo in scene.photos() if photo.id in self._answers]
+                if photos:
+                    arrays = _view_arrays([self._answers[photo.id] for photo in photos])
+                    names = np.array([photo.name for photo in photos], dtype=str)
                     ending = ".npz" if "depth" in arrays else ".cameras.npz"
-                    write_npz(folder / f"{scene.id}{ending}", arrays)
+                    write_npz(folder / f"{scene.id}{ending}", {"image_names": names, **arrays})
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
 
-    def _scene_arrays(self, scene: BlindScene) -> dict[str, Array]:
-        """Return the cameras of a scene's photos, with their depth maps."""
-        photos = [photo for photo in scene.photos() if photo.id in self._answers]
-        if not photos:
-            return {}
-        answers = [self._answers[photo.id] for photo in photos]
-        fields = {key: np.stack([one[key] for one in answers]) for key in answers[0]}
-        poses = Poses.from_centres(fields["rotation"], fields["centre"])
-        arrays: dict[str, Array] = {
-            "image_names": np.array([photo.name for photo in photos], dtype=str),
-            "extrinsics": np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
-        }
-        if "depth" in fields:
-            arrays["pixel_centres"] = np.array("half")
-        names = {"intrinsics": "intrinsics", "depth": "depth", "confidence": "conf"}
-        return arrays | {names[key]: fields[key] for key in names if key in fields}
 
-    def _hold(self) -> None:
-        """Refuse a path that another writer has: of two the last to end would lose the other's."""
-        try:
-            self._path.absolute().parent.mkdir(parents=True, exist_ok=True)
-            self._stack.enter_context(only_writer(self._path))
-        except BlockingIOError as error:
-            raise UsageError(
-                "is being written by another PredictionWriter",
-                where=self._path,
-                fix="name another file, or end the other first: its with block, or close()",
-            ) from error
-        except OSError as error:
-            raise cannot_write(self._path, error) from error
+def _known_ids(track: str, scenes: Iterable[BlindScene]) -> dict[str, dict[str, None]]:
+    """Return the ids that may be answered, in groups, each in the order of the benchmark."""
+    groups: dict[str, list[str]] = {}
+    if track == "reconstruction":
+        groups["scene"] = [scene.id for scene in scenes]
+        groups |= {f"photo of {one.id}": [photo.id for photo in one.photos()] for one in scenes}
+    elif track == "matching":
+        groups["query"] = [crop.query.id for scene in scenes for crop in scene.crops()]
+    else:
+        groups["query"] = [query.id for scene in scenes for query in scene.queries()]
+        groups["tile"] = [tile.id for scene in scenes for tile in scene.tiles()]
+    return {group: dict.fromkeys(ids) for group, ids in groups.items()}
 
 
-def _numbered(ids: Iterable[str]) -> dict[str, int]:
-    return {one: row for row, one in enumerate(ids)}
-
-
-def _joined(form: set[str]) -> str:
-    return " and ".join(sorted(form))
-
-
-def _arrays(fields: dict[str, Any]) -> dict[str, Array]:
+def _checked_answer(fields: dict[str, Any]) -> Answer:
     """Return the fields of an answer as arrays of the right shapes."""
-    arg.same_index(**fields)
-    answer: dict[str, Array] = {}
+    arg.check_labels(**fields)
+    answer: Answer = {}
     for key, values in fields.items():
         if key == "ranked_ids":
             answer[key] = np.array([*map(str, arg.listed(key, values))], dtype=str)
@@ -418,17 +332,42 @@ def _arrays(fields: dict[str, Any]) -> dict[str, Array]:
             answer[key] = arg.coordinates(key, values, _SHAPES[key], any_history=True)
         else:
             answer[key] = np.array(arg.numbers(key, values, _SHAPES[key]))
-    pairs = {"query_xy", "map_xy", "points3d", "ranked_ids", "scores", "points", "colours"}
-    lengths = {key: len(value) for key, value in answer.items() if key in pairs}
-    if len({*lengths.values()}) > 1:
-        found = ", ".join(f"{key} has {count:,} rows" for key, count in lengths.items())
-        raise PredictionError(found, expected="the same number in all")
-    if (
-        "depth" in answer
-        and answer.get("confidence", answer["depth"]).shape != answer["depth"].shape
-    ):
+    if answer.keys() & _PAIRED:
+        arg.check_pairs(**answer)
+    if "confidence" in answer and answer["confidence"].shape != answer["depth"].shape:
         raise PredictionError("confidence has another shape than depth")
+    if "rotation" in answer:
+        Poses.from_centres(answer["rotation"][None], answer["centre"][None], ["rotation"])
     return answer
+
+
+def _padded_lists(answers: list[Answer], depth: int) -> Answer:
+    """Return ranked lists of one length: shorter ones are filled up with empty ids."""
+    shape = len(answers), max(depth, *(len(one["ranked_ids"]) for one in answers))
+    ids, scores = np.full(shape, "", dtype=object), np.zeros(shape)
+    for row, one in enumerate(answers):
+        count = len(one["ranked_ids"])
+        ids[row, :count] = one["ranked_ids"]
+        if "scores" in one and count:
+            scores[row, :count], scores[row, count:] = one["scores"], one["scores"][-1]
+    arrays = {"ranked_ids": ids.astype(str)}
+    return arrays | ({"scores": scores} if "scores" in answers[0] else {})
+
+
+def _view_arrays(answers: list[Answer]) -> Answer:
+    """Return the cameras of photos, with their depth maps."""
+    fields = {key: np.stack([one[key] for one in answers]) for key in answers[0]}
+    poses = Poses.from_centres(fields.pop("rotation"), fields.pop("centre"))
+    arrays = {"extrinsics": np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)}
+    if "depth" in fields:
+        fields["pixel_centres"] = np.array("half")
+    if "confidence" in fields:
+        fields["conf"] = fields.pop("confidence")
+    return arrays | fields
+
+
+def _joined(form: Iterable[str]) -> str:
+    return " and ".join(sorted(form))
 
 
 def _unknown(name: str, known: Iterable[str], what: str) -> PredictionError:

@@ -56,12 +56,12 @@ def test_a_check(data: Path, perfect: dict[str, Any]) -> None:
 
 
 def test_arguments_that_cannot_be(data: Path, perfect: dict[str, Any]) -> None:
-    with pytest.raises(ab.ArgumentError, match="do not say which protocol"):
+    with pytest.raises(ab.ArgumentError, match="protocol"):
         ab.evaluate(perfect)
-    with pytest.raises(ab.UserError, match="unknown protocol 'mada-retrieval'"):
+    with pytest.raises(ab.UserError, match="mada-retrieval"):
         ab.evaluate(perfect, protocol="mada-retrieval")
     column = {**perfect, "query_ids": pd.Series(perfect["query_ids"])}
     assert ab.evaluate(column, protocol="made-retrieval").overall["recall@1"] == 1.0
     ragged = {**perfect, "ranked_ids": np.array([["a"], ["a", "b"]], dtype=object)}
-    with pytest.raises(ab.ArgumentError, match="'ranked_ids' holds Python objects"):
+    with pytest.raises(ab.ArgumentError, match="ranked_ids"):
         ab.evaluate(ragged, protocol="made-retrieval")

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
@@ -132,37 +129,35 @@ def test_reconstruction(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind
     assert float(averages["Accuracy"]) < (0.3 if kind == "depth" else 0.005)
 
 
+XYS = {"query_xy": XY, "map_xy": XY}
+MASKED = np.ma.masked_equal([1.0, 2], 2)
+
+
 @pytest.mark.parametrize(
-    ("protocol", "name", "fields", "message"),
+    ("protocol", "name", "fields", "named"),
     [
-        (RETRIEVAL, f"{NAME}/aa", {"ranked_ids": TILES}, "is no query of the benchmark.*did you"),
-        (RETRIEVAL, f"{A}.png", {"ranked_ids": TILES}, "(?s)is no query.*fix: +'field/a'$"),
-        (RETRIEVAL, A, {"ranked_ids": ["field/9"]}, "'field/9' is no tile of the gallery"),
-        (RETRIEVAL, A, {"ranks": TILES}, "(?s)ranks is no answer.*ranked_ids and scores"),
-        (RETRIEVAL, A, {}, "nothing is no answer"),
-        (RETRIEVAL, A, {"map_xy": XY}, "is no answer of the retrieval track"),
-        (RETRIEVAL, A, {"ranked_ids": TILES, "scores": [1, 2]}, "scores has 2 rows"),
-        (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, r"shape \(2, 2\)"),
+        (RETRIEVAL, f"{NAME}/aa", {"ranked_ids": TILES}, "did you mean"),
+        (RETRIEVAL, f"{A}.png", {"ranked_ids": TILES}, "'field/a'"),
+        (RETRIEVAL, A, {"ranked_ids": ["field/9"]}, "field/9"),
+        (RETRIEVAL, A, {"ranks": TILES}, "ranked_ids and scores"),
+        (RETRIEVAL, A, {}, "ranked_ids and scores"),
+        (RETRIEVAL, A, XYS, "ranked_ids and scores"),
+        (RETRIEVAL, A, {"ranked_ids": TILES, "scores": [1, 2]}, "ranked_ids, scores"),
+        (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, "descriptor"),
         (RETRIEVAL, TILES[0], {"descriptor": [1, 2]}, "descriptor is int64"),
-        (RETRIEVAL, A, {"descriptor": np.ma.masked_equal([1.0, 2], 2)}, "has masked entries"),
-        (
-            RETRIEVAL,
-            A,
-            {"ranked_ids": pd.Series(TILES[:2]), "scores": pd.Series([2, 1], [1, 0])},
-            "ranked_ids, scores: have different indexes",
-        ),
-        (MATCHING, f"{NAME}/x", {"query_xy": XY, "map_xy": XY}, "is no query"),
-        (MATCHING, A, {"query_xy": XY, "map_xy": XY[:1]}, "map_xy has 1 rows"),
-        (MATCHING, A, {"query_xy": XY, "map_xy": XY * np.nan}, "map_xy: NaN or infinity"),
-        (MATCHING, A, {"query_xy": XY}, "query_xy is no answer of the matching track"),
-        (MATCHING, A, {"rotation": TURN * 2, "centre": CENTRE}, "rotat"),
-        (MATCHING, A, {"rotation": TURN, "centre": CENTRE.astype("f4")}, "centre: .*float32"),
-        (RECONSTRUCTION, A, {"points": XY}, "is no scene of the benchmark"),
-        (RECONSTRUCTION, NAME, {"points": XY}, r"points: has shape \(2, 2\)"),
-        (RECONSTRUCTION, NAME, {"points": np.full((3, 3), np.nan)}, "points: NaN"),
-        (RECONSTRUCTION, f"{NAME}/x", VIEW, "is no photo of field"),
-        (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "depth: has shape"),
-        (RECONSTRUCTION, A, VIEW | {"confidence": np.ones((2, 2))}, "confidence has another"),
+        (RETRIEVAL, A, {"descriptor": MASKED}, "descriptor"),
+        (MATCHING, f"{NAME}/x", XYS, "field/x"),
+        (MATCHING, A, XYS | {"map_xy": XY[:1]}, "query_xy, map_xy"),
+        (MATCHING, A, XYS | {"map_xy": XY * np.nan}, "map_xy"),
+        (MATCHING, A, {"query_xy": XY}, "query_xy"),
+        (MATCHING, A, {"rotation": TURN * 2, "centre": CENTRE}, "rotation"),
+        (MATCHING, A, {"rotation": TURN, "centre": CENTRE.astype("f4")}, "centre"),
+        (RECONSTRUCTION, A, {"points": XY}, "field"),
+        (RECONSTRUCTION, NAME, {"points": XY}, "points"),
+        (RECONSTRUCTION, NAME, {"points": np.full((3, 3), np.nan)}, "points"),
+        (RECONSTRUCTION, f"{NAME}/x", VIEW, "photo of field"),
+        (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "depth"),
+        (RECONSTRUCTION, A, VIEW | {"confidence": np.ones((2, 2))}, "confidence"),
     ],
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(
@@ -172,36 +167,25 @@ def test_an_answer_that_cannot_be_meant_is_refused_at_once(
     protocol: str,
     name: str,
     fields: dict[str, Any],
-    message: str,
+    named: str,
 ) -> None:
     out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
     writer = PredictionWriter(out, protocol, field)
-    with pytest.raises(UserError, match=message) as refusal:
+    with pytest.raises(UserError) as refusal:
         writer.add(name, **fields)
     assert str(refusal.value).startswith(f"{out}, {name}")
+    assert named in str(refusal.value)
     assert len(writer) == 0
 
 
-POINTS = np.ones((3, 3))
-SIZES = {"depth": np.ones((25, 32))}
-
-
 @pytest.mark.parametrize(
-    ("protocol", "first", "second", "message"),
+    ("protocol", "first", "second", "named"),
     [
-        (RETRIEVAL, (A, {"ranked_ids": TILES}), (A, {"ranked_ids": TILES}), "added before"),
-        (RETRIEVAL, (A, {"ranked_ids": TILES}), (B, {"descriptor": [1.0]}), "of another kind"),
-        (
-            RETRIEVAL,
-            (A, {"ranked_ids": TILES}),
-            (B, {"ranked_ids": TILES[:2], "scores": [2, 1]}),
-            "of another kind",
-        ),
-        (RETRIEVAL, (A, {"descriptor": [1.0, 2]}), (B, {"descriptor": [1.0]}), "as the first"),
-        (RECONSTRUCTION, (A, VIEW), (NAME, {"points": POINTS}), "a cloud and depth maps"),
-        (RECONSTRUCTION, (NAME, {"points": POINTS}), (A, VIEW), "a cloud and depth maps"),
-        (RECONSTRUCTION, (A, VIEW), (B, VIEW | SIZES), "as the first"),
-        (RECONSTRUCTION, (A, VIEW), (B, {"rotation": TURN, "centre": CENTRE}), "another kind"),
+        (RETRIEVAL, {"ranked_ids": TILES}, {"descriptor": [1.0]}, "ranked_ids"),
+        (RETRIEVAL, {"ranked_ids": TILES}, {"ranked_ids": TILES, "scores": [*range(6)]}, "scores"),
+        (RETRIEVAL, {"descriptor": [1.0, 2]}, {"descriptor": [1.0]}, "descriptor"),
+        (RECONSTRUCTION, VIEW, VIEW | {"depth": np.ones((25, 32))}, "depth"),
+        (RECONSTRUCTION, VIEW, {"rotation": TURN, "centre": CENTRE}, "depth"),
     ],
 )
 def test_answers_that_do_not_go_together(
@@ -209,32 +193,33 @@ def test_answers_that_do_not_go_together(
     field: BlindBenchmark,
     tmp_path: Path,
     protocol: str,
-    first: tuple[str, dict[str, Any]],
-    second: tuple[str, dict[str, Any]],
-    message: str,
+    first: dict[str, Any],
+    second: dict[str, Any],
+    named: str,
 ) -> None:
     writer = PredictionWriter(tmp_path / "mine.npz", protocol, field)
-    writer.add(first[0], **first[1])
-    with pytest.raises(UserError, match=message):
-        writer.add(second[0], **second[1])
+    writer.add(A, **first)
+    with pytest.raises(UserError, match="added before"):
+        writer.add(A, **first)
+    with pytest.raises(UserError, match=named):
+        writer.add(B, **second)
     assert len(writer) == 1
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"ranked_ids": TILES[:3], "scores": [1, 3, 2]}, "not in order"),
-        ({"ranked_ids": [TILES[0]] * 2}, "ranked more than once"),
-    ],
-)
 def test_what_eval_would_refuse_is_said_at_the_end(
-    root: Path, field: BlindBenchmark, tmp_path: Path, fields: dict[str, Any], message: str
+    root: Path, field: BlindBenchmark, tmp_path: Path
 ) -> None:
-    writer = PredictionWriter(tmp_path / "mine.npz", RETRIEVAL, field)
-    writer.add(A, **fields)
-    with pytest.raises(UserError, match=message):
-        writer.close()
-    assert files_below(tmp_path) == {"mine.npz"}, "the answers are not lost"
+    for fields in ({"ranked_ids": TILES[:3], "scores": [1, 3, 2]}, {"ranked_ids": TILES[:1] * 2}):
+        writer = PredictionWriter(tmp_path / "mine.npz", RETRIEVAL, field)
+        writer.add(A, **fields)
+        with pytest.raises(UserError):
+            writer.close()
+        assert files_below(tmp_path) == {"mine.npz"}, "the answers are not lost"
+    both = PredictionWriter(tmp_path / "mine", RECONSTRUCTION, field)
+    both.add(A, **VIEW)
+    both.add(NAME, points=np.ones((3, 3)))
+    with pytest.raises(UserError, match=r"field\.(npz|ply)"):
+        both.close()
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -283,42 +268,11 @@ def test_a_tile_without_a_descriptor_is_refused_at_the_end(
     assert files_below(tmp_path) == set()
 
 
-def test_a_second_writer_of_a_file_is_refused_before_any_work(
-    root: Path, field: BlindBenchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    out = tmp_path / "mine.npz"
-    with PredictionWriter(out, RETRIEVAL, field) as writer:
-        writer.add(A, ranked_ids=TILES)
-        with pytest.raises(UserError, match="is being written by another PredictionWriter"):
-            PredictionWriter("mine.npz", RETRIEVAL, field)
-        run = subprocess.run([sys.executable, "-c", OPEN, str(field.folder)], check=False)
-        assert run.returncode == 5
-        with PredictionWriter("other.npz", RETRIEVAL, field) as other:
-            other.add(A, ranked_ids=TILES[:2])
-    assert files_below(tmp_path) >= {"mine.npz", "other.npz"}
-    assert not list(tmp_path.glob(".*"))
-    with PredictionWriter(out, RETRIEVAL, field) as again:
-        again.add(A, ranked_ids=TILES)
-
-
-OPEN = f"""
-import sys
-import airzoo_bench as ab
-try:
-    ab.PredictionWriter("mine.npz", "{RETRIEVAL}", ab.load_benchmark(sys.argv[1]))
-except ab.UserError as error:
-    sys.exit(5 if "is being written" in str(error) else 6)
-"""
-
-
 def test_an_array_that_is_used_again_is_not_changed_in_the_file(
     root: Path, field: BlindBenchmark, tmp_path: Path
 ) -> None:
     row = np.ones(2, np.float32)
     with PredictionWriter(tmp_path / "mine.npz", RETRIEVAL, field) as writer:
-        with pytest.raises(UserError, match="descriptor is int64"):
-            writer.add(A, descriptor=[1, 2])
         for number, name in enumerate((A, *(t.id for t in field.scenes[0].tiles()))):
             row[1] = number + 1
             writer.add(name, descriptor=row)
