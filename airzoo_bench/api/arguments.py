@@ -65,7 +65,7 @@ def floats(
     """Return `numbers` in double precision, as a copy; finite ones have squares that are too."""
     array = numbers(name, values, shape).astype(np.float64)
     if finite:
-        bad = ~(np.abs(array) <= FARTHEST).all(axis=tuple(range(1, array.ndim)))
+        bad = np.asarray(~(np.abs(array) <= FARTHEST).all(axis=tuple(range(1, array.ndim))))
         refuse_rows(name, bad, "NaN or infinity", f"finite numbers up to {FARTHEST:g}")
     return array
 

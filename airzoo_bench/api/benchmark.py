@@ -289,9 +289,9 @@ def photos_of(table: pd.DataFrame, folder: Path) -> Items[Photo]:
         batch = cameras_of(table)
         sizes = np.stack([batch.width, batch.height], axis=1).astype(int).tolist()
         lenses = zip(sizes, batch.matrices, batch.distortion, strict=True)
-        cameras = [Camera(*size, K, lens) for size, K, lens in lenses]
+        cameras = [Camera(width, height, K, lens) for (width, height), K, lens in lenses]
     columns = (table["id"], table["image"], priors, texts.to_dict("records"), cameras)
-    rows = zip(*columns, strict=True)
+    rows: Any = zip(*columns, strict=True)
     return Items(Photo(one, name, folder / name, *rest) for one, name, *rest in rows)
 
 

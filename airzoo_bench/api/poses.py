@@ -145,20 +145,21 @@ def _pair_errors(errors: Any) -> PoseErrors:
     if not isinstance(errors, Sequence) or len(errors) != 2:
         expected = "the result of pose_errors, or a pair: metres, and degrees or None"
         raise arg.fault("errors", f"is {type(errors).__name__}", expected)
-    rows = []
-    for place, most in ((0, np.inf), (1, 180.0)):
-        name = f"errors[{place}]"
-        row = None if place and errors[1] is None else arg.floats(name, errors[place], (None,))
-        if row is not None:
-            bad = ~((row >= 0.0) & ((row <= most) | np.isinf(row)))
-            expected = f"0 to {most:g}; infinite for a failure"
-            arg.refuse_rows(name, bad, "NaN, or a number out of range,", expected, noun="query")
-        rows.append(row)
-    metres, degrees = rows
-    if degrees is not None:
-        arg.check_pairs(**{"errors[0]": errors[0], "errors[1]": errors[1]})
+    metres = _error_row("errors[0]", errors[0], np.inf)
     unknown = np.full_like(metres, np.nan)
+    if errors[1] is None:
+        return PoseErrors(metres, unknown, unknown, None)
+    degrees = _error_row("errors[1]", errors[1], 180.0)
+    arg.check_pairs(**{"errors[0]": errors[0], "errors[1]": errors[1]})
     return PoseErrors(metres, unknown, unknown, degrees)
+
+
+def _error_row(name: str, values: ArrayLike, most: float) -> Floats:
+    row = arg.floats(name, values, (None,))
+    bad = ~((row >= 0.0) & ((row <= most) | np.isinf(row)))
+    expected = f"0 to {most:g}; infinite for a failure"
+    arg.refuse_rows(name, bad, "NaN, or a number out of range,", expected, noun="query")
+    return row
 
 
 def solve_pose(
