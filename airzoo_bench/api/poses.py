@@ -157,8 +157,7 @@ def _pair_errors(errors: Any) -> PoseErrors:
 def _error_row(name: str, values: ArrayLike, most: float) -> Floats:
     row = arg.floats(name, values, (None,))
     bad = ~((row >= 0.0) & ((row <= most) | np.isinf(row)))
-    expected = f"0 to {most:g}; infinite for a failure"
-    arg.refuse_rows(name, bad, "NaN, or a number out of range,", expected, noun="query")
+    arg.refuse_rows(name, bad, "a number out of range", f"0 to {most:g}; infinite for a failure")
     return row
 
 
