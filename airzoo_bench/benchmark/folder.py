@@ -24,7 +24,7 @@ from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.core.validation import read_toml, validated
-from airzoo_bench.storage.mirror import url_at
+from airzoo_bench.storage.urls import url_at
 
 PartT = TypeVar("PartT")
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from airzoo_bench.benchmark.manifest import BenchmarkFile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import MARK, data_location
-from airzoo_bench.storage.mirror import RASTERS, copy_of, fetch, fetched, pointed, url_at
+from airzoo_bench.storage.mirror import RASTERS, fetch, fetched, pointed
 from airzoo_bench.storage.remote import absent_is_absent, find, in_parallel, names
-from airzoo_bench.storage.urls import Url, url_of
+from airzoo_bench.storage.urls import Url, copy_of, url_at, url_of
 
 _PROTOCOLS = "protocols"
 

@@ -15,8 +15,7 @@ from airzoo_bench.cli.common import say
 from airzoo_bench.cli.engines import choose_progress, engine_parameters
 from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.choose import EngineKind, open_engine
-from airzoo_bench.engines.engine import Processes
+from airzoo_bench.engines.engine import EngineKind, Processes, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.info import TrackInfo

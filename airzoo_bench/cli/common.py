@@ -206,7 +206,7 @@ def printable(text: str) -> str:
 def say(message: str) -> None:
     """Print a message on stderr, so that a pipe stays clean; mirrors are called by their URLs."""
     if "airzoo_bench.storage.mirror" in sys.modules:
-        from airzoo_bench.storage.mirror import in_urls
+        from airzoo_bench.storage.urls import in_urls
 
         message = in_urls(message)
     _write(printable(message) + "\n", sys.stderr)

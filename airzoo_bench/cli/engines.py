@@ -14,7 +14,7 @@ import typer
 from airzoo_bench.cli.built import parameter
 from airzoo_bench.cli.common import JobsOption, printable, progress, say
 from airzoo_bench.core.progress import Progress, report_progress
-from airzoo_bench.engines.choose import EngineKind
+from airzoo_bench.engines.engine import EngineKind
 
 if TYPE_CHECKING:
     from airzoo_bench.engines.engine import Engine

@@ -35,7 +35,7 @@ from airzoo_bench.cli.engines import (
 from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import EngineKind, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation

@@ -20,8 +20,7 @@ from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import About, about_file, read_about
-from airzoo_bench.engines.choose import EngineKind, open_engine
-from airzoo_bench.engines.engine import Processes
+from airzoo_bench.engines.engine import EngineKind, Processes, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.dataset import Dataset

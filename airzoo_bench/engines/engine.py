@@ -6,21 +6,35 @@ share and of one item. Results come in the order of the items, the same bytes fr
 
 from __future__ import annotations
 
+import importlib.util
+import re
 import signal
 import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
+from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TypeVar
 
-from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.core.progress import Progress, silent
 
-__all__ = ["HERE", "Engine", "Fault", "Processes", "attempt", "split", "without_ctrl_c"]
+__all__ = [
+    "HERE",
+    "LOCAL",
+    "Engine",
+    "EngineKind",
+    "Fault",
+    "Processes",
+    "attempt",
+    "open_engine",
+    "split",
+    "without_ctrl_c",
+]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -29,6 +43,8 @@ R = TypeVar("R")
 UNREAD = 4
 """Blocks a worker that may wait to be read, so that memory does not grow with their number."""
 MORE_MEMORY = "lower --jobs, raise --max-memory, or use workers or a machine with more memory"
+LOCAL = "local"
+_ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s/:@]+):\d{1,5}")
 _IDLE_S = 60
 _QUIET = "ignore:resource_tracker"
 
@@ -207,3 +223,50 @@ def without_ctrl_c() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class EngineKind(StrEnum):
+    """Where work is done, as options name it."""
+
+    LOCAL = "local"
+    DASK = "dask"
+
+
+@contextmanager
+def open_engine(
+    kind: EngineKind,
+    scheduler: str | None,
+    *,
+    jobs: int,
+    memory_bytes: int | None = None,
+    here: Engine | None = None,
+    note: Callable[[str], None] = lambda _: None,
+) -> Iterator[Engine]:
+    """Open the engine that options ask for; it ends with the block."""
+    if kind is EngineKind.LOCAL:
+        if scheduler is not None:
+            raise UsageError("--scheduler is of Dask", fix="add --engine dask")
+        engine = here or Engine()
+        try:
+            yield engine
+        finally:
+            if isinstance(engine, Processes):
+                engine.kill()
+        return
+    own = scheduler in (None, LOCAL)
+    if not own and not _ADDRESS.fullmatch(str(scheduler)):
+        raise UsageError(
+            "that is not the address of a scheduler",
+            where=f"--scheduler {scheduler}",
+            expected="local, tcp://HOST:PORT or tls://HOST:PORT, such as tcp://10.0.0.5:8786",
+        )
+    if importlib.util.find_spec("distributed") is None:
+        raise UsageError(
+            "--engine dask needs Dask, which is not installed",
+            fix="pip install 'airzoo-bench[dask]'",
+        )
+    from airzoo_bench.engines.dask import connect, local_cluster  # Dask is an extra
+
+    cluster = local_cluster(jobs, memory_bytes) if own else connect(str(scheduler), note)
+    with cluster as engine:
+        yield engine

@@ -14,8 +14,8 @@ from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.results.records import write_csv
 from airzoo_bench.results.result import read_result, write_result
 from airzoo_bench.storage.mirror import check_writable, uploaded
-from airzoo_bench.storage.remote import cache_folder, find
-from airzoo_bench.storage.urls import url_of
+from airzoo_bench.storage.remote import find
+from airzoo_bench.storage.urls import cache_folder, url_of
 
 _RESULT = "result.json"
 

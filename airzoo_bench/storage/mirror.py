@@ -23,7 +23,6 @@ from airzoo_bench.storage.remote import (
     ABSENT,
     Entry,
     absent_is_absent,
-    cache_folder,
     client_of,
     files,
     find,
@@ -31,22 +30,19 @@ from airzoo_bench.storage.remote import (
     stat,
     tried,
 )
-from airzoo_bench.storage.urls import SCHEMES, Url, url_of
+from airzoo_bench.storage.urls import Url, cache_folder, copy_of, url_at, url_of
 
 __all__ = [
     "RASTERS",
     "Pointer",
     "check_writable",
-    "copy_of",
     "fetch",
     "fetched",
     "here",
-    "in_urls",
     "pointed",
     "pointed_sha256",
     "pointer_at",
     "uploaded",
-    "url_at",
 ]
 
 RASTERS = (".tif", ".tiff", ".vrt")
@@ -62,27 +58,6 @@ _GDAL = {
     "GDAL_HTTP_RETRY_DELAY": "0.3",
 }
 _compared: set[Path] = set()  # copies that this process has held against their URLs
-
-
-def copy_of(url: Url) -> Path:
-    """Return the path of the copy of a file or folder, which may not be there."""
-    return cache_folder() / url.scheme / url.path
-
-
-def url_at(path: Path) -> Url | None:
-    """Return the URL whose copy a path is, or None."""
-    try:
-        scheme, *names = path.absolute().relative_to(cache_folder()).parts
-    except ValueError:
-        return None
-    return Url(scheme, "/".join(names)) if scheme in SCHEMES and names else None
-
-
-def in_urls(text: str) -> str:
-    """Return a message in which copies are called by their URLs."""
-    for scheme in SCHEMES:
-        text = text.replace(f"{cache_folder() / scheme}/", f"{scheme}://")
-    return text
 
 
 def fetch(url: Url, sha256: str | None = None, entry: Entry | None = None) -> Path:

@@ -11,21 +11,16 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 from urllib.parse import unquote
 
-from platformdirs import user_cache_path
-
 from airzoo_bench.core.errors import StorageError, UsageError, UserError
-from airzoo_bench.storage.urls import Url
+from airzoo_bench.storage.urls import CACHE_VARIABLE, Url, cache_folder
 
 __all__ = [
     "ABSENT",
-    "CACHE_VARIABLE",
     "Entry",
     "absent_is_absent",
-    "cache_folder",
     "client_of",
     "files",
     "find",
@@ -39,8 +34,6 @@ __all__ = [
 T = TypeVar("T")
 R = TypeVar("R")
 
-CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
-"""The variable of the environment that names the folder of copies."""
 PAUSES_S = (0.2, 0.5, 1.0, 2.0)
 """Before each further try."""
 ABSENT = "no such file or folder"
@@ -66,12 +59,6 @@ class Entry(NamedTuple):
     version: str
     is_folder: bool
     sha256: str | None
-
-
-def cache_folder() -> Path:
-    """Return the folder of copies: AIRZOO_BENCH_CACHE, else one of the user's cache."""
-    named = os.environ.get(CACHE_VARIABLE)
-    return Path(named).expanduser().absolute() if named else user_cache_path("airzoo-bench/mirrors")
 
 
 def client_of(url: Url) -> Any:

@@ -1,17 +1,32 @@
-"""Locations as people write them: paths of this machine, or URLs; nothing heavy is imported."""
+"""Locations: paths of this machine, URLs, and the paths that copies of URLs have."""
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote, unquote
 
+from platformdirs import user_cache_path
+
 from airzoo_bench.core.errors import UsageError
 
-__all__ = ["SCHEMES", "Url", "is_url", "url_of"]
+__all__ = [
+    "CACHE_VARIABLE",
+    "SCHEMES",
+    "Url",
+    "cache_folder",
+    "copy_of",
+    "in_urls",
+    "is_url",
+    "url_at",
+    "url_of",
+]
 
 SCHEMES = ("s3", "gs", "hf", "https", "http")
+CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
+"""The variable of the environment that names the folder of copies."""
 _BEGIN = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 
 
@@ -87,3 +102,30 @@ def url_of(location: str | Path) -> Url | None:
             "folder or file, of which the newest version is read",
         )
     return Url(scheme, path.rstrip("/"), query, says_folder=path.endswith("/"))
+
+
+def cache_folder() -> Path:
+    """Return the folder of copies: AIRZOO_BENCH_CACHE, else one of the user's cache."""
+    named = os.environ.get(CACHE_VARIABLE)
+    return Path(named).expanduser().absolute() if named else user_cache_path("airzoo-bench/mirrors")
+
+
+def copy_of(url: Url) -> Path:
+    """Return the path of the copy of a file or folder, which may not be there."""
+    return cache_folder() / url.scheme / url.path
+
+
+def url_at(path: Path) -> Url | None:
+    """Return the URL whose copy a path is, or None."""
+    try:
+        scheme, *names = path.absolute().relative_to(cache_folder()).parts
+    except ValueError:
+        return None
+    return Url(scheme, "/".join(names)) if scheme in SCHEMES and names else None
+
+
+def in_urls(text: str) -> str:
+    """Return a message in which copies are called by their URLs."""
+    for scheme in SCHEMES:
+        text = text.replace(f"{cache_folder() / scheme}/", f"{scheme}://")
+    return text

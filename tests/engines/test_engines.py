@@ -147,7 +147,7 @@ def test_a_cluster_leaves_the_environment_alone() -> None:
 HOLDING = """
 import sys
 from pathlib import Path
-from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines.engine import EngineKind, open_engine
 from airzoo_bench.engines.engine import Processes
 from tests.engines import work
 

@@ -18,9 +18,9 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.engines import choose, dask
-from airzoo_bench.engines.choose import EngineKind, open_engine
+from airzoo_bench.engines import dask, engine
 from airzoo_bench.engines.dask import connect
+from airzoo_bench.engines.engine import EngineKind, open_engine
 from tests.engines import work
 from tests.engines.work import named
 
@@ -202,7 +202,7 @@ def test_what_is_no_address_is_refused_before_anything_is_asked(address: str) ->
 def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match="--scheduler is of Dask"):
         opened("local", EngineKind.LOCAL)
-    monkeypatch.setattr(choose.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(engine.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match="not installed") as caught:
         opened(None)
     assert caught.value.fix == "pip install 'airzoo-bench[dask]'"

@@ -22,8 +22,8 @@ from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.lifting import lift
-from airzoo_bench.storage import mirror as mirrors_of
 from airzoo_bench.storage.mirror import here
+from airzoo_bench.storage.urls import in_urls
 from tests.matching.world import make_world
 from tests.storage.conftest import Bucket, Run
 from tests.storage.servers import Apart, serving_apart
@@ -146,7 +146,7 @@ def test_another_surface_model_is_refused(
     done = run(command, prepared / "mine.npz", bucket.url("data"), tmp_path / "b")
     assert isinstance(done.exception, BenchmarkError)
     assert "not the one that the benchmark was prepared with" in str(done.exception)
-    assert mirrors_of.in_urls(str(done.exception)).startswith(bucket.url(key))
+    assert in_urls(str(done.exception)).startswith(bucket.url(key))
 
 
 @pytest.mark.parametrize("where", ["web", "bucket"])

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.storage.mirror import copy_of, here, in_urls, url_at
-from airzoo_bench.storage.urls import Url, url_of
+from airzoo_bench.storage.mirror import here
+from airzoo_bench.storage.urls import Url, copy_of, in_urls, url_at, url_of
 from tests.support import run_main
 
 
