@@ -32,8 +32,6 @@ from airzoo_bench.core.registry import resolve
 if sys.platform == "linux":
     import resource
 
-__all__ = ["Limits", "call_limited", "check_limits"]
-
 _PACKAGE = "airzoo_bench"
 _LIBRARIES_BYTES = 512 << 20  # that Python and all libraries take before anything is read
 _MOST_DISK_BYTES = 1 << 36

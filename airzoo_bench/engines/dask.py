@@ -32,8 +32,6 @@ from airzoo_bench.engines.engine import (
     without_ctrl_c,
 )
 
-__all__ = ["DaskEngine", "connect", "local_cluster"]
-
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")

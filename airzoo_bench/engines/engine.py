@@ -23,19 +23,6 @@ from typing import Any, NamedTuple, TypeVar
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.core.progress import Progress, silent
 
-__all__ = [
-    "HERE",
-    "LOCAL",
-    "Engine",
-    "EngineKind",
-    "Fault",
-    "Processes",
-    "attempt",
-    "open_engine",
-    "split",
-    "without_ctrl_c",
-]
-
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")

@@ -17,8 +17,6 @@ from pathlib import Path, PurePosixPath
 from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.core.files import temporary_folder
 
-__all__ = ["ARCHIVE_SUFFIXES", "Bundle", "Member", "open_bundle"]
-
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.xz", ".tar.bz2")
 _MOST_FILES = 10_000
 _DAMAGE = (

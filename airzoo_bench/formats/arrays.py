@@ -14,18 +14,6 @@ from airzoo_bench.core.registry import resolve
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile
 
-__all__ = [
-    "Arrays",
-    "as_floating",
-    "check_fields",
-    "check_length",
-    "numbers",
-    "open_arrays",
-    "protocol_name",
-    "texts",
-    "wrong_type",
-]
-
 _PARQUET = "airzoo_bench.formats.parquet:ParquetFile"  # pyarrow takes a while to import
 _LONGEST_ID = 256
 _LONGEST_NAME = 64

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import PredictionError
 
-__all__ = ["Budget"]
-
 
 @dataclass(frozen=True)
 class Budget:

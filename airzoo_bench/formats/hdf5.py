@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
 from airzoo_bench.formats.budget import Budget
 
-__all__ = ["Hdf5File", "dataset_names"]
-
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _BYTES_OF_OBJECT = 12_000  # of memory, what pyfive keeps of a group or dataset
 _CONTIGUOUS, _VIRTUAL, _NOWHERE = 1, 3, (1 << 64) - 1

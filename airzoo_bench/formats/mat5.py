@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import UnreadableError, readable
 from airzoo_bench.formats.budget import Budget
 
-__all__ = ["MatFile"]
-
 _MAGIC = b"MATLAB 5.0 MAT-file"
 
 

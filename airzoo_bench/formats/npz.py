@@ -23,8 +23,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
 from airzoo_bench.formats.budget import Budget
 
-__all__ = ["ArrayEntry", "NpyHeader", "NpzFile", "map_numbers", "read_header"]
-
 _NUMBERS, _KINDS = "biuf", "biufUS"
 _LOCAL_HEADER_BYTES = 30
 _PIECE_BYTES = 1 << 22

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of, readable
 from airzoo_bench.formats.budget import Budget
 
-__all__ = ["ParquetFile", "read_columns"]
-
 _BATCH_ROWS = 65_536
 _PANDAS_INDEX = "__index_level_"
 _LONGEST_TEXT = 512

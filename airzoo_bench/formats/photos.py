@@ -13,8 +13,6 @@ from PIL import Image
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 
-__all__ = ["opened_photo"]
-
 # Pillow raises SyntaxError and ValueError over headers.
 _DAMAGE = (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBombError)
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError, readable
 
-__all__ = ["read_tensors"]
-
 _NAMES = ("Half", "Float", "Double", "Byte", "Char", "Short", "Int", "Long")
 _CODES = ("<f2", "<f4", "<f8", "<u1", "<i1", "<i2", "<i4", "<i8")
 _STORAGES = {f"{name}Storage": code for name, code in zip(_NAMES, _CODES, strict=True)}

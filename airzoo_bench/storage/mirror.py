@@ -32,19 +32,6 @@ from airzoo_bench.storage.remote import (
 )
 from airzoo_bench.storage.urls import Url, cache_folder, copy_of, url_at, url_of
 
-__all__ = [
-    "RASTERS",
-    "Pointer",
-    "check_writable",
-    "fetch",
-    "fetched",
-    "here",
-    "pointed",
-    "pointed_sha256",
-    "pointer_at",
-    "uploaded",
-]
-
 RASTERS = (".tif", ".tiff", ".vrt")
 """Endings of files that are not copied."""
 _PIECE_BYTES = 16 << 20

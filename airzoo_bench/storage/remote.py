@@ -17,20 +17,6 @@ from urllib.parse import unquote
 from airzoo_bench.core.errors import StorageError, UsageError, UserError
 from airzoo_bench.storage.urls import CACHE_VARIABLE, Url, cache_folder
 
-__all__ = [
-    "ABSENT",
-    "Entry",
-    "absent_is_absent",
-    "client_of",
-    "files",
-    "find",
-    "in_parallel",
-    "matching",
-    "names",
-    "stat",
-    "tried",
-]
-
 T = TypeVar("T")
 R = TypeVar("R")
 

@@ -12,18 +12,6 @@ from platformdirs import user_cache_path
 
 from airzoo_bench.core.errors import UsageError
 
-__all__ = [
-    "CACHE_VARIABLE",
-    "SCHEMES",
-    "Url",
-    "cache_folder",
-    "copy_of",
-    "in_urls",
-    "is_url",
-    "url_at",
-    "url_of",
-]
-
 SCHEMES = ("s3", "gs", "hf", "https", "http")
 CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
 """The variable of the environment that names the folder of copies."""

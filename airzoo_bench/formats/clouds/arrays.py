@@ -12,8 +12,6 @@ from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong
 from airzoo_bench.formats.clouds.cloud import ArrayPieces, FileCloud, refusal
 from airzoo_bench.formats.npz import map_numbers
 
-__all__ = ["open_npy", "open_npz"]
-
 _CONFIDENCE = ("confidence", "conf")
 _ALLOWED = ("protocol", "points", "colours", "colors", *_CONFIDENCE)
 _EXPECTED = "points (N, 3), and perhaps colours (N, 3) and confidence (N,)"

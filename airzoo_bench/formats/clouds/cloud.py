@@ -13,18 +13,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import FIX_COPY, PredictionError, counted
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = [
-    "ArrayPieces",
-    "Cloud",
-    "CloudSource",
-    "FileCloud",
-    "cloud_of_columns",
-    "read_records",
-    "refusal",
-    "too_few",
-    "uncounted",
-]
-
 _CONFIDENCE = ("confidence", "conf")
 _STORED_POINTS = 1 << 20
 

@@ -11,8 +11,6 @@ from airzoo_bench.formats.clouds.cloud import ArrayPieces, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, MeshSampling, sampled
 from airzoo_bench.formats.clouds.suffixes import KINDS, TEXT_SUFFIXES
 
-__all__ = ["open_cloud"]
-
 _HEAD_BYTES = 4096
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _COMMENTS = rb"(#[^\n]*\n|\s)*"

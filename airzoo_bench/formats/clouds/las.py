@@ -27,8 +27,6 @@ from airzoo_bench.formats.clouds.cloud import (
     uncounted,
 )
 
-__all__ = ["open_las"]
-
 _SHORTEST, _VLR_BYTES = 227, 54
 _LAYERED = 3  # the compressor of point formats 6 and above, which counts the points of each chunk
 _LAST_BYTES = 16  # that an encoder may write behind the last point

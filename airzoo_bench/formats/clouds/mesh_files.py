@@ -20,8 +20,6 @@ from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
 from airzoo_bench.formats.clouds.text import opened_lines, quoted
 from airzoo_bench.geometry.arrays import Floats, Ints
 
-__all__ = ["open_gltf", "open_obj", "open_stl"]
-
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 _AXES = "axes as in the file: glTF takes y as up, and many exporters turn and centre the scene"
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression", b"KHR_meshopt")

@@ -17,8 +17,6 @@ from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.geometry.arrays import Floats, Ints
 
-__all__ = ["Mesh", "MeshSampling", "add_fan", "cut_fans", "sampled"]
-
 _ENDLESS = 1e18
 _DOUBLE = np.dtype(np.float64)
 _WEYL = np.uint64(0x9E3779B97F4A7C15)

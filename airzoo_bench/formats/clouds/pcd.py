@@ -22,8 +22,6 @@ from airzoo_bench.formats.clouds.cloud import (
 )
 from airzoo_bench.formats.clouds.text import count_lines, quoted, read_rows
 
-__all__ = ["open_pcd"]
-
 _LONGEST_HEADER = 1 << 16
 _KINDS = ("ascii", "binary", "binary_compressed")
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}

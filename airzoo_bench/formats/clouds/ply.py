@@ -29,8 +29,6 @@ from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
 from airzoo_bench.formats.clouds.text import count_lines, opened_lines, quoted, read_rows
 from airzoo_bench.geometry.arrays import Ints
 
-__all__ = ["open_ply", "write_ply"]
-
 _COLOURS = ("red", "green", "blue")
 _SPLATS = {"f_dc_0", "opacity"}
 _FACE_LISTS = ("vertex_indices", "vertex_index")

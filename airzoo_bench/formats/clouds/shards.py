@@ -12,8 +12,6 @@ from airzoo_bench.core.errors import counted
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.las import open_las
 
-__all__ = ["SHARD_SUFFIXES", "open_shards", "shards_in"]
-
 SHARD_SUFFIXES = (".las", ".laz")
 """Endings of files that can be shards."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["KINDS", "SUFFIXES", "TEXT_SUFFIXES"]
-
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _POINTS = (".ply", ".pcd", ".las", ".laz", ".npz", ".npy", *TEXT_SUFFIXES)
 SUFFIXES = (*_POINTS, ".obj", ".stl", ".gltf", ".glb")

@@ -27,8 +27,6 @@ from airzoo_bench.formats.clouds.cloud import (
 )
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["count_lines", "open_text", "opened_lines", "quoted", "read_rows"]
-
 _SAMPLE = 1000
 _MOST_PREAMBLE = 1000
 _LONGEST_LINE = 1 << 16
