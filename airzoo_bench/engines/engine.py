@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.core.registry import resolve
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -252,8 +253,10 @@ def open_engine(
             "--engine dask needs Dask, which is not installed",
             fix="pip install 'airzoo-bench[dask]'",
         )
-    from airzoo_bench.engines.dask import connect, local_cluster  # Dask is an extra
-
-    cluster = local_cluster(jobs, memory_bytes) if own else connect(str(scheduler), note)
+    dask = "airzoo_bench.engines.dask"  # Dask is an extra
+    if own:
+        cluster = resolve(f"{dask}:local_cluster")(jobs, memory_bytes)
+    else:
+        cluster = resolve(f"{dask}:connect")(str(scheduler), note)
     with cluster as engine:
         yield engine
