@@ -41,7 +41,7 @@ class BuiltGroup(LightGroup):
 
     def summary_of(self, name: str) -> str:
         """Return what the list of subcommands says of a thing's."""
-        return self.registry.help(name)
+        return str(self.registry.get(name).summary)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Show the list of subcommands, whose options are not made for it."""

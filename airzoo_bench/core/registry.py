@@ -7,10 +7,12 @@ that uses a name that is taken is refused by name.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from airzoo_bench.core.errors import UsageError
@@ -68,28 +70,24 @@ class Registry:
             return resolve(self._places[name])
         return self._added[name] if name in self._added else self._installed()[name].load()
 
-    def help(self, name: str) -> str:
-        """Return what the list of commands says of a thing."""
-        return str(self.get(name).summary)
-
     def _installed(self) -> dict[str, EntryPoint]:
         found: dict[str, EntryPoint] = {}
-        for point in entry_points(group=self.group):
+        for point in _entry_points(self.group, tuple(sys.path)):
             if point.name in self._places or point.name in found:
-                other = found.get(point.name)
+                package = point.dist.name if point.dist else point.value
                 raise UsageError(
-                    f"package {_package(point)} adds {point.name!r}, which "
-                    f"{_package(other) if other else 'airzoo-bench'} has already",
+                    f"package {package} adds {point.name!r}, which is there already",
                     where=f"entry points {self.group}",
-                    expected="each name once",
-                    fix=f"uninstall {_package(point)}, or rename its entry point",
+                    fix=f"uninstall {package}, or rename its entry point",
                 )
             found[point.name] = point
         return found
 
 
-def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist else point.value
+@cache
+def _entry_points(group: str, _: tuple[str, ...]) -> EntryPoints:
+    """Return the entry points of a group; all packages are searched once for each search path."""
+    return entry_points(group=group)
 
 
 TRACKS = Registry(

@@ -36,15 +36,13 @@ def test_a_package_with_a_name_that_is_taken_is_refused_by_its_name(
     assert "uninstall other-matching" in capsys.readouterr().err
 
 
-def test_two_packages_with_one_name_are_both_named(
+def test_two_packages_with_one_name_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for package in ("one", "other"):
         install(tmp_path / package, package, "height")
         monkeypatch.syspath_prepend(tmp_path / package)
-    with pytest.raises(
-        UserError, match=r"package (one|other) adds 'height', which (one|other) has"
-    ):
+    with pytest.raises(UserError, match=r"package (one|other) adds 'height'"):
         TRACKS.names()
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import functools
-import importlib.metadata
 import io
 import json
 import os
@@ -39,8 +37,6 @@ def table(path: Path) -> dict[str, list[str]]:
     return sections
 
 
-# Commands ask for these two dozen times, and they stay the same in a process.
-INSTALLED = functools.cache(importlib.metadata.entry_points)
 CASES = table(HERE / "cases.txt")
 
 
@@ -61,7 +57,6 @@ def run(command: str, home: Path) -> tuple[int, str]:
         contextlib.chdir(home),
         mock.patch.dict(os.environ, settings),
         mock.patch.object(sys, "argv", ["airzoo-bench", *shlex.split(command)]),
-        mock.patch("airzoo_bench.core.registry.entry_points", INSTALLED),
         contextlib.redirect_stdout(printed),
         contextlib.redirect_stderr(printed),
     ):

@@ -285,4 +285,4 @@ def _write_photos(folder: Path, images: tuple[str, ...]) -> None:
     for number, name in enumerate(images):
         random = np.random.default_rng(number)
         small = Image.fromarray(random.integers(0, 256, (12, 16, 3), np.uint8))
-        small.resize(SIZE).save(folder / name)
+        small.resize(SIZE).save(folder / name, compress_level=1)
