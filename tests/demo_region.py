@@ -7,35 +7,29 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import laspy
 import numpy as np
-import pandas as pd
 import rasterio
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.queries import SceneInputs, photo_table
-from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
-from airzoo_bench.datasets.mini.frames import IMAGE_SUFFIX, FrameList, render_frames
-from airzoo_bench.datasets.mini.prepare import SURVEY, Photos, mini_photos, seen_surface
-from airzoo_bench.datasets.mini.priors import noisy_priors
-from airzoo_bench.datasets.mini.rendering.renderer import default_camera
-from airzoo_bench.datasets.mini.world.build import build_world
-from airzoo_bench.datasets.mini.world.model import CRS, World
+from airzoo_bench.datasets.mini.build import build_world
+from airzoo_bench.datasets.mini.frames import FrameList, render_frames
+from airzoo_bench.datasets.mini.model import CRS, World
+from airzoo_bench.datasets.mini.prepare import SURVEY, mini_photos, scene_content, seen_surface
+from airzoo_bench.datasets.mini.renderer import default_camera
+from airzoo_bench.datasets.mini.store import save_world
 from airzoo_bench.datasets.settings import PrepareSettings
-from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
-from airzoo_bench.geometry.heightfield import median_height
-from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
+from airzoo_bench.datasets.truths import BenchmarkProtocols
 
 NAME = "airzoo-demo"
 SEED = 0
 ROLL_PHOTOS = 8
 EDGE_M = 45.0  # of the region, which the maps leave out on each side
-VOXEL_M = 0.5
 
 
 def make(folder: Path) -> None:
@@ -46,35 +40,27 @@ def make(folder: Path) -> None:
     protocols = BenchmarkProtocols.named([f"{NAME}-{track}" for track in tracks], Path())
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
-        render_frames(photos.frames, lambda: world, home)
+        save_world(home / "world", world)
+        render_frames(photos, home / "world", home)
         files = _maps(world, home) | {"images": home / "images", "cloud": home / "cloud.laz"}
-        grid = VoxelGrid(VOXEL_M, grid_origin(VOXEL_M))
-        cloud = seen_surface(photos, home, grid, lambda rows, *_: rows)
-        _write_cloud(files["cloud"], cloud.points)
-        inputs = _inputs(photos, files)
-        surveyed = inputs.photos["sequence"] == SURVEY
-        truths = build_truths(inputs, protocols, files["cloud"], surveyed)
+        _write_cloud(files["cloud"], seen_surface(photos, home).points)
+        content = scene_content(world.region, photos, files, SEED, protocols)
         settings = PrepareSettings(folder, home, copy=True, replace=True)
-        write_benchmark([SceneContent(inputs, truths, files)], protocols, settings)
+        write_benchmark([content], protocols, settings)
 
 
-def _photos(world: World) -> Photos:
+def _photos(world: World) -> FrameList:
     """Return the survey and some photos of the barrel roll, all by a small camera."""
     whole = mini_photos(world.region, world.dsm, SEED)
-    frames, surveyed = whole.frames, whole.sequence.count(SURVEY)
+    surveyed = whole.sequence.count(SURVEY)
     middle = np.array([world.region.west, world.region.south]) + world.region.side_m / 2
-    away_m = np.abs(frames.poses.centres[surveyed:, :2] - middle).max(axis=1)
+    away_m = np.abs(whole.poses.centres[surveyed:, :2] - middle).max(axis=1)
     roll = surveyed + np.sort(np.argsort(away_m, kind="stable")[:ROLL_PHOTOS])
     rows = [*range(surveyed), *roll.tolist()]
-    small = FrameList(
-        names=tuple(frames.names[row] for row in rows),
-        camera=default_camera(320, 240),
-        poses=frames.poses.take(np.array(rows)),
-        weather=tuple(frames.weather[row] for row in rows),
-        time_of_day=tuple(frames.time_of_day[row] for row in rows),
-        seed=frames.seed,
-    )
-    return Photos(small, tuple(whole.sequence[row] for row in rows))
+    columns = ("names", "weather", "time_of_day", "sequence")
+    chosen = {name: tuple(getattr(whole, name)[row] for row in rows) for name in columns}
+    small = default_camera(320, 240)
+    return replace(whole, camera=small, poses=whole.poses.take(np.array(rows)), **chosen)
 
 
 def _maps(world: World, home: Path) -> dict[str, Path]:
@@ -109,23 +95,6 @@ def _write_cloud(path: Path, points: NDArray[np.float64]) -> None:
     cloud = laspy.LasData(header)
     cloud.x, cloud.y, cloud.z = points.T
     cloud.write(path)
-
-
-def _inputs(photos: Photos, files: dict[str, Path]) -> SceneInputs:
-    frames = photos.frames
-    images = tuple(f"{name}{IMAGE_SUFFIX}" for name in frames.names)
-    plane = median_height(files["dsm"])
-    ids = [f"city/{name}" for name in frames.names]
-    priors = noisy_priors(ids, frames.poses, SEED)
-    cameras = frames.camera.take(np.zeros(len(frames), dtype=np.int64))
-    table = photo_table("city", images, cameras, frames.poses, priors, plane)
-    conditions = pd.DataFrame(
-        {"weather": frames.weather, "time_of_day": frames.time_of_day, "sequence": photos.sequence},
-        index=ids,
-    )
-    dom, gallery = open_info(files["dom"]), open_info(files["gallery"])
-    table = table.join(conditions, on="id")
-    return SceneInputs("city", table, CRS, dom, files["dsm"], plane, gallery=gallery)
 
 
 if __name__ == "__main__":

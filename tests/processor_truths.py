@@ -16,9 +16,9 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.files import DATA_VARIABLE
 from airzoo_bench.datasets.mini import prepare as airzoo_mini
+from airzoo_bench.datasets.mini.model import REGIONS, Region
 from airzoo_bench.datasets.mini.prepare import mini_photos
-from airzoo_bench.datasets.mini.world.model import REGIONS, Region
-from airzoo_bench.datasets.mini.world.store import write_raster
+from airzoo_bench.datasets.mini.store import write_raster
 from airzoo_bench.datasets.truths import build_truths
 from airzoo_bench.geometry.poses import depth_to_points
 from airzoo_bench.matching.truth import read_truth as read_matching
@@ -46,14 +46,14 @@ def flights(home: Path) -> dict[str, str]:
         for key in ("dom", "gallery"):
             write_raster(files[key], np.repeat(dsm[..., None], 3, axis=2).astype(np.uint8), region)
         photos = mini_photos(region, dsm, 0)
-        inputs = airzoo_mini._inputs(region, photos, files, 0)
+        inputs = airzoo_mini.scene_inputs(region, photos, files, 0)
         gallery = protocols.retrieval.gallery.model_copy(update={"gsd_m": "any"})
         retrieval = protocols.retrieval.model_copy(update={"gallery": gallery})
         every = (retrieval, *(one for one in protocols.every if one.track != "retrieval"))
         truths = build_truths(inputs, replace(protocols, every=every))
         truth, crops = truths.retrieval.truth, truths.matching
         depth = np.tile(np.arange(100.0, 164.0), (48, 1))
-        camera, poses = photos.frames.camera, photos.frames.poses
+        camera, poses = photos.camera, photos.poses
         points = [depth_to_points(depth, depth > 0, camera, poses.take(n)) for n in range(8)]
         found[f"{name} photos"] = digest(inputs.photos.to_csv(index=False).encode())
         found[f"{name} retrieval"] = truth.fingerprint

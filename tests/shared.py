@@ -17,12 +17,12 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 
     The others wait, and the next one makes it where that fails.
     """
-    from airzoo_bench.datasets.mini.world.store import _sole_maker
+    from airzoo_bench.datasets.mini.store import sole_maker
 
     base = factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"shared-{name}"
     made = folder.with_name(f"{folder.name}.made")
-    with _sole_maker(folder):
+    with sole_maker(folder):
         if not made.exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()

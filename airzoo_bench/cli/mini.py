@@ -43,13 +43,11 @@ def _group() -> None:
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
     from airzoo_bench.core.files import data_root
+    from airzoo_bench.datasets.mini.model import REGIONS
     from airzoo_bench.datasets.mini.prepare import make_worlds
-    from airzoo_bench.datasets.mini.world.model import REGIONS
 
     regions = list(REGIONS.values())
-    folders = make_worlds(
-        regions, data_root(), seed, engine=Processes(jobs), progress=progress, note=say
-    )
+    folders = make_worlds(regions, data_root(), seed, Processes(jobs), progress)
     for region, folder in zip(regions, folders, strict=True):
         put(f"{region.name}\n")
         for name in ("dom", "dsm", "satellite"):
@@ -73,30 +71,27 @@ def render(
 
     A run that was stopped goes on: frames that are there are not rendered again.
     """
-    from functools import partial
-
     from airzoo_bench.core.files import data_root
     from airzoo_bench.datasets.mini import flights
     from airzoo_bench.datasets.mini.frames import FrameList, render_frames
+    from airzoo_bench.datasets.mini.model import REGIONS
     from airzoo_bench.datasets.mini.prepare import make_worlds
-    from airzoo_bench.datasets.mini.rendering.renderer import default_camera
-    from airzoo_bench.datasets.mini.world.model import REGIONS
-    from airzoo_bench.datasets.mini.world.store import load_world
+    from airzoo_bench.datasets.mini.renderer import default_camera
+    from airzoo_bench.datasets.mini.store import load_world
 
-    (folder,) = make_worlds([REGIONS[region]], data_root(), seed, progress=progress, note=say)
+    (made,) = make_worlds([REGIONS[region]], data_root(), seed, progress=progress)
     camera = default_camera()
-    airspace = flights.Airspace.over(REGIONS[region], load_world(folder).dsm)
+    airspace = flights.Airspace.over(REGIONS[region], load_world(made).dsm)
     orbits = flight is _Flight.BARREL_ROLL
     flown = flights.barrel_roll(airspace, seed) if orbits else flights.survey(airspace)
-    flown = flown.take(flights.key_frames(flown, camera, airspace.ground_m, overlap))
+    keys = flights.key_frames(flown, camera, airspace.ground_m, overlap)
     frames = FrameList(
-        names=flown.names,
+        names=tuple(f"{frame:06d}" for frame in keys),
         camera=camera,
-        poses=flights.trajectory_poses(flown),
-        weather=(weather,) * len(flown),
-        time_of_day=(time_of_day,) * len(flown),
+        poses=flown.take(keys),
+        weather=(weather,) * len(keys),
+        time_of_day=(time_of_day,) * len(keys),
         seed=seed,
     )
-    load = partial(load_world, folder)
-    render_frames(frames, load, out, engine=Processes(jobs), progress=progress)
-    say(f"{counted(len(flown), 'frame')} in {out}: frames.csv, images/, depth/, colmap/")
+    render_frames(frames, made, out, engine=Processes(jobs), progress=progress)
+    say(f"{counted(len(keys), 'frame')} in {out}: frames.csv, images/, depth/, colmap/")

@@ -1,4 +1,4 @@
-"""AirZoo-Mini as a dataset: what `prepare airzoo-mini` asks for."""
+"""AirZoo-Mini as a dataset: the options of `prepare airzoo-mini`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
+from airzoo_bench.datasets.mini.noise import keyed
+from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings
 
 
@@ -45,8 +47,6 @@ class MiniOptions:
             fix = f"openssl rand -hex 16 > {self.key_file}"
             expected = "32 hexadecimal digits"
             raise UsageError("holds no key", where=self.key_file, expected=expected, fix=fix)
-        from airzoo_bench.datasets.mini.noise import keyed
-
         return keyed(bytes.fromhex(text))
 
 
@@ -60,8 +60,6 @@ class AirZooMini(Dataset[MiniOptions]):
 
     def benchmark(self, options: MiniOptions) -> str:
         """Return the name, which has the seed in it where that is not 0."""
-        from airzoo_bench.datasets.mini.prepare import mini_protocols
-
         return mini_protocols(options.source).benchmark
 
     def folder_name(self, options: MiniOptions, root: Path) -> str:
@@ -69,13 +67,11 @@ class AirZooMini(Dataset[MiniOptions]):
         return self.benchmark(options)
 
     def is_prepared(self, options: MiniOptions, settings: PrepareSettings) -> bool:
-        """Return False: what is kept of worlds and photos makes another run short."""
+        """Return False: worlds and photos that are kept make another run short."""
         return False
 
     def prepare(self, options: MiniOptions, settings: PrepareSettings) -> Prepared:
         """Make the folder, see `mini.prepare.prepare_airzoo_mini`."""
-        from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
-
         return prepare_airzoo_mini(options.source, settings)
 
 

@@ -2,6 +2,7 @@
 
 The barrel roll is the paper's ("Flight Trajectories Generation"): orbits around a scene centre
 joined by straight and S-shaped sweeps, while altitude, yaw and the gimbal's pitch go up and down.
+A flight is the poses of its frames, 30 a second, in `model.CRS`.
 
 What a frame sees of the ground is its footprint on a level plane, as far as 400 m in depth along
 the optical axis: beyond, an oblique view goes on to the horizon. The overlap of two frames is the
@@ -11,8 +12,7 @@ flight, and 1 where one sees all that the other sees.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -21,9 +21,9 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.datasets.mini.model import CRS, Region
 from airzoo_bench.datasets.mini.noise import words
-from airzoo_bench.datasets.mini.world.model import CRS, Region
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_world
@@ -31,10 +31,10 @@ from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_worl
 FPS = 30
 """Frames a second."""
 MARGIN_M = 40.0
-"""Flights that are made here go no nearer to the region's border."""
+"""Flights go no nearer to the region's border."""
 _CLEARANCE_M, _ROOM_M = 40.0, 80.0
-# Digits kept: 0.1 mm on the ground and of height, 1e-4 degrees, a microsecond.
-_DECIMALS = {"altitude_m": 4, "roll_deg": 4, "pitch_deg": 4, "yaw_deg": 4, "time_s": 6, "lonlat": 9}
+# Digits of poses: 0.1 mm on the ground and of height, 1e-4 degrees.
+_LONLAT_DECIMALS, _DECIMALS = 9, 4
 _MOST_DEPTH_M = 400.0
 _BLOCK = 64  # frames looked at together in search of the next key frame
 
@@ -51,47 +51,8 @@ _STEP_M = 1.0
 _TURN_M = 18.0  # standard deviation of the smoothing of the way,
 _EASE_M = 20.0  # of speed along it,
 _TURN_S = 3.0  # and of yaw in time
-_SLOWEST, _FASTEST = 6.0, 11.0  # m/s wanted; what is flown keeps to 5 to 12
+_SLOWEST, _FASTEST = 6.0, 11.0  # m/s wanted; drones keep to 5 to 12
 _SIDEWAYS = 2.5  # m/s^2
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """N frames of a flight.
-
-    Angles are as in `geometry.attitude`: pitch 0 is the horizon, -90 nadir; yaw is from true north,
-    clockwise positive.
-    """
-
-    names: tuple[str, ...]  # each once; they become names of files
-    time_s: Floats  # (N,): ascending
-    lonlat: Floats  # (N, 2): WGS84 longitude, latitude in degrees
-    altitude_m: Floats  # (N,): above the WGS84 ellipsoid
-    roll_deg: Floats  # (N,)
-    pitch_deg: Floats  # (N,)
-    yaw_deg: Floats  # (N,)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def take(self, index: Any) -> Trajectory:
-        """Return the frames at an index array, mask or slice."""
-        rows = np.arange(len(self))[index]
-        arrays = {name: array[rows] for name, array in vars(self).items() if name != "names"}
-        return Trajectory(tuple(self.names[row] for row in rows.tolist()), **arrays)
-
-
-def trajectory_poses(trajectory: Trajectory) -> Poses:
-    """Turn a flight of N frames into N poses in `CRS`; heights are the flight's altitudes."""
-    rotation = angles_to_rotations(
-        trajectory.yaw_deg,
-        trajectory.pitch_deg,
-        trajectory.roll_deg,
-        convergence_deg=grid_convergence_deg(CRS, trajectory.lonlat),
-    )
-    xy = from_lonlat(CRS, trajectory.lonlat)
-    centres = np.concatenate((xy, trajectory.altitude_m[:, None]), axis=-1)
-    return Poses.from_centres(rotation, centres, trajectory.names)
 
 
 @dataclass(frozen=True)
@@ -99,7 +60,7 @@ class Airspace:
     """Where flights are made."""
 
     region: Region
-    ground_m: float  # height of the ground, for what a camera sees
+    ground_m: float  # height of the ground, for footprints
     floor_m: float  # lowest altitude of flights
     ceiling_m: float  # highest altitude of flights
 
@@ -110,7 +71,7 @@ class Airspace:
         return cls(region, float(np.nanmedian(dsm)), floor, floor + _ROOM_M)
 
 
-def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Trajectory:
+def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Poses:
     """Fly orbits joined by straight and S-shaped sweeps, at 5 to 12 m/s."""
     raw = words(seed, 5 + 3 * rounds)
     draws = np.asarray(raw >> np.uint64(11), dtype=np.float64) * 2.0**-53
@@ -126,8 +87,7 @@ def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Trajectory
     swing = _SWING_DEG * np.sin(2 * np.pi * way / _SWING_WAVE_M)
     yaw = _looking(line, looks[:, 0], centre) + np.where(looks[:, 0] < 1.5, swing, 0.0)
     low, high = _ROLL_PITCHES_DEG
-    place = np.column_stack((line, height))
-    return fly(airspace.region, place, _pace(line), yaw, low + (high - low) * nod)
+    return fly(airspace.region, np.column_stack((line, height)), yaw, low + (high - low) * nod)
 
 
 def survey(
@@ -137,7 +97,7 @@ def survey(
     spacing_m: float = 40.0,
     turn_deg: float = 0.0,
     shift_m: tuple[float, float] = (0.0, 0.0),
-) -> Trajectory:
+) -> Poses:
     """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees."""
     half = airspace.region.side_m / 2
     middle = half + np.array(shift_m)
@@ -164,8 +124,7 @@ def survey(
     corners = _rotated(table[:, :2], turn_deg) if turn_deg else table[:, :2]
     line, wanted = smooth_line(corners + middle, table[:, 2:])
     place = np.column_stack((line, np.full(len(line), airspace.floor_m)))
-    yaw = _looking(line, wanted[:, 0], middle)
-    return fly(airspace.region, place, _pace(line), yaw, _eased(wanted[:, 1]))
+    return fly(airspace.region, place, _looking(line, wanted[:, 0], middle), _eased(wanted[:, 1]))
 
 
 def _round(draws: Floats, reach: float, start_deg: float) -> Floats:
@@ -217,7 +176,7 @@ def _looking(line: Floats, look: Floats, centre: Floats) -> Floats:
 
 
 def smooth_line(corners: Floats, wanted: Floats) -> tuple[Floats, Floats]:
-    """Round the corners (K, 2) of a line off; what is wanted at them (K, E) is linear between."""
+    """Round the corners (K, 2) of a line off; other columns (K, E) are linear between them."""
     way = _way_m(corners)
     even = np.linspace(0.0, way[-1], round(way[-1] / _STEP_M) + 1)
     columns = [np.interp(even, way, column) for column in (*corners.T, *wanted.T)]
@@ -253,55 +212,38 @@ def _way_m(line: Floats) -> Floats:
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
 
 
-def fly(
-    region: Region, line: Floats, speed: Floats, yaw_deg: Floats, pitch_deg: Floats
-) -> Trajectory:
-    """Fly along a smooth line, a frame each 1/30 s, with the gimbal turning smoothly."""
+def fly(region: Region, line: Floats, yaw_deg: Floats, pitch_deg: Floats) -> Poses:
+    """Fly along a smooth line (K, 3), a frame each 1/30 s, with the gimbal turning smoothly."""
+    speed = _pace(line[:, :2])
     seconds_per_m = (1.0 / speed[1:] + 1.0 / speed[:-1]) / 2
     knots = np.append(0.0, np.cumsum(np.diff(_way_m(line)) * seconds_per_m))
-    count = int(knots[-1] * FPS) + 1
-    time_s = np.arange(count) / FPS
+    time_s = np.arange(int(knots[-1] * FPS) + 1) / FPS
     place = np.asarray(CubicSpline(knots, line)(time_s), dtype=np.float64)
-    if not ((place[:, :2] >= 0.0) & (place[:, :2] <= region.side_m)).all():
-        raise UsageError(
-            f"the flight leaves the region {region.name}",
-            expected=f"a flight within {region.side_m:g} m",
-            fix="make it smaller",
-        )
     yaw_at_frames = np.interp(time_s, knots, np.unwrap(yaw_deg, period=360.0))
     grid_yaw = gaussian_filter1d(yaw_at_frames, _TURN_S * FPS, mode="nearest", truncate=4.0)
-    pitch = np.asarray(CubicSpline(knots, pitch_deg)(time_s), dtype=np.float64)
+    pitch = np.clip(np.asarray(CubicSpline(knots, pitch_deg)(time_s)), -90.0, 90.0)
     lonlat = to_lonlat(CRS, place[:, :2] + (region.west, region.south))
-    flown = Trajectory(
-        names=tuple(f"{frame:06d}" for frame in range(count)),
-        time_s=time_s,
-        lonlat=lonlat,
-        altitude_m=place[:, 2],
-        roll_deg=np.zeros(count),
-        pitch_deg=np.clip(pitch, -90.0, 90.0),
-        yaw_deg=(grid_yaw + grid_convergence_deg(CRS, lonlat) + 180.0) % 360.0 - 180.0,
-    )
-    # -0.0 becomes 0.0.
-    digits: dict[str, Any] = {
-        name: np.round(getattr(flown, name), decimals) + 0.0 for name, decimals in _DECIMALS.items()
-    }
-    return replace(flown, **digits)
+    yaw = (grid_yaw + grid_convergence_deg(CRS, lonlat) + 180.0) % 360.0 - 180.0
+    return frame_poses(lonlat, place[:, 2], pitch, yaw)
 
 
-def key_frames(
-    trajectory: Trajectory, camera: Cameras, ground_height: float, overlap: float
-) -> Ints:
+def frame_poses(lonlat: Floats, altitude: Floats, pitch: Floats, yaw: Floats) -> Poses:
+    """Turn N frames in WGS84, yaw from true north, into poses as their rounded numbers give."""
+    lonlat = np.round(lonlat, _LONLAT_DECIMALS)
+    altitude, pitch, yaw = (np.round(part, _DECIMALS) + 0.0 for part in (altitude, pitch, yaw))
+    turn = grid_convergence_deg(CRS, lonlat)
+    rotation = angles_to_rotations(yaw, pitch, np.zeros(len(yaw)), convergence_deg=turn)
+    return Poses.from_centres(rotation, np.column_stack((from_lonlat(CRS, lonlat), altitude)))
+
+
+def key_frames(poses: Poses, camera: Cameras, ground_height: float, overlap: float) -> Ints:
     """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1."""
-    if not 0.0 < overlap < 1.0:
-        raise UsageError(
-            f"key frames with an overlap of {overlap:g}", expected="above 0 and below 1"
-        )
-    seen = footprints(camera, trajectory_poses(trajectory), ground_height)
+    seen = footprints(camera, poses, ground_height)
     usable = np.flatnonzero(shapely.area(seen) > 0.0)
-    kept = list(range(min(1, len(usable))))
-    while kept and (following := _next(seen[usable], kept[-1], overlap)) is not None:
-        kept.append(following)
-    return usable[kept].astype(np.int64)
+    chosen = list(range(min(1, len(usable))))
+    while chosen and (following := _next(seen[usable], chosen[-1], overlap)) is not None:
+        chosen.append(following)
+    return usable[chosen].astype(np.int64)
 
 
 def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -315,13 +257,19 @@ def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
 def footprints(
     camera: Cameras, poses: Poses, ground_height: float, most_depth_m: float = _MOST_DEPTH_M
 ) -> NDArray[np.object_]:
-    """Return what N frames see of a level plane, no deeper than some metres."""
+    """Return the parts of a level plane that N frames see, no deeper than some metres."""
     rays = back_project(camera, anchor_pixels(camera, 0.0))
     corners = rays_to_world(poses, rays / rays[..., 2:])
     above = poses.centres[:, 2] - ground_height
     # Depth at which the ray of a pixel meets the ground is above / fall; both are to be positive.
-    ends, seen = _cut(corners, -corners[..., 2] - above[:, None] / most_depth_m)
-    seen &= (above > 0.0)[:, None]
+    # Sides of the image are cut to where that is no more than the most.
+    spare = -corners[..., 2] - above[:, None] / most_depth_m
+    after, spare_after = np.roll(corners, -1, axis=1), np.roll(spare, -1, axis=1)
+    rise = spare_after - spare
+    zero = np.divide(-spare, rise, out=np.zeros_like(rise), where=rise != 0.0)
+    cuts = (np.where(spare < 0.0, zero, 0.0), np.where(spare_after < 0.0, zero, 1.0))
+    ends = np.concatenate([corners + cut[..., None] * (after - corners) for cut in cuts], axis=1)
+    seen = np.tile((spare >= 0.0) | (spare_after >= 0.0), 2) & (above > 0.0)[:, None]
     depth = above[:, None] / np.where(seen, -ends[..., 2], 1.0)
     offset = poses.centres[:, :2] - poses.centres[0, :2]
     places = ends[..., :2] * depth[..., None] + offset[:, None]
@@ -332,19 +280,6 @@ def footprints(
         points = shapely.multipoints(shapely.points(places[seen]), indices=frame)
         hulls[some] = shapely.convex_hull(points)
     return hulls
-
-
-def _cut(corners: Floats, spare: Floats) -> tuple[Floats, Bools]:
-    """Cut the sides of quadrilaterals to where `spare` is not negative."""
-    after, spare_after = np.roll(corners, -1, axis=1), np.roll(spare, -1, axis=1)
-    rise = spare_after - spare
-    zero = np.divide(-spare, rise, out=np.zeros_like(rise), where=rise != 0.0)
-    start = np.where(spare < 0.0, zero, 0.0)[..., None]
-    stop = np.where(spare_after < 0.0, zero, 1.0)[..., None]
-    side = after - corners
-    ends = np.concatenate((corners + start * side, corners + stop * side), axis=1)
-    seen = (spare >= 0.0) | (spare_after >= 0.0)
-    return ends, np.concatenate((seen, seen), axis=1)
 
 
 def _next(seen: NDArray[np.object_], current: int, overlap: float) -> int | None:

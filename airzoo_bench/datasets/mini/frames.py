@@ -4,36 +4,29 @@ The folder holds ``images/``, ``depth/``, ``frames.csv`` and a COLMAP model in `
 
 Photos are JPEG of quality 92 without chroma subsampling: what drones store, a fifth of the bytes
 of PNG, which could not compress the sensor's noise, and some 20 times as fast to write. Depth is
-TIFF of 32-bit floats, compressed without loss. Both carry what they were made from.
+TIFF of 32-bit floats, compressed without loss. Both carry a mark of their inputs.
 """
 
 from __future__ import annotations
 
-import csv
-import hashlib
 import io
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 from PIL import Image
 
 from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.datasets.mini.model import CRS
 from airzoo_bench.datasets.mini.noise import seed_of
-from airzoo_bench.datasets.mini.rendering.renderer import (
-    RENDERER_VERSION,
-    Frame,
-    Renderer,
-    check_size,
-)
-from airzoo_bench.datasets.mini.rendering.weather import conditions
-from airzoo_bench.datasets.mini.world.model import CRS, World
+from airzoo_bench.datasets.mini.renderer import RENDERER_VERSION, Frame, Renderer
+from airzoo_bench.datasets.mini.store import load_world, world_key, world_region
+from airzoo_bench.datasets.mini.weather import conditions
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
@@ -43,18 +36,16 @@ from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, rotations_t
 IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
 ECEF_COLUMNS = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
-_LENS = ("width", "height", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_DIGITS = (12, 12, 6, 12, 12, 12, 6, 6, 6, 15, 15, 15, 15)  # of these columns
+_LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_END_OF_JPEG = b"\xff\xd9"
+_DESCRIPTION_TAG = 270
+_PREDICTOR_TAG, _FLOATING_POINT = 317, 3
 
 
 @dataclass(frozen=True, eq=False)
 class FrameList:
-    """N frames to render.
-
-    Raises
-    ------
-    UsageError
-        An unknown weather or time of day, or photos that would not fit memory.
-    """
+    """N frames to render; an unknown weather or time of day is refused."""
 
     names: tuple[str, ...]  # each once; they become names of files
     camera: Cameras  # one for all
@@ -62,14 +53,21 @@ class FrameList:
     weather: tuple[str, ...]  # see `weather.conditions`
     time_of_day: tuple[str, ...]
     seed: int = 0  # of the noise, together with each frame's name
+    sequence: tuple[str, ...] = ()  # the flight that each is of
 
     def __post_init__(self) -> None:
         for pair in sorted(set(zip(self.weather, self.time_of_day, strict=True))):
             conditions(*pair)
-        check_size(self.camera)
 
     def __len__(self) -> int:
         return len(self.names)
+
+    @property
+    def lens(self) -> list[float]:
+        """Parameters of the camera, as the columns of frames.csv name them."""
+        camera = self.camera
+        parts = (camera.focal, camera.principal_point, camera.distortion)
+        return [number for part in parts for number in part[0].tolist()]
 
 
 def frames_csv(frames: FrameList) -> str:
@@ -79,20 +77,20 @@ def frames_csv(frames: FrameList) -> str:
     place = np.column_stack([lonlat, poses.centres[:, 2]])
     convergence = grid_convergence_deg(CRS, lonlat)
     angles = rotations_to_angles(poses.rotation, convergence_deg=convergence)[:, ::-1]
-    ecef = geodetic_to_ecef(place)
     quaternion = matrix_to_quaternion(_ecef_rotations(poses, lonlat, convergence))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "weather", "time_of_day", *PLACE_COLUMNS, *ECEF_COLUMNS, *_LENS])
-    camera = frames.camera
-    lens = [*camera.width.tolist(), *camera.height.tolist()]
-    for part in (camera.focal, camera.principal_point, camera.distortion):
-        lens += part[0].tolist()
-    for row, name in enumerate(frames.names):
-        numbers = _fixed(12, place[row, :2]) + _fixed(6, place[row, 2:]) + _fixed(12, angles[row])
-        numbers += _fixed(6, ecef[row]) + _fixed(15, quaternion[row])
-        writer.writerow([name, frames.weather[row], frames.time_of_day[row], *numbers, *lens])
-    return text.getvalue()
+    numbers = np.column_stack([place, angles, geodetic_to_ecef(place), quaternion])
+    table = pd.DataFrame(
+        {"name": frames.names, "weather": frames.weather, "time_of_day": frames.time_of_day}
+    )
+    columns = zip((*PLACE_COLUMNS, *ECEF_COLUMNS), _DIGITS, numbers.T, strict=True)
+    for name, digits, values in columns:
+        # Adding 0 makes a negative zero positive.
+        rounded = (np.round(values, digits) + 0.0).tolist()
+        table[name] = [f"{value:.{digits}f}" for value in rounded]
+    table["width"], table["height"] = int(frames.camera.width[0]), int(frames.camera.height[0])
+    for name, number in zip(_LENS, frames.lens, strict=True):
+        table[name] = number
+    return table.to_csv(index=False, lineterminator="\n")
 
 
 def _ecef_rotations(poses: Poses, lonlat: Floats, convergence_deg: Floats) -> Floats:
@@ -103,11 +101,6 @@ def _ecef_rotations(poses: Poses, lonlat: Floats, convergence_deg: Floats) -> Fl
     grid_from_enu: Floats = np.moveaxis(np.array([*rows, (zero, zero, one)]), -1, 0)
     rotations: Floats = poses.rotation @ grid_from_enu @ np.swapaxes(enu_axes(lonlat), -1, -2)
     return rotations
-
-
-def _fixed(digits: int, values: Floats) -> list[str]:
-    # Adding 0 makes a negative zero positive.
-    return [f"{value:.{digits}f}" for value in (np.round(values, digits) + 0.0).tolist()]
 
 
 def colmap_texts(frames: FrameList, offset: Floats) -> dict[str, str]:
@@ -121,148 +114,101 @@ def colmap_texts(frames: FrameList, offset: Floats) -> dict[str, str]:
     shown = [float(value) for value in offset]
     world = f"# world: {CRS} less {' '.join(f'{value:g}' for value in shown)} (x y z, metres)\n"
     heads = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then an empty line\n"
-    camera = f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n1 {_camera_line(frames.camera)}\n"
     return {
-        "cameras.txt": camera,
+        "cameras.txt": f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n1 {_camera_line(frames)}\n",
         "images.txt": heads + world + images,
         "points3D.txt": f"# no points\n{world}",
         "offset.json": json.dumps({"crs": CRS, "offset": shown}, indent=2) + "\n",
     }
 
 
-def _camera_line(camera: Cameras) -> str:
-    k1, k2, p1, p2, k3 = camera.distortion[0].tolist()
-    params = [*camera.focal[0].tolist(), *camera.principal_point[0].tolist()]
-    model = "PINHOLE"
+def _camera_line(frames: FrameList) -> str:
+    *params, k3 = frames.lens
+    model, params = ("OPENCV", params) if any(params[4:]) else ("PINHOLE", params[:4])
     if k3 != 0.0:
-        model, params = "FULL_OPENCV", [*params, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
-    elif any((k1, k2, p1, p2)):
-        model, params = "OPENCV", [*params, k1, k2, p1, p2]
+        model, params = "FULL_OPENCV", [*frames.lens, 0.0, 0.0, 0.0]
+    camera = frames.camera
     return f"{model} {camera.width[0]} {camera.height[0]} {' '.join(map(repr, params))}"
-
-
-_END_OF_JPEG = b"\xff\xd9"
-_DESCRIPTION_TAG = 270
-_PREDICTOR_TAG = 317
-_FLOATING_POINT = 3
-
-
-class RenderCounts(NamedTuple):
-    """How many frames were rendered, and how many were there already."""
-
-    rendered: int
-    kept: int
-
-
-def render_frames(
-    frames: FrameList,
-    load: Callable[[], World],
-    folder: Path,
-    *,
-    engine: Engine = HERE,
-    progress: Progress = silent,
-) -> RenderCounts:
-    """Render frames into a folder; those that are there and made from the same are kept."""
-    check_output_folder(folder, ("frames.csv",))
-    world = load()
-    source = _Source(world_key(world), load if engine.distributed else lambda: world)
-    model = colmap_texts(frames, np.array([world.region.west, world.region.south, 0.0]))
-    tables = {f"colmap/{name}": text for name, text in model.items()}
-    tables["frames.csv"] = frames_csv(frames)
-    _remove_stale(folder, tables)
-    todo = [job for job in _jobs(frames, source.key) if not _is_done(folder, job)]
-    if engine.distributed:
-        del world  # each process has its own
-    try:
-        done = engine.map(
-            _render_job,
-            todo,
-            shared=(source, folder),
-            stage="rendering",
-            name=lambda job: f"frame {job.name}",
-        )
-        for _ in progress(done, "rendering", len(todo)):
-            pass
-    finally:
-        _renderer.cache_clear()
-    for name, text in tables.items():
-        with atomic_write(folder / name, "w") as stream:
-            stream.write(text)
-    return RenderCounts(rendered=len(todo), kept=len(frames) - len(todo))
-
-
-def world_key(world: World) -> str:
-    """Return the SHA-256 of all that a world's photos depend on."""
-    digest = hashlib.sha256(repr((world.region, world.seed)).encode())
-    arrays = [*vars(world.mesh).values(), *vars(world.buildings).values(), world.tree_colours]
-    arrays += [world.ground_albedo, world.top_albedo, world.water, world.dsm]
-    for array in arrays:
-        digest.update(repr((array.dtype.str, array.shape)).encode())
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class _Source:
-    """How a process comes by a world; equal where the world is."""
-
-    key: str
-    load: Callable[[], World] = field(compare=False)
 
 
 class _Job(NamedTuple):
     """A frame to be rendered, with the fingerprint of its inputs."""
 
     name: str
-    view: tuple[Cameras, Poses, str, str, int]  # what `Renderer.render` takes
-    made_from: str
+    view: tuple[Cameras, Poses, str, str, int]  # arguments of `Renderer.render`
+    mark: str
 
 
-def _jobs(frames: FrameList, world: str) -> list[_Job]:
+def render_frames(
+    frames: FrameList,
+    world: Path,
+    folder: Path,
+    *,
+    engine: Engine = HERE,
+    progress: Progress = silent,
+) -> int:
+    """Render frames of a stored world into a folder, except those that are there already.
+
+    Returns
+    -------
+    int
+        How many were rendered.
+    """
+    check_output_folder(folder, ("frames.csv",))
+    key, region = world_key(world), world_region(world)
+    tables = colmap_texts(frames, np.array([region.west, region.south, 0.0]))
+    tables = {f"colmap/{name}": text for name, text in tables.items()}
+    tables["frames.csv"] = frames_csv(frames)
+    todo = [job for job in _jobs(frames, key) if not _is_done(folder, job)]
+    for name in tables if todo else ():  # they would describe photos about to be replaced
+        (folder / name).unlink(missing_ok=True)
+    done = engine.map(
+        _render_job,
+        todo,
+        shared=(world, key, folder),
+        stage="rendering",
+        name=lambda job: f"frame {job.name}",
+    )
+    for _ in progress(done, "rendering", len(todo)):
+        pass
+    _renderer.cache_clear()
+    for name, text in tables.items():
+        with atomic_write(folder / name, "w") as stream:
+            stream.write(text)
+    return len(todo)
+
+
+def _jobs(frames: FrameList, key: str) -> list[_Job]:
     camera, poses = frames.camera, frames.poses
-    lens = (camera.width, camera.height, camera.focal, camera.principal_point, camera.distortion)
+    size = [int(camera.width[0]), int(camera.height[0])]
     jobs = []
     for number, name in enumerate(frames.names):
         seed = seed_of(frames.seed, name)
         given = frames.weather[number], frames.time_of_day[number]
-        made_from = {
-            "renderer": RENDERER_VERSION,
-            "world": world,
-            "camera": [part.tolist() for part in lens],
-            "pose": [poses.rotation[[number]].tolist(), poses.centres[[number]].tolist()],
-            "conditions": list(given),
-            "seed": seed,
-        }
-        view = (camera, poses.take(number), *given, seed)
-        jobs.append(_Job(name, view, fingerprint(made_from)))
+        pose = [poses.rotation[number].tolist(), poses.centres[number].tolist()]
+        mark = fingerprint([RENDERER_VERSION, key, size, frames.lens, pose, list(given), seed])
+        jobs.append(_Job(name, (camera, poses.take(number), *given, seed), mark))
     return jobs
 
 
 def _is_done(folder: Path, job: _Job) -> bool:
-    """Return whether both files are there, whole, and made from the same as now."""
-    return all(_mark(path) == job.made_from for path in frame_paths(folder, job.name))
+    """Return whether both files are there, whole, and made from the same inputs as now."""
+    return all(_read_mark(path) == job.mark for path in frame_paths(folder, job.name))
 
 
-def _render_job(shared: tuple[_Source, Path], job: _Job) -> None:
-    source, folder = shared
-    _write_frame(folder, job.name, _renderer(source).render(*job.view), job.made_from)
+def _render_job(shared: tuple[Path, str, Path], job: _Job) -> None:
+    world, key, folder = shared
+    _write_frame(folder, job.name, _renderer(world, key).render(*job.view), job.mark)
 
 
 @lru_cache(maxsize=1)
-def _renderer(source: _Source) -> Renderer:
-    return Renderer(source.load())
-
-
-def _remove_stale(folder: Path, tables: dict[str, str]) -> None:
-    """Take away tables of other frames, which would describe photos about to be replaced."""
-    for name, text in tables.items():
-        path = folder / name
-        if path.is_file() and path.read_bytes() != text.encode():
-            path.unlink()
+def _renderer(world: Path, key: str) -> Renderer:
+    del key  # tells worlds apart
+    return Renderer(load_world(world))
 
 
 def frame_paths(folder: Path, name: str) -> tuple[Path, Path]:
-    """Return where a frame's photo and depth stand."""
+    """Return the places of a frame's photo and depth."""
     return folder / "images" / f"{name}{IMAGE_SUFFIX}", folder / "depth" / f"{name}.tif"
 
 
@@ -278,8 +224,8 @@ def _write_frame(folder: Path, name: str, frame: Frame, mark: str) -> None:
         picture.save(stream, format="JPEG", quality=92, subsampling=0, comment=mark)
 
 
-def _mark(path: Path) -> str | None:
-    """Return what a photo or depth was made from; None where it is missing or damaged."""
+def _read_mark(path: Path) -> str | None:
+    """Return the mark of a photo or depth; None where it is missing or damaged."""
     try:
         content = path.read_bytes()
         with Image.open(io.BytesIO(content), formats=["JPEG", "TIFF"]) as picture:
@@ -292,7 +238,7 @@ def _mark(path: Path) -> str | None:
     return mark.decode("ascii", "replace") if content.endswith(_END_OF_JPEG) else None
 
 
-def read_depth(path: Path) -> NDArray[np.float32]:
+def read_depth(path: Path) -> Floats:
     """Read a frame's depth, (H, W) metres along the optical axis, 0 where there is no surface."""
     with Image.open(path) as image:
-        return np.asarray(image, np.float32)
+        return np.asarray(image, np.float64)

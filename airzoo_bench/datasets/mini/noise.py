@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
 
 T = TypeVar("T")
 Singles = NDArray[np.float32]
@@ -28,6 +31,11 @@ _MASK = (1 << 64) - 1
 _STREAM = 77
 _VOLUME_SIDE = 64
 _KEYED = 1 << 128
+# Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
+# and gimbal (yaw, pitch, roll).
+_GPS_M = (2.0, 2.0, 3.0)
+_ANGLES_DEG = (2.0, 0.7, 0.5)
+_UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
 
 
 def keyed(key: bytes) -> int:
@@ -162,8 +170,7 @@ def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray
     return result // np.int32(16)
 
 
-@dataclass(frozen=True)
-class Textures:
+class Textures(NamedTuple):
     """Noise that all painters share, each (size, size) int16, from -128 to 127."""
 
     fine: NDArray[np.int16]  # structure of 1 to 3 pixels
@@ -207,8 +214,6 @@ def gaussians(hashes: NDArray[np.uint64]) -> Singles:
 
 @cache
 def _normal_quantiles() -> Singles:
-    from scipy.special import ndtri
-
     return np.asarray(ndtri((np.arange(1 << 16) + 0.5) / (1 << 16)), np.float32)
 
 
@@ -266,3 +271,21 @@ def _grains(side: int, octave: int) -> Singles:
             grains = (grains + np.roll(grains, 1, axis=axis)) * np.float32(0.5)
     centred: Singles = (grains - grains.mean()) / grains.std()
     return centred
+
+
+def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
+    """Return noisy readings of GPS and gimbal for true poses, the same on every machine."""
+    unit = np.array([_normal_numbers(name, seed) for name in names]).reshape(-1, 6)
+    centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
+    turns = unit[:, 3:] * np.array(_ANGLES_DEG)
+    yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
+    return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)
+
+
+def _normal_numbers(name: str, seed: int) -> Floats:
+    """Return six numbers of unit variance: sums of uniform ones, in whole numbers till the end."""
+    blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
+    digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
+    bits = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
+    total = bits.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << 16)
+    return np.asarray(total / (2 << 16), dtype=np.float64)

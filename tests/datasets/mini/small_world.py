@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.renderer import Raycaster
-from airzoo_bench.datasets.mini.world.model import (
+from airzoo_bench.datasets.mini.model import (
     SURVEY_SUN,
     Buildings,
     Material,
@@ -20,6 +19,7 @@ from airzoo_bench.datasets.mini.world.model import (
     Region,
     World,
 )
+from airzoo_bench.datasets.mini.renderer import Raycaster
 
 SIDE_M = 96.0
 GROUND_M = 20.0

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pyproj import Geod, Transformer
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.flights import (
     FPS,
     MARGIN_M,
     Airspace,
-    Trajectory,
     barrel_roll,
     fly,
+    frame_poses,
     survey,
-    trajectory_poses,
 )
-from airzoo_bench.datasets.mini.world.model import REGIONS
+from airzoo_bench.datasets.mini.model import CRS, REGIONS
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses, rotations_to_angles
 
 CITY = REGIONS["city"]
 AIR = Airspace(CITY, ground_m=50.0, floor_m=130.0, ceiling_m=210.0)
@@ -37,12 +40,18 @@ FLIGHTS = {
 
 
 @pytest.fixture(scope="module", params=FLIGHTS)
-def flight(request: pytest.FixtureRequest) -> Trajectory:
+def flight(request: pytest.FixtureRequest) -> Poses:
     return FLIGHTS[request.param]()
 
 
-def places(flight: Trajectory) -> np.ndarray:
-    return trajectory_poses(flight).centres - (CITY.west, CITY.south, 0.0)
+def places(flight: Poses) -> np.ndarray:
+    return flight.centres - (CITY.west, CITY.south, 0.0)
+
+
+def angles(flight: Poses) -> Floats:
+    """Return yaw from true north, pitch and roll of the frames, (3, N) degrees."""
+    turn = grid_convergence_deg(CRS, to_lonlat(CRS, flight.centres[:, :2]))
+    return rotations_to_angles(flight.rotation, convergence_deg=turn).T
 
 
 def rates(angle_deg: np.ndarray) -> tuple[float, float]:
@@ -51,26 +60,27 @@ def rates(angle_deg: np.ndarray) -> tuple[float, float]:
     return np.abs(np.diff(whole)).max() * FPS, np.abs(np.diff(whole, 2)).max() * FPS**2
 
 
-def test_speed_is_a_drones(flight: Trajectory) -> None:
+def test_speed_is_a_drones(flight: Poses) -> None:
     speed = np.linalg.norm(np.diff(places(flight), axis=0), axis=1) * FPS
     assert speed.min() >= SPEEDS[0]
     assert speed.max() <= SPEEDS[1]
 
 
-def test_velocity_has_no_jumps(flight: Trajectory) -> None:
+def test_velocity_has_no_jumps(flight: Poses) -> None:
     acceleration = np.linalg.norm(np.diff(places(flight), 2, axis=0), axis=1) * FPS**2
     assert acceleration.max() < 8.0 + ROUNDING
 
 
-def test_the_gimbal_turns_smoothly(flight: Trajectory) -> None:
-    for angle in (flight.yaw_deg, flight.pitch_deg):
+def test_the_gimbal_turns_smoothly(flight: Poses) -> None:
+    yaw, pitch, roll = angles(flight)
+    for angle in (yaw, pitch):
         rate, change = rates(angle)
         assert rate <= MAX_RATE
         assert change <= MAX_ACCELERATION + ROUNDING
-    assert not flight.roll_deg.any()
+    assert np.abs(roll).max() < 1e-6
 
 
-def test_it_stays_in_the_region_less_its_margin(flight: Trajectory) -> None:
+def test_it_stays_in_the_region_less_its_margin(flight: Poses) -> None:
     xy = places(flight)[:, :2]
     assert xy.min() >= MARGIN_M - 1e-3
     assert xy.max() <= CITY.side_m - MARGIN_M + 1e-3
@@ -78,9 +88,9 @@ def test_it_stays_in_the_region_less_its_margin(flight: Trajectory) -> None:
 
 def test_the_same_seed_is_the_same_flight_and_another_is_not() -> None:
     first, again, other = barrel_roll(AIR, 5), barrel_roll(AIR, 5), barrel_roll(AIR, 6)
-    assert first.lonlat.tobytes() == again.lonlat.tobytes()
-    assert first.pitch_deg.tobytes() == again.pitch_deg.tobytes()
-    assert len(first) != len(other) or not np.allclose(first.lonlat, other.lonlat, atol=1e-5)
+    assert first.centres.tobytes() == again.centres.tobytes()
+    assert first.rotation.tobytes() == again.rotation.tobytes()
+    assert len(first) != len(other) or not np.allclose(first.centres, other.centres, atol=1.0)
 
 
 @pytest.mark.parametrize("seed", range(25))
@@ -94,20 +104,20 @@ def test_every_seed_can_be_flown(seed: int) -> None:
     assert SPEEDS[0] <= speed.min()
     assert speed.max() <= SPEEDS[1]
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() * FPS < 8.0 + ROUNDING
-    assert max(rates(flight.yaw_deg)[0], rates(flight.pitch_deg)[0]) <= MAX_RATE
+    assert max(rates(angle)[0] for angle in angles(flight)[:2]) <= MAX_RATE
 
 
 def test_the_barrel_roll_sweeps_all_that_it_says() -> None:
     flight = barrel_roll(AIR, 0)
-    assert flight.pitch_deg.min() == pytest.approx(-90.0, abs=0.01)
-    assert flight.pitch_deg.max() == pytest.approx(-10.0, abs=0.01)
-    assert flight.altitude_m.min() == pytest.approx(130.0, abs=0.01)
-    assert flight.altitude_m.max() == pytest.approx(210.0, abs=0.01)
+    (yaw, pitch, _), altitude = angles(flight), flight.centres[:, 2]
+    assert pitch.min() == pytest.approx(-90.0, abs=0.01)
+    assert pitch.max() == pytest.approx(-10.0, abs=0.01)
+    assert altitude.min() == pytest.approx(130.0, abs=0.01)
+    assert altitude.max() == pytest.approx(210.0, abs=0.01)
     # Up and down several times, and round in both senses.
-    turns = np.diff(np.sign(np.diff(flight.altitude_m[::30])))
+    turns = np.diff(np.sign(np.diff(altitude[::30])))
     assert np.count_nonzero(turns) >= 8
-    yaw = np.unwrap(flight.yaw_deg, period=360.0)
-    assert np.ptp(yaw) > 360.0
+    assert np.ptp(np.unwrap(yaw, period=360.0)) > 360.0
     # It crosses the scene and goes round it.
     place = places(flight)[:, :2] - CITY.side_m / 2
     away = np.linalg.norm(place, axis=1)
@@ -117,17 +127,18 @@ def test_the_barrel_roll_sweeps_all_that_it_says() -> None:
 
 def test_the_survey_has_its_lines_and_its_orbit() -> None:
     flight = survey(AIR, side_m=200.0, spacing_m=50.0)
-    assert set(np.unique(flight.altitude_m)) == {130.0}
+    assert set(np.unique(flight.centres[:, 2])) == {130.0}
+    yaw, pitch, _ = angles(flight)
     place = places(flight)[:, :2] - CITY.side_m / 2
-    north = flight.pitch_deg < -84.9
+    north = pitch < -84.9
     # Five lines at -100, -50, 0, 50, 100 m are crossed where they pass the middle.
     middle = north[1:] & (np.diff(np.sign(place[:, 1])) != 0)
     assert np.round(place[1:][middle, 0], -1).tolist() == [-100.0, -50.0, 0.0, 50.0, 100.0]
-    orbit = flight.pitch_deg > -45.05
+    orbit = pitch > -45.05
     away = np.linalg.norm(place[orbit][5 * FPS :], axis=1)
     # At 45 degrees the centre of the scene is seen from as far away as high: 130 - 50 m.
     assert np.abs(away - 80.0).max() < 4.0
-    assert np.ptp(np.unwrap(flight.yaw_deg[orbit], period=360.0)) > 300.0
+    assert np.ptp(np.unwrap(yaw[orbit], period=360.0)) > 300.0
 
 
 @pytest.mark.parametrize(
@@ -146,12 +157,25 @@ def test_what_cannot_be_flown_is_refused(made: object) -> None:
 def test_a_straight_leg_is_flown_straight() -> None:
     line = np.column_stack((np.full(161, 5.0), np.arange(161.0), np.full(161, 90.0)))
     level = np.zeros(161)
-    flight = fly(CITY, line, level + 8.0, level, level - 30.0)
-    assert len(flight) == 20 * FPS + 1
+    flight = fly(CITY, line, level, level - 30.0)
     place = places(flight)
-    assert np.abs(place - np.column_stack((level[0] + 5 + 0 * flight.time_s, 8 * flight.time_s,
-                                           90 + 0 * flight.time_s))).max() < 1e-3  # fmt: skip
+    assert np.abs(place[:, (0, 2)] - (5.0, 90.0)).max() < 1e-3
+    assert np.abs(place[(0, -1), 1] - (0.0, 160.0)).max() < 0.5
     # North of the grid is not true north: the camera follows the grid.
-    forward = trajectory_poses(flight).rotation[:, 2]
-    assert np.abs(forward - (0.0, np.cos(np.pi / 6), -0.5)).max() < 1e-5
-    assert np.abs(flight.yaw_deg).min() > 0.1
+    assert np.abs(flight.rotation[:, 2] - (0.0, np.cos(np.pi / 6), -0.5)).max() < 1e-5
+    assert np.abs(angles(flight)[0]).min() > 0.1
+
+
+@pytest.mark.parametrize(("yaw", "pitch"), [(0.0, -5.0), (90.0, -30.0), (-135.0, -60.0)])
+def test_the_camera_looks_where_the_geodesic_of_its_yaw_goes(yaw: float, pitch: float) -> None:
+    """The axis meets the ground where a geodesic of azimuth yaw arrives, as pyproj finds it."""
+    lonlat = to_lonlat(CRS, np.array([[CITY.west + 300.0, CITY.south + 300.0]]))
+    poses = frame_poses(lonlat, *np.array([[100.0], [pitch], [yaw]]))
+    forward = poses.rotation[0, 2]
+    assert np.degrees(np.arcsin(-forward[2])) == pytest.approx(-pitch)
+    reach = 100.0 / np.tan(np.radians(-pitch))
+    lon, lat, _ = Geod(ellps="WGS84").fwd(*lonlat[0], yaw, reach)
+    met = poses.centres[0] + forward * 100.0 / -forward[2]
+    # The grid of this CRS scales lengths by a few parts in 10,000 here.
+    to_grid = Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
+    assert np.hypot(*(met[:2] - to_grid.transform(lon, lat))) < 1e-3 * reach

@@ -12,6 +12,8 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.dataset import MiniOptions
+from airzoo_bench.datasets.mini.frames import FrameList
+from airzoo_bench.datasets.mini.model import REGIONS
 from airzoo_bench.datasets.mini.noise import (
     GOLDEN,
     Dice,
@@ -19,17 +21,15 @@ from airzoo_bench.datasets.mini.noise import (
     hash64,
     hash_of,
     keyed,
+    noisy_priors,
     seed_of,
     words,
 )
 from airzoo_bench.datasets.mini.prepare import (
-    Photos,
     mini_photos,
     mini_protocols,
 )
-from airzoo_bench.datasets.mini.priors import noisy_priors
-from airzoo_bench.datasets.mini.world.model import REGIONS
-from airzoo_bench.datasets.mini.world.store import world_folder
+from airzoo_bench.datasets.mini.store import world_folder
 
 _MASK = (1 << 64) - 1
 KEY = bytes.fromhex("9f86d081884c7d659a2feaa0c55ad015")
@@ -89,45 +89,45 @@ def test_purposes_are_apart_and_lead_nowhere_back() -> None:
 
 
 @cache
-def photos(seed: int) -> Photos:
+def photos(seed: int) -> FrameList:
     dsm = np.full((1200, 1200), 20.0, np.float32)
     return mini_photos(REGIONS["city"], dsm, seed)
 
 
 def test_names_tell_no_flight_and_no_order() -> None:
     found = photos(SEED)
-    names, flights = found.frames.names, found.sequence
+    names, flights = found.names, found.sequence
     assert all(len(name) == 16 and int(name, 16) >= 0 for name in names)
     assert not {"survey", "roll"} & set(names)
     rows = np.array(sorted(range(len(names)), key=lambda row: names[row]))
     assert abs(np.corrcoef(rows, np.arange(len(rows)))[0, 1]) < 0.35
-    places = found.frames.poses.centres[rows]
+    places = found.poses.centres[rows]
     apart = np.linalg.norm(np.diff(places, axis=0), axis=1).mean()
-    flown = np.linalg.norm(np.diff(found.frames.poses.centres, axis=0), axis=1).mean()
+    flown = np.linalg.norm(np.diff(found.poses.centres, axis=0), axis=1).mean()
     assert apart > 1.5 * flown
     assert set(flights[:5]) == {"survey"}
-    assert set(photos(SEED ^ 1).frames.names).isdisjoint(names)
+    assert set(photos(SEED ^ 1).names).isdisjoint(names)
 
 
 def test_nobody_flies_the_survey_again() -> None:
     """Of a seed it is the same for all; of a key its place and each photo's gusts are hidden."""
-    public, other = photos(0).frames.poses.centres[:10], photos(1).frames.poses.centres[:10]
+    public, other = photos(0).poses.centres[:10], photos(1).poses.centres[:10]
     assert np.array_equal(public, other)
-    hidden = photos(SEED).frames.poses.centres[:10]
+    hidden = photos(SEED).poses.centres[:10]
     assert np.linalg.norm(public - hidden, axis=1).min() > 1.0
-    again = photos(SEED ^ 1).frames.poses.centres[:10]
+    again = photos(SEED ^ 1).poses.centres[:10]
     assert np.linalg.norm(again - hidden, axis=1).min() > 1.0
 
 
 def test_gusts_take_photos_off_any_smooth_line() -> None:
     """Who fits lines to the priors of neighbours is as far off as one prior is."""
-    heights = photos(SEED).frames.poses.centres[:20, 2]
+    heights = photos(SEED).poses.centres[:20, 2]
     assert 1.0 < np.std(np.diff(heights, 2)) / 6**0.5 < 6.0
-    assert np.std(np.diff(photos(0).frames.poses.centres[:20, 2], 2)) < 0.1
+    assert np.std(np.diff(photos(0).poses.centres[:20, 2], 2)) < 0.1
 
 
 def test_the_noise_of_priors_is_not_that_of_the_public_edition() -> None:
-    poses, names = photos(SEED).frames.poses, list(photos(SEED).frames.names)
+    poses, names = photos(SEED).poses, list(photos(SEED).names)
     ids = [f"city/{name}" for name in names]
     given = noisy_priors(ids, poses, derived(SEED, "priors of city"))
     off = given.centres - poses.centres
@@ -138,7 +138,7 @@ def test_the_noise_of_priors_is_not_that_of_the_public_edition() -> None:
 
 
 def test_conditions_are_as_often_as_in_public() -> None:
-    public, sealed = photos(0).frames, photos(SEED).frames
+    public, sealed = photos(0), photos(SEED)
     rolled = slice(photos(SEED).sequence.count("survey"), None)
     shown = [*zip(sealed.weather[rolled], sealed.time_of_day[rolled], strict=True)]
     assert len(set(shown)) == len(set(zip(public.weather, public.time_of_day, strict=True)))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airzoo_bench.datasets.mini.priors import noisy_priors
+from airzoo_bench.datasets.mini.noise import noisy_priors
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotation_angle_deg
 
 

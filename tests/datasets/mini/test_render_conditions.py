@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from airzoo_bench.datasets.mini.rendering import renderer as rendering
-from airzoo_bench.datasets.mini.rendering.renderer import Renderer
-from airzoo_bench.datasets.mini.rendering.weather import TIMES, WEATHERS
+from airzoo_bench.datasets.mini import renderer as rendering
+from airzoo_bench.datasets.mini.renderer import Renderer
+from airzoo_bench.datasets.mini.weather import TIMES, WEATHERS
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from tests.datasets.mini.small_world import BLOCK, SIDE_M, small_world

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.rendering.renderer import Frame, Renderer
+from airzoo_bench.datasets.mini.renderer import Frame, Renderer
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses, camera_to_world, world_to_camera

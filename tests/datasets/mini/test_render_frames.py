@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
@@ -14,15 +16,14 @@ from PIL import Image
 
 from airzoo_bench.datasets.mini.frames import (
     FrameList,
-    RenderCounts,
     frame_paths,
     read_depth,
     render_frames,
-    world_key,
 )
+from airzoo_bench.datasets.mini.model import CRS
 from airzoo_bench.datasets.mini.noise import seed_of
-from airzoo_bench.datasets.mini.rendering.renderer import Renderer
-from airzoo_bench.datasets.mini.world.model import CRS, World
+from airzoo_bench.datasets.mini.renderer import Renderer
+from airzoo_bench.datasets.mini.store import save_world, world_key
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project
@@ -54,6 +55,13 @@ def frame_list(count: int = 4, lens: Cameras | None = None) -> FrameList:
     )
 
 
+@cache
+def stored_world() -> Path:
+    folder = Path(mkdtemp()) / "world"
+    save_world(folder, small_world())
+    return folder
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {
         str(path.relative_to(folder)): path.read_bytes()
@@ -64,7 +72,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_the_files_of_a_frame(tmp_path: Path) -> None:
     frames = frame_list()
-    assert render_frames(frames, small_world, tmp_path) == RenderCounts(rendered=4, kept=0)
+    assert render_frames(frames, stored_world(), tmp_path) == 4
     tables = ["colmap/cameras.txt", "colmap/images.txt", "colmap/offset.json"]
     tables += ["colmap/points3D.txt", "depth/f000.tif", "frames.csv", "images/f000.jpg"]
     assert set(tables) <= set(contents(tmp_path))
@@ -96,7 +104,7 @@ def _numbers(row: dict[str, str], *names: str) -> Floats:
 
 def test_places_and_angles_of_the_table(tmp_path: Path) -> None:
     frames = frame_list()
-    render_frames(frames, small_world, tmp_path)
+    render_frames(frames, stored_world(), tmp_path)
     for number, row in enumerate(_rows(tmp_path)):
         assert row["name"] == frames.names[number]
         assert (row["weather"], row["time_of_day"]) == (WEATHER[number], TIME[number])
@@ -116,7 +124,7 @@ def test_places_and_angles_of_the_table(tmp_path: Path) -> None:
 def test_ecef_poses_see_points_where_grid_poses_do(tmp_path: Path) -> None:
     """By PROJ alone; the grid's scale, 1.0001 here, is all that may differ: 1 cm in 100 m."""
     frames = frame_list()
-    render_frames(frames, small_world, tmp_path)
+    render_frames(frames, stored_world(), tmp_path)
     points = np.array([[10.0, 20.0, 20.0], [80.0, 70.0, 25.0], [48.0, 90.0, 40.0]]) + CORNER
     ecef = geodetic_to_ecef(np.column_stack([to_lonlat(CRS, points[:, :2]), points[:, 2]]))
     rows = _rows(tmp_path)
@@ -138,7 +146,7 @@ def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
     if lens in bent:
         cameras = Cameras.from_matrices(straight.matrices, 64, 48, bent[lens])
     frames = frame_list(lens=cameras)
-    render_frames(frames, small_world, tmp_path)
+    render_frames(frames, stored_world(), tmp_path)
     model = pycolmap.Reconstruction(tmp_path / "colmap")
     offset = json.loads((tmp_path / "colmap" / "offset.json").read_text())
     assert offset == {"crs": CRS, "offset": CORNER.tolist()}
@@ -156,8 +164,8 @@ def test_colmap_reads_the_model(tmp_path: Path, lens: str) -> None:
 
 def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path) -> None:
     frames = frame_list()
-    render_frames(frames, small_world, tmp_path / "one")
-    render_frames(frames, small_world, tmp_path / "two", engine=Processes(2))
+    render_frames(frames, stored_world(), tmp_path / "one")
+    render_frames(frames, stored_world(), tmp_path / "two", engine=Processes(2))
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     turned = list(range(4))[::-1]
     reverse = FrameList(
@@ -168,7 +176,7 @@ def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path) -> None:
         time_of_day=frames.time_of_day[::-1],
         seed=frames.seed,
     )
-    render_frames(reverse, small_world, tmp_path / "back")
+    render_frames(reverse, stored_world(), tmp_path / "back")
     photos = [
         {name: data for name, data in contents(tmp_path / run).items() if "f00" in name}
         for run in ("one", "back")
@@ -178,25 +186,25 @@ def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path) -> None:
 
 def test_only_what_is_missing_or_damaged_is_made_again(tmp_path: Path) -> None:
     frames = frame_list()
-    render_frames(frames, small_world, tmp_path)
+    render_frames(frames, stored_world(), tmp_path)
     whole = contents(tmp_path)
-    assert render_frames(frames, small_world, tmp_path) == RenderCounts(rendered=0, kept=4)
+    assert render_frames(frames, stored_world(), tmp_path) == 0
     (tmp_path / "depth" / "f000.tif").unlink()
     photo = tmp_path / "images" / "f001.jpg"
     photo.write_bytes(photo.read_bytes()[:-40])
     (tmp_path / "images" / "f002.jpg").write_bytes(b"")
     (tmp_path / "depth" / "f003.tif").write_bytes(b"not a TIFF")
-    assert render_frames(frames, small_world, tmp_path) == RenderCounts(rendered=4, kept=0)
+    assert render_frames(frames, stored_world(), tmp_path) == 4
     assert contents(tmp_path) == whole
 
 
 def test_what_a_frame_is_made_from_decides_whether_it_is_kept(tmp_path: Path) -> None:
     frames = frame_list()
-    render_frames(frames, small_world, tmp_path)
+    render_frames(frames, stored_world(), tmp_path)
 
-    def again(changed: FrameList, world: World | None = None) -> int:
-        render_frames(frames, small_world, tmp_path)
-        return render_frames(changed, lambda: world or small_world(), tmp_path).rendered
+    def again(changed: FrameList, world: Path | None = None) -> int:
+        render_frames(frames, stored_world(), tmp_path)
+        return render_frames(changed, world or stored_world(), tmp_path)
 
     centres = frames.poses.centres.copy()
     centres[2, 0] += 1e-4
@@ -207,6 +215,6 @@ def test_what_a_frame_is_made_from_decides_whether_it_is_kept(tmp_path: Path) ->
     assert again(replace(frames, camera=camera(64, 48, bent=True))) == 4
     albedo = small_world().ground_albedo.copy()
     albedo[0, 0, 0] ^= 1
-    other = replace(small_world(), ground_albedo=albedo)
-    assert world_key(other) != world_key(small_world())
-    assert again(frames, other) == 4
+    save_world(tmp_path / "other", replace(small_world(), ground_albedo=albedo))
+    assert world_key(tmp_path / "other") != world_key(stored_world())
+    assert again(frames, tmp_path / "other") == 4

@@ -1,4 +1,4 @@
-"""Cameras and poses over the small world, for tests of rendering; poses as flights."""
+"""Cameras and poses over the small world, for tests of rendering."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.flights import Trajectory
-from airzoo_bench.datasets.mini.rendering.renderer import default_camera
-from airzoo_bench.datasets.mini.world.model import CRS
+from airzoo_bench.datasets.mini.renderer import default_camera
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
-from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
-from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from tests.datasets.mini.small_world import REGION
 
 CORNER = np.array([REGION.west, REGION.south, 0.0])
@@ -36,14 +33,6 @@ def pose(centre: Sequence[float], yaw: float, pitch: float, roll: float = 0.0) -
 NADIR = pose((48.0, 48.0, 100.0), 20.0, -90.0)
 OBLIQUE = pose((48.0, -20.0, 90.0), 5.0, -45.0)
 HORIZON = pose((110.0, -10.0, 45.0), -35.0, -10.0)
-
-
-def poses_trajectory(poses: Poses, names: Sequence[str], time_s: Floats) -> Trajectory:
-    """Turn poses into a flight; straight down, roll is 0 and yaw takes the whole turn."""
-    lonlat = to_lonlat(CRS, poses.centres[:, :2])
-    convergence = grid_convergence_deg(CRS, lonlat)
-    yaw, pitch, roll = rotations_to_angles(poses.rotation, convergence_deg=convergence).T
-    return Trajectory(tuple(names), time_s, lonlat, poses.centres[:, 2], roll, pitch, yaw)
 
 
 def rays(camera: Cameras, pose: Poses) -> Floats:

@@ -9,20 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from airzoo_bench.datasets.mini.model import SIDE_M
 from airzoo_bench.datasets.mini.noise import Dice, direction
-from airzoo_bench.datasets.mini.world.model import SIDE_M
-from airzoo_bench.datasets.mini.world.plan import (
+from airzoo_bench.datasets.mini.plan import (
     GRID_M,
     LAND_X,
     LAND_Y,
     Plan,
-    add_barn,
-    add_house,
     blended,
     rolling,
     smooth_share,
 )
-from airzoo_bench.datasets.mini.world.shapes import (
+from airzoo_bench.datasets.mini.shapes import (
     Ellipse,
     Frame,
     Line,
@@ -30,10 +28,10 @@ from airzoo_bench.datasets.mini.world.shapes import (
     Polygon,
     Stroke,
     bend,
+    between,
     distance,
     distance_to_line,
     edges,
-    square,
     steps,
 )
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -59,7 +57,7 @@ def rural_plan(seed: int) -> Plan:
     """Lay out the country."""
     dice = Dice(seed, _STREAM)
     lines = _lines(dice)
-    plan = Plan(seed, _heights(seed, lines))
+    plan = Plan(seed, dice, _heights(seed, lines))
     low, high = -8.0, SIDE_M + 8
     for parcel in _parcels(dice, ((low, low), (high, low), (high, high), (low, high))):
         _use_parcel(plan, dice, parcel, lines.stream)
@@ -68,7 +66,7 @@ def rural_plan(seed: int) -> Plan:
     for farm in lines.farms:
         _add_farm(plan, dice, farm)
     _add_single_trees(plan, dice, lines)
-    plan.keep_trees(_apart(*plan.tree_places(), lines))
+    plan.keep_trees(_clear_of_lines(*plan.tree_places(), lines))
     return plan
 
 
@@ -162,20 +160,14 @@ def _parcels(dice: Dice, outline: Line) -> list[Polygon]:
 
 def _half(outline: Line, point: Point, along: Point) -> Line:
     """Return the part of a convex polygon left of a line (Sutherland and Hodgman, 1974)."""
-    kept: list[Point] = []
-    for start, end in edges(outline):
-        a, b = (
-            along[0] * (at[1] - point[1]) - along[1] * (at[0] - point[0]) for at in (start, end)
-        )
+    left: list[Point] = []
+    for edge in edges(outline):
+        a, b = (along[0] * (y - point[1]) - along[1] * (x - point[0]) for x, y in edge)
         if a >= 0:
-            kept.append(start)
+            left.append(edge[0])
         if (a >= 0) != (b >= 0):
-            kept.append(_between(start, end, a / (a - b)))
-    return tuple(kept)
-
-
-def _between(start: Point, end: Point, share: float) -> Point:
-    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+            left.append(between(*edge, a / (a - b)))
+    return tuple(left)
 
 
 def _area(outline: Line) -> float:
@@ -197,7 +189,7 @@ def _shrink(polygon: Polygon, margin_m: float) -> Polygon:
     """Return a polygon shrunk towards its middle by about a margin."""
     middle = _middle(polygon.points)
     share = max(1.0 - margin_m / (0.5 * math.sqrt(_area(polygon.points)) + 1e-9), 0.1)
-    return Polygon(tuple(_between(middle, p, share) for p in polygon.points), polygon.frame)
+    return Polygon(tuple(between(middle, p, share) for p in polygon.points), polygon.frame)
 
 
 def _use_parcel(plan: Plan, dice: Dice, parcel: Polygon, stream: Line) -> None:
@@ -207,7 +199,7 @@ def _use_parcel(plan: Plan, dice: Dice, parcel: Polygon, stream: Line) -> None:
     near = float(distance_to_line(x, y, stream)[0])
     inner = _shrink(parcel, dice.real(1.2, 3.0))
     if near < _VALLEY_M and dice.chance(75):
-        plan.paint("terraces", inner, dice.integer(0, 1 << 14))
+        plan.paint("terraces", inner, draw=1 << 14)
     else:
         use = dice.integer(0, 99)
         if use < 24:
@@ -225,7 +217,7 @@ def _grow_field(plan: Plan, dice: Dice, inner: Polygon) -> None:
     key = dice.integer(0, 1 << 14)
     plan.paint("field", inner, key)
     if dice.chance(25):
-        plan.paint("worn", inner, dice.integer(0, 3))
+        plan.paint("worn", inner, draw=3)
     if key % 9 in (4, 7):
         for place in _grid(dice, _shrink(inner, 8.0), 13.0, 17.0):
             if dice.chance(70):
@@ -234,7 +226,7 @@ def _grow_field(plan: Plan, dice: Dice, inner: Polygon) -> None:
 
 def _grow_meadow(plan: Plan, dice: Dice, inner: Polygon) -> None:
     plan.paint("meadow", inner)
-    plan.paint("worn", inner, dice.integer(0, 3))
+    plan.paint("worn", inner, draw=3)
     for place in _grid(dice, inner, 22.0, 25.0):
         if dice.chance(35):
             radius = dice.real(1.0, 3.2)
@@ -246,8 +238,7 @@ def _grow_orchard(plan: Plan, dice: Dice, inner: Polygon) -> None:
     gap = dice.real(5.5, 7.5)
     for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
         if dice.chance(93):
-            spot = Frame(*place, inner.frame.cosine, inner.frame.sine)
-            plan.paint("soil", square(spot, 1.2, 1.2))
+            plan.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
             plan.plant(place, dice.real(1.2, 1.7), dice.real(2.6, 3.4), "bush")
 
 
@@ -267,26 +258,25 @@ def _grid(
     dice: Dice, polygon: Polygon, gap_u: float, gap_v: float, jitter: float = 0.25
 ) -> Iterator[Point]:
     """Yield points of a grid along a polygon's axes, each moved a little, inside it."""
-    frame = polygon.frame
-    u, v = frame.to_local(*np.array(polygon.points).T)
+    u, v = polygon.frame.to_local(*np.array(polygon.points).T)
     columns = steps(float(u.min()) + gap_u / 2, float(u.max()), gap_u)
     rows = steps(float(v.min()) + gap_v / 2, float(v.max()), gap_v)
     for a, b in product(columns, rows):
         off_u, off_v = dice.real(-jitter, jitter), dice.real(-jitter, jitter)
-        x, y = frame.to_world(a + off_u * gap_u, b + off_v * gap_v)
-        if polygon.holds(x, y):
-            yield x, y
+        place = polygon.frame.to_world(a + off_u * gap_u, b + off_v * gap_v)
+        if polygon.holds(*place):
+            yield place
 
 
 def _add_hedges(plan: Plan, dice: Dice, parcel: Polygon) -> None:
     """Plant bushes, now and then a tree, along some edges; small parcels have fewer."""
-    for start, end in edges(parcel.points):
+    for edge in edges(parcel.points):
         if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
             continue
-        length = distance(start, end)
+        length = distance(*edge)
         along = dice.real(1.0, 4.0)
         while along < length:
-            x, y = _between(start, end, along / length)
+            x, y = between(*edge, along / length)
             place = x + dice.real(-0.5, 0.5), y + dice.real(-0.5, 0.5)
             if dice.chance(9):
                 plan.plant(place, dice.real(2, 3.4), dice.real(6, 9))
@@ -300,10 +290,9 @@ def _lay_water(plan: Plan, dice: Dice, lines: _Lines) -> None:
     plan.paint("rough", Stroke(lines.stream, 17.0))
     plan.paint("shore", Stroke(lines.stream, 8.0))
     for kind, grown in (("rough", 7.0), ("shore", 3.5), ("shallow", 0.6), ("water", -0.8)):
-        plan.paint(kind, Ellipse(pond, a + grown, b + grown), dice.integer(0, 9))
+        plan.paint(kind, Ellipse(pond, a + grown, b + grown), draw=9)
     plan.paint("water", Stroke(lines.stream, 3.6))
-    jetty = pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)
-    plan.paint("wood", Stroke(jetty, 1.5))
+    plan.paint("wood", Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
     for start, end in pairwise(lines.stream):
         for side in (-1, 1):
             if dice.chance(42):
@@ -334,19 +323,18 @@ def _lay_ways(plan: Plan, dice: Dice, lines: _Lines) -> None:
         if dice.chance(14):
             spot = Frame.along(*ends).at(0, dice.pick((-1.6, 1.6)))
             key, season = dice.integer(0, 99), dice.integer(1, 2)
-            plan.paint("car", square(spot, 2.2, 0.9), key, season=season)
+            plan.paint("car", spot.box(2.2, 0.9), key, season=season)
 
 
 def _add_farm(plan: Plan, dice: Dice, frame: Frame) -> None:
     """Lay out a farm about a frame's origin, on ground that is level already."""
     plan.paint("rough", Ellipse(frame, _YARD_M[0] + 4, _YARD_M[1] + 4))
     plan.paint("meadow", Ellipse(frame, *_YARD_M))
-    cover = dice.pick(("gravel", "plates", "track"))
-    plan.paint(cover, square(frame, 23.0, 15.0), dice.integer(0, 99))
-    plan.paint("worn", square(frame, 25.0, 17.0), dice.integer(0, 3))
+    plan.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0), draw=99)
+    plan.paint("worn", frame.box(25.0, 17.0), draw=3)
     for u, v in ((0.0, -21.5), (19.0, -21.0)):
-        bed = square(frame.at(u + dice.real(-2, 2), v), 8.0, 4.5)
-        plan.paint(dice.pick(("beds", "beds", "lawn")), bed, dice.integer(0, 99))
+        bed = frame.at(u + dice.real(-2, 2), v).box(8.0, 4.5)
+        plan.paint(dice.pick(("beds", "beds", "lawn")), bed, draw=99)
     _add_farm_buildings(plan, dice, frame)
     _add_farm_clutter(plan, dice, frame)
     for _ in range(dice.integer(7, 12)):
@@ -357,33 +345,33 @@ def _add_farm(plan: Plan, dice: Dice, frame: Frame) -> None:
 
 
 def _add_farm_buildings(plan: Plan, dice: Dice, frame: Frame) -> None:
-    house = frame.at(dice.real(-17, -13), dice.real(-9, -6))
-    add_house(plan, dice, house, dice.real(5.5, 7.5), dice.real(4.5, 5.5), dice.integer(1, 2))
-    barn = frame.at(dice.real(-6, 0), dice.real(16, 18))
-    plan.paint("plates", square(barn, 15.0, 8.0), dice.integer(0, 99))
-    add_barn(plan, dice, barn, dice.real(10, 14), dice.real(5.5, 7), dice.real(4.5, 6.0))
-    side = frame.at(dice.real(17, 20), dice.real(-4, 3), turned=True)
-    add_barn(plan, dice, side, dice.real(7, 11), dice.real(4, 5.5), dice.real(3.5, 5.0))
-    shed = frame.at(dice.real(-3, 3), dice.real(-12, -10))
-    add_barn(plan, dice, shed, dice.real(2.5, 4), dice.real(2, 2.8), 2.6)
+    real = dice.real
+    house = frame.at(real(-17, -13), real(-9, -6))
+    plan.add_house(house, real(5.5, 7.5), real(4.5, 5.5), dice.integer(1, 2))
+    barn = frame.at(real(-6, 0), real(16, 18))
+    plan.paint("plates", barn.box(15.0, 8.0), draw=99)
+    plan.add_barn(barn, real(10, 14), real(5.5, 7), real(4.5, 6.0))
+    side = frame.at(real(17, 20), real(-4, 3), turned=True)
+    plan.add_barn(side, real(7, 11), real(4, 5.5), real(3.5, 5.0))
+    plan.add_barn(frame.at(real(-3, 3), real(-12, -10)), real(2.5, 4), real(2, 2.8), 2.6)
     if dice.chance(60):
-        wing = frame.at(-25.0, dice.real(6.5, 9), turned=True)
-        add_house(plan, dice, wing, dice.real(4.5, 6), dice.real(3.4, 4.2), 1)
+        wing = frame.at(-25.0, real(6.5, 9), turned=True)
+        plan.add_house(wing, real(4.5, 6), real(3.4, 4.2), 1)
 
 
 def _add_farm_clutter(plan: Plan, dice: Dice, frame: Frame) -> None:
     for season in (1, 2):
         for _ in range(dice.integer(2, 5)):
             spot = frame.at(dice.real(-9, 12), dice.real(-5, 7), turned=dice.chance(50))
-            plan.paint("car", square(spot, 2.2, 0.95), dice.integer(0, 99), season=season)
+            plan.paint("car", spot.box(2.2, 0.95), draw=99, season=season)
     for _ in range(14):
         spot = frame.at(dice.real(-24, 24), dice.pick((-1, 1)) * dice.real(9, 14))
         half = dice.pick(((1.5, 1.0), (0.8, 0.8), (2.5, 1.2)))
         kind = dice.pick(("wood", "rubbish", "tar", "sand", "soil"))
-        plan.paint(kind, square(spot, *half), season=dice.integer(0, 2))
+        plan.paint(kind, spot.box(*half), season=dice.integer(0, 2))
     if dice.chance(60):
-        gone = square(frame.at(dice.real(-3, 8), -21), dice.real(4, 7), dice.real(2.5, 4))
-        plan.paint("old_roof", gone, dice.integer(0, 99), season=2)
+        gone = frame.at(dice.real(-3, 8), -21).box(dice.real(4, 7), dice.real(2.5, 4))
+        plan.paint("old_roof", gone, draw=99, season=2)
     for _ in range(dice.integer(0, 6)):
         plan.plant(frame.to_world(dice.real(6, 12), dice.real(8, 11)), 0.8, 1.3, "bale")
 
@@ -400,7 +388,7 @@ def _add_single_trees(plan: Plan, dice: Dice, lines: _Lines) -> None:
             plan.plant(place, dice.real(2, 3), dice.real(7, 9))
 
 
-def _apart(x: Floats, y: Floats, lines: _Lines) -> Bools:
+def _clear_of_lines(x: Floats, y: Floats, lines: _Lines) -> Bools:
     """Return which trees are inside the region, and neither on ways nor in water nor in a yard."""
     keep: Bools = (x > 3) & (x < SIDE_M - 3) & (y > 3) & (y < SIDE_M - 3)
     berths = ((lines.road, 6.5), (lines.stream, 4.0))

@@ -11,15 +11,15 @@ little off.
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.noise import Textures, hash_of, textures
-from airzoo_bench.datasets.mini.world.city import city_plan
-from airzoo_bench.datasets.mini.world.meshes import apron_mesh, building_mesh, land_mesh, tree_mesh
-from airzoo_bench.datasets.mini.world.model import (
+from airzoo_bench.datasets.mini.city import city_plan
+from airzoo_bench.datasets.mini.meshes import plan_mesh
+from airzoo_bench.datasets.mini.model import (
     OLDER_SUN,
     REGIONS,
     SIDE_M,
@@ -30,11 +30,10 @@ from airzoo_bench.datasets.mini.world.model import (
     Mesh,
     World,
 )
-from airzoo_bench.datasets.mini.world.painting import OLDER, SURVEY, Canvas
-from airzoo_bench.datasets.mini.world.plan import METAL, TILES, Colour, Plan, colours
-from airzoo_bench.datasets.mini.world.rural import rural_plan
-from airzoo_bench.datasets.mini.world.shapes import Raster
-from airzoo_bench.datasets.mini.world.surface import (
+from airzoo_bench.datasets.mini.noise import hash_of, textures
+from airzoo_bench.datasets.mini.painting import OLDER, SURVEY, Canvas
+from airzoo_bench.datasets.mini.plan import METAL, TILES, Colour, Plan, colours
+from airzoo_bench.datasets.mini.rasters import (
     Layer,
     canopies_on_top,
     land_at,
@@ -44,16 +43,17 @@ from airzoo_bench.datasets.mini.world.surface import (
     sunlit,
     surface_heights,
 )
+from airzoo_bench.datasets.mini.rural import rural_plan
+from airzoo_bench.datasets.mini.shapes import Raster
 from airzoo_bench.geometry.arrays import Bools
+
+_Rgb = NDArray[np.uint8]
 
 _PLANS = {"city": city_plan, "rural": rural_plan}
 _MAP_M, _DSM_M, _MOSAIC_M = 0.25, 0.5, 0.3
 
-_TREES = {
-    "cone": colours("32502e 3a5834"),
-    "bale": colours("ceb476 d6be82"),
-    "broad": colours("4e6c2c 5c7a32 405e2a 68803a 547038 747e36"),
-}
+_BROAD = colours("4e6c2c 5c7a32 405e2a 68803a 547038 747e36")
+_TREES = {"cone": colours("32502e 3a5834"), "bale": colours("ceb476 d6be82")}
 _TREE_STREAM, _CHANGES_STREAM = 51, 61
 _ABSENT, _REPAINTED = 4, 9  # percent of the buildings, cumulative
 # Where the mosaic shows what is elsewhere: metres east and north, 0.6 m in all.
@@ -66,10 +66,12 @@ class _Maps:
     def __init__(self, plan: Plan, mesh: Mesh) -> None:
         self.plan, self.mesh = plan, mesh
         self.raster = Raster(round(SIDE_M / _MAP_M), _MAP_M)
-        self.textures: Textures = textures(plan.seed, self.raster.size)
+        self.textures = textures(plan.seed, self.raster.size)
         self.land = land_at(plan.heights, self.raster).astype(np.float32)
-        self.roofs = Layer.from_mesh(mesh, self.raster, Material.ROOF)
-        self.canopies = Layer.from_mesh(mesh, self.raster, Material.CANOPY)
+        self.roofs, self.canopies = (
+            Layer.from_mesh(mesh, self.raster, material)
+            for material in (Material.ROOF, Material.CANOPY)
+        )
 
     def canvas(self, season: int) -> Canvas:
         """Return the land of a season."""
@@ -83,31 +85,28 @@ class _Maps:
         roofs: Layer,
         repainted: dict[int, Colour],
         canopies: Layer,
-        albedo: NDArray[np.uint8],
+        albedo: _Rgb,
     ) -> None:
         """Paint roofs, some in another colour, and canopies of albedo (trees, 3)."""
         for index, building in enumerate(self.plan.buildings):
             canvas.paint_roof(index, roofs.owner, repainted.get(index, building.roof_colour))
-        triangle = canopies_on_top(roofs, canopies)
-        there = triangle >= 0
-        owner = self.mesh.owner[triangle[there]]
+        there = canopies_on_top(roofs, canopies) >= 0
+        owner = canopies.owner[there]
         leaves = self.textures.fine[there].astype(np.int32) * 40
         leaves += self.textures.middle[there].astype(np.int32) * 14
-        below = share_below_top(self.mesh, canopies, there, owner)
+        below = share_below_top(self.mesh, owner, canopies.height[there])
         light = (leaves >> 6) - (below * 34).astype(np.int32)
         values = albedo[owner].astype(np.int32) + ((light[:, None] * np.array([8, 8, 6])) >> 3)
         canvas.rgb[there] = np.clip(values, 0, 255).astype(np.uint8)
 
-    def in_light(
-        self, albedo: NDArray[np.uint8], roofs: Layer, canopies: Layer, light: Light
-    ) -> NDArray[np.uint8]:
+    def in_light(self, albedo: _Rgb, roofs: Layer, canopies: Layer, light: Light) -> _Rgb:
         """Return a map (n, n, 3) of albedo in light and shadow."""
         heights = np.maximum(np.maximum(roofs.height, canopies.height), self.land)
         on_top = roofs.triangle, canopies_on_top(roofs, canopies)
         cosine = sun_cosine(self.mesh, self.plan.heights, light, self.raster, *on_top)
         return lit(albedo, cosine, sunlit(heights, light, self.raster.pixel_m), light)
 
-    def older_mosaic(self, albedo: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def older_mosaic(self, albedo: _Rgb) -> _Rgb:
         """Paint, light, shift and blur the older mosaic (m, m, 3), at 0.3 m."""
         canvas = self.canvas(OLDER)
         absent, repainted = _changed_buildings(self.plan)
@@ -116,7 +115,7 @@ class _Maps:
         roofs, canopies = self.roofs.without(absent), self.canopies.without(bare, twigs)
         self.cover(canvas, roofs, repainted, canopies, winter)
         picture = _fade(self.in_light(canvas.rgb, roofs, canopies, OLDER_SUN))
-        return resampled(picture, self.raster.pixel_m, round(SIDE_M / _MOSAIC_M))
+        return _resampled(picture, self.raster.pixel_m, round(SIDE_M / _MOSAIC_M))
 
 
 def build_world(region: str, seed: int) -> World:
@@ -127,9 +126,7 @@ def build_world(region: str, seed: int) -> World:
     if seed < 0:
         raise UsageError("the seed is negative", where=f"seed {seed}", expected="0 or more")
     plan = _PLANS[region](seed)
-    land = plan.heights
-    parts = [land_mesh(land), building_mesh(plan.buildings), tree_mesh(plan), apron_mesh(land)]
-    mesh = Mesh.joined(parts)
+    mesh = plan_mesh(plan)
     maps = _Maps(plan, mesh)
     leaves = _tree_colours(plan)
     canvas = maps.canvas(SURVEY)
@@ -144,32 +141,30 @@ def build_world(region: str, seed: int) -> World:
         ground_albedo=ground,
         top_albedo=canvas.rgb,
         water=water,
-        dsm=surface_heights(mesh, land, Raster(round(SIDE_M / _DSM_M), _DSM_M)),
+        dsm=surface_heights(mesh, plan.heights, Raster(round(SIDE_M / _DSM_M), _DSM_M)),
         dom=maps.in_light(canvas.rgb, maps.roofs, maps.canopies, SURVEY_SUN),
         satellite=maps.older_mosaic(leaves),
     )
 
 
 def _walls(plan: Plan) -> Buildings:
-    walls = plan.buildings
+    columns: dict[str, Any] = {"base_m": np.float64, "storey_m": np.float64, "bay_m": np.float64}
+    columns |= {"wall_colour": np.uint8, "window_colour": np.uint8, "style": np.uint8}
     return Buildings(
-        wall_colour=np.array([building.wall_colour for building in walls], np.uint8),
-        window_colour=np.array([building.window_colour for building in walls], np.uint8),
-        base_m=np.array([building.base_m for building in walls], np.float64),
-        storey_m=np.array([building.storey_m for building in walls], np.float64),
-        bay_m=np.array([building.bay_m for building in walls], np.float64),
-        style=np.array([building.style for building in walls], np.uint8),
+        **{
+            name: np.array([getattr(building, name) for building in plan.buildings], kind)
+            for name, kind in columns.items()
+        }
     )
 
 
-def _tree_colours(plan: Plan) -> NDArray[np.uint8]:
+def _tree_colours(plan: Plan) -> _Rgb:
     """Return the albedo of each tree's canopy, (T, 3)."""
     albedo = np.zeros((len(plan.trees), 3), np.int64)
     bits = hash_of(plan.seed, _TREE_STREAM, np.arange(len(plan.trees))).tolist()
     for index, (tree, draw) in enumerate(zip(plan.trees, bits, strict=True)):
-        table = _TREES.get(tree.kind, _TREES["broad"])
-        tone = (draw >> 32) % 25 - 12
-        albedo[index] = [part + tone for part in table[draw % len(table)]]
+        table = _TREES.get(tree.kind, _BROAD)
+        albedo[index] = np.array(table[draw % len(table)]) + ((draw >> 32) % 25 - 12)
     return np.clip(albedo, 0, 255).astype(np.uint8)
 
 
@@ -188,7 +183,7 @@ def _changed_buildings(plan: Plan) -> tuple[Bools, dict[int, Colour]]:
     return absent, repainted
 
 
-def _winter_trees(plan: Plan, albedo: NDArray[np.uint8]) -> tuple[Bools, NDArray[np.uint8]]:
+def _winter_trees(plan: Plan, albedo: _Rgb) -> tuple[Bools, _Rgb]:
     """Return which trees have lost leaves, and the colours of all."""
     draw = hash_of(plan.seed, _CHANGES_STREAM, 1, np.arange(len(plan.trees)))
     broad = np.array([tree.kind in ("broad", "bush") for tree in plan.trees], np.bool_)
@@ -198,7 +193,7 @@ def _winter_trees(plan: Plan, albedo: NDArray[np.uint8]) -> tuple[Bools, NDArray
     return bare, np.where(bare[:, None], brown, winter).astype(np.uint8)
 
 
-def _fade(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _fade(picture: _Rgb) -> _Rgb:
     """Take contrast and colour away, and add a bluish haze."""
     table = np.arange(256)
     curve = np.stack([(table * 205 >> 8) + lift for lift in (22, 24, 32)]).astype(np.int16)
@@ -207,7 +202,7 @@ def _fade(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.stack([(band * 13 + grey * 3) >> 4 for band in bands], -1).astype(np.uint8)
 
 
-def resampled(picture: NDArray[np.uint8], pixel_m: float, size: int) -> NDArray[np.uint8]:
+def _resampled(picture: _Rgb, pixel_m: float, size: int) -> _Rgb:
     """Resample bilinearly to the mosaic's pixels at its offset, and blur by 1-2-1."""
     for offset_m in (-_OFFSET_M[1], _OFFSET_M[0]):  # rows, then columns
         at = ((np.arange(size).astype(np.float64) + 0.5) * _MOSAIC_M + offset_m) / pixel_m - 0.5
@@ -224,11 +219,8 @@ def resampled(picture: NDArray[np.uint8], pixel_m: float, size: int) -> NDArray[
 
 def digest(world: World) -> dict[str, str]:
     """Return the SHA-256 of each array's little-endian bytes, by the array's name."""
-    arrays = {f"mesh.{name}": array for name, array in vars(world.mesh).items()}
-    arrays |= {f"buildings.{name}": array for name, array in vars(world.buildings).items()}
-    arrays |= {name: array for name, array in vars(world).items() if isinstance(array, np.ndarray)}
-    found = {}
-    for name, array in sorted(arrays.items()):
+    digests = {}
+    for name, array in sorted(world.arrays.items()):
         little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-        found[name] = hashlib.sha256(little.data.cast("B")).hexdigest()
-    return found
+        digests[name] = hashlib.sha256(little.data.cast("B")).hexdigest()
+    return digests

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter
 
 from airzoo_bench.datasets.mini.noise import Singles, gaussians, hash64, seed_of, uniforms
-from airzoo_bench.datasets.mini.rendering.weather import Conditions
+from airzoo_bench.datasets.mini.weather import Conditions
 from airzoo_bench.geometry.arrays import Floats
 
 # Light is kept as 16-bit integers, so that a photo of 48 megapixels stays small.
@@ -20,6 +20,7 @@ _BLUR = np.float32(0.09)
 # How much darker corners are than the middle.
 _VIGNETTE = np.float32(0.12)
 _SHOULDER = np.float32(0.88)
+_DROPS = {"rain": 420, "snow": 520}
 
 BLOCK_PIXELS = 1 << 16
 """How many pixels are worked on at once: as many as a processor's cache holds."""
@@ -47,8 +48,7 @@ def take_photo(
 ) -> NDArray[np.uint8]:
     """Turn the light (3, H, W) that reaches the lens, see `to_stored`, into an image (H, W, 3)."""
     _, height, width = light.shape
-    falls = given.falling != "nothing"
-    drops = _drops(width, height, rotation, given, seed) if falls else None
+    drops = _drops(width, height, rotation, given.falling, seed) if given.falling else None
     photo = np.empty((height, width, 3), np.uint8)
     for rows in row_blocks(width, height):
         sharp = _blurred(light, rows)
@@ -57,22 +57,20 @@ def take_photo(
             white = np.array(given.horizon, np.float32)[:, None, None] * np.float32(1.05)
             sharp += (white - sharp) * share
         sharp *= _vignette(rows, width, height)
-        sharp = _shouldered(sharp)
-        _add_noise(sharp, rows, width, given.noise, seed)
-        np.clip(sharp, 0.0, 255.0, out=sharp)
-        photo[rows] = np.rint(sharp, out=sharp).transpose(1, 2, 0)
+        # Highlights bend to white softly.
+        over = np.maximum(sharp - _SHOULDER, 0.0)
+        bent = np.minimum(sharp, _SHOULDER) + over / (1 + over / (1 - _SHOULDER))
+        levels = bent * np.float32(255.0)
+        levels += _noise(levels, rows, given.noise, seed)
+        np.clip(levels, 0.0, 255.0, out=levels)
+        photo[rows] = np.rint(levels, out=levels).transpose(1, 2, 0)
     return photo
 
 
 def _blurred(light: NDArray[np.uint16], rows: slice) -> Singles:
     """Spread each pixel a little over its neighbours, as a lens does."""
-    height = light.shape[1]
-    above, below = max(rows.start - 1, 0), min(rows.stop + 1, height)
-    part = from_stored(light[:, above:below])
-    if above == rows.start:
-        part = np.concatenate([part[:, :1], part], axis=1)
-    if below == rows.stop:
-        part = np.concatenate([part, part[:, -1:]], axis=1)
+    row = np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, light.shape[1] - 1)
+    part = from_stored(light[:, row])
     centre = 1 - 2 * _BLUR
     down = part[:, 1:-1] * centre + (part[:, :-2] + part[:, 2:]) * _BLUR
     across = down * centre
@@ -91,47 +89,36 @@ def _vignette(rows: slice, width: int, height: int) -> Singles:
     return (1 - _VIGNETTE * square * square).astype(np.float32)
 
 
-def _shouldered(light: Singles) -> Singles:
-    """Bend highlights to white softly; to levels of 255."""
-    over = np.maximum(light - _SHOULDER, 0.0)
-    bent = np.minimum(light, _SHOULDER) + over / (1 + over / (1 - _SHOULDER))
-    levels: Singles = bent * np.float32(255.0)
-    return levels
-
-
-def _add_noise(levels: Singles, rows: slice, width: int, deviation: float, seed: int) -> None:
+def _noise(levels: Singles, rows: slice, deviation: float, seed: int) -> Singles:
+    width = levels.shape[2]
     pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint64)
     normal = gaussians(hash64(pixels, seed)).reshape(4, -1, width)
     # Shot noise grows with the root of the light; read noise is always there.
     strength = np.sqrt(np.maximum(levels, 4.0) / np.float32(128.0)) * np.float32(deviation)
-    levels += strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
+    noise: Singles = strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
+    return noise
 
 
-def _drops(
-    width: int, height: int, rotation: Floats, given: Conditions, seed: int
-) -> NDArray[np.uint8]:
+def _drops(width: int, height: int, rotation: Floats, falling: str, seed: int) -> NDArray[np.uint8]:
     """Return how much of each pixel (H, W) rain or snow in the air covers, in 255ths."""
     image = Image.new("L", (width, height))
-    draw = ImageDraw.Draw(image)
-    rain = given.falling == "rain"
-    count = 420 if rain else 520
-    hashes = hash64(np.arange(2 * count, dtype=np.uint64), seed_of(seed, given.falling))
+    draw, count = ImageDraw.Draw(image), _DROPS[falling]
+    hashes = hash64(np.arange(2 * count, dtype=np.uint64), seed_of(seed, falling))
     chance = np.stack([uniforms(hashes, lane) for lane in range(4)]).reshape(8, count)
     start = np.stack([chance[0] * 1.2 - 0.1, chance[1] * 1.2 - 0.1]) * [[width], [height]]
     near = chance[2] ** 3
-    if rain:
+    if falling == "rain":
         # Streaks lie along the way that drops fall as the camera sees it.
         fall = (rotation @ np.array([0.16, 0.05, -1.0]))[:2]
         length = (0.02 + 0.09 * near) * height
         jitter = np.stack([chance[3] - 0.5, 0.5 - chance[3]]) * 0.12
         ends = np.concatenate([start, start + (fall[:, None] + jitter) * length]).T
-        thick = max(round(height / 500), 1)
+        thick, blur = max(round(height / 500), 1), 0.4
         for line, strength in zip(ends.tolist(), (26 + 60 * chance[4]).tolist(), strict=True):
             draw.line(line, fill=int(strength), width=thick)
     else:
-        size = (0.0012 + 0.0055 * near) * height
+        size, blur = (0.0012 + 0.0055 * near) * height, 0.7
         boxes = np.concatenate([start - size, start + size]).T
         for box, strength in zip(boxes.tolist(), (210 - 120 * near).tolist(), strict=True):
             draw.ellipse(box, fill=int(strength))
-    blur_px = (0.4 if rain else 0.7) * height / 480
-    return np.asarray(image.filter(ImageFilter.BoxBlur(blur_px)))
+    return np.asarray(image.filter(ImageFilter.BoxBlur(blur * height / 480)))

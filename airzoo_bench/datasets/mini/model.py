@@ -6,9 +6,10 @@ corner of the region and heights as in the surface model. Rasters have their fir
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,24 @@ class World:
     dom: NDArray[np.uint8]
     # (2000, 2000, 3): the older mosaic at 0.3 m: another season, changed roofs, shifted
     satellite: NDArray[np.uint8]
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All arrays by their names, such as ``dsm`` and ``mesh.owner``."""
+        found = dict(vars(self))
+        for part in ("mesh", "buildings"):
+            found |= {f"{part}.{name}": array for name, array in vars(found[part]).items()}
+        return {name: array for name, array in found.items() if isinstance(array, np.ndarray)}
+
+    @classmethod
+    def of_arrays(cls, region: Region, seed: int, arrays: Mapping[str, NDArray[Any]]) -> World:
+        """Make a world of its `arrays`."""
+        parts: dict[str, dict[str, Any]] = {"": {}, "mesh": {}, "buildings": {}}
+        for name, array in arrays.items():
+            part, _, own = name.rpartition(".")
+            parts[part][own] = array
+        mesh, buildings = Mesh(**parts["mesh"]), Buildings(**parts["buildings"])
+        return cls(region, seed, mesh, buildings, **parts[""])
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,14 @@
-"""The colour of surfaces: what they are painted with, the light on them, and what they mirror."""
+"""The colour of surfaces: their paint, the light on them, and what they mirror."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from airzoo_bench.datasets.mini.facades import Facades
+from airzoo_bench.datasets.mini.model import Material, World
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
-from airzoo_bench.datasets.mini.rendering.surfaces import Facades, Points, Texture, surroundings
-from airzoo_bench.datasets.mini.rendering.weather import Conditions, column, haze, sky_colour
-from airzoo_bench.datasets.mini.world.model import Material, World
+from airzoo_bench.datasets.mini.surfaces import Points, Texture, surroundings
+from airzoo_bench.datasets.mini.weather import Conditions, column, haze, sky_colour
 from airzoo_bench.geometry.arrays import Floats
 
 _LAMP = (1.0, 0.74, 0.42)
@@ -24,21 +23,13 @@ _BASE_REFLECTANCE = np.float32(0.04)
 _BOUNCE = np.float32(0.7)
 
 
-@dataclass(eq=False)
 class _Paint:
     """The paint of N points, filled in material by material."""
 
-    albedo: Singles
-    mirror: Singles
-    waves: Singles
-    glow: Singles
-    lamp_reach: Singles
-
-    @classmethod
-    def blank(cls, count: int) -> _Paint:
-        colours = np.zeros((2, 3, count), np.float32)
-        mirror, waves = np.zeros((2, count), np.float32)
-        return cls(colours[0], mirror, waves, colours[1], np.ones(count, np.float32))
+    def __init__(self, count: int) -> None:
+        self.albedo, self.glow = np.zeros((2, 3, count), np.float32)
+        self.mirror, self.waves = np.zeros((2, count), np.float32)
+        self.lamp_reach = np.ones(count, np.float32)
 
 
 class Shader:
@@ -48,7 +39,7 @@ class Shader:
         self._side = world.region.side_m
         seen = world.water & (world.top_albedo == world.ground_albedo).all(axis=-1)
         self._ground, self._top = (
-            Texture.from_lanes(np.dstack([albedo, water * np.uint8(255)]), self._side)
+            Texture(np.dstack([albedo, water * np.uint8(255)]), self._side)
             for albedo, water in ((world.ground_albedo, world.water), (world.top_albedo, seen))
         )
         self._around = surroundings(world)
@@ -56,8 +47,13 @@ class Shader:
         self._leaves = (world.tree_colours / 255.0).astype(np.float32)
 
     def colour(self, points: Points, lit: Singles, given: Conditions) -> Singles:
-        """Return what a camera sees of points, (3, N)."""
-        paint = self._paint(points)
+        """Return what a camera sees of points, (3, N), `lit` (N,) by the sun."""
+        paint = _Paint(len(points))
+        self._paint_land(paint, points, self._ground, Material.GROUND)
+        self._paint_land(paint, points, self._top, Material.ROOF, Material.APRON)
+        self._paint_walls(paint, points)
+        self._paint_leaves(paint, points)
+        paint.albedo[:, points.material == Material.TRUNK] = column(_TRUNK)
         if given.snow > 0.0:
             _lay_snow(paint, points, given.snow)
         if given.wet > 0.0:
@@ -81,39 +77,26 @@ class Shader:
             albedo += (column(_SNOW) - albedo) * np.float32(0.75 * given.snow)
         return albedo, distance
 
-    def _paint(self, points: Points) -> _Paint:
-        paint = _Paint.blank(len(points))
-        self._paint_land(paint, points, self._ground, Material.GROUND)
-        self._paint_land(paint, points, self._top, Material.ROOF, Material.APRON)
-        self._paint_walls(paint, points)
-        self._paint_leaves(paint, points)
-        paint.albedo[:, points.made_of(Material.TRUNK)] = column(_TRUNK)
-        return paint
-
     def _paint_land(self, paint: _Paint, points: Points, texture: Texture, *materials: int) -> None:
-        which = points.made_of(*materials)
-        some = points.take(which)
+        which, some = points.made_of(*materials)
         footprint = some.texture_footprint()
         lanes = texture.sample(some.xyz[0], some.xyz[1], footprint, some.dither)
         grain = volume_noise(some.xyz, 0.07, footprint) * np.float32(0.035)
         grain += volume_noise(some.xyz, 0.41, footprint) * np.float32(0.025)
         lanes[:3] *= 1.0 + grain * (1.0 - lanes[3])
         paint.albedo[:, which] = lanes[:3]
-        paint.mirror[which] = lanes[3]
-        paint.waves[which] = lanes[3]
+        paint.mirror[which] = paint.waves[which] = lanes[3]
         paint.lamp_reach[which] = np.where(some.material == Material.ROOF, _ON_ROOFS, 1.0)
 
     def _paint_walls(self, paint: _Paint, points: Points) -> None:
-        which = points.made_of(Material.WALL)
-        wall = self._facades.look(points.take(which))
-        paint.albedo[:, which] = wall.albedo
-        paint.mirror[which] = wall.glass
-        paint.lamp_reach[which] = np.exp(wall.height * np.float32(-1.0 / 6.0))
-        paint.glow[:, which] = wall.glow
+        which, some = points.made_of(Material.WALL)
+        paint.albedo[:, which], paint.mirror[which], paint.glow[:, which], height = (
+            self._facades.look(some)
+        )
+        paint.lamp_reach[which] = np.exp(height * np.float32(-1.0 / 6.0))
 
     def _paint_leaves(self, paint: _Paint, points: Points) -> None:
-        which = points.made_of(Material.CANOPY)
-        some = points.take(which)
+        which, some = points.made_of(Material.CANOPY)
         clumps = volume_noise(some.xyz, 0.33, some.footprint)
         leaves = volume_noise(some.xyz, 0.11, some.footprint)
         light = 0.94 + 0.16 * clumps + 0.14 * leaves + 0.10 * some.normal[2]
@@ -145,7 +128,7 @@ def _lay_snow(paint: _Paint, points: Points, snow: float) -> None:
     patches = volume_noise(points.xyz, 0.6, points.footprint)
     fine = volume_noise(points.xyz, 0.15, points.footprint)
     steep = np.clip((points.normal[2] - np.float32(0.25)) * np.float32(2.2), 0.0, 1.0)
-    # Cars and brooms clear what is paved: grey, and not bright.
+    # Cars and brooms clear pavements: grey, and not bright.
     spread = paint.albedo.max(axis=0) - paint.albedo.min(axis=0)
     paved = np.clip(1.4 - spread * 12.0, 0.0, 1.0) * (points.material == Material.GROUND)
     leafy = (points.material == Material.CANOPY) * np.float32(0.35)

@@ -12,26 +12,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.datasets.mini.model import Material, Mesh, World
 from airzoo_bench.datasets.mini.noise import Singles, hash64, uniforms
-from airzoo_bench.datasets.mini.rendering.sensor import (
+from airzoo_bench.datasets.mini.sensor import (
     BLOCK_PIXELS,
     from_stored,
     row_blocks,
     take_photo,
     to_stored,
 )
-from airzoo_bench.datasets.mini.rendering.shading import Shader
-from airzoo_bench.datasets.mini.rendering.surfaces import Points, dot
-from airzoo_bench.datasets.mini.rendering.weather import (
+from airzoo_bench.datasets.mini.shading import Shader
+from airzoo_bench.datasets.mini.surfaces import Points, dot
+from airzoo_bench.datasets.mini.weather import (
     Conditions,
     column,
     conditions,
     haze,
     sky_with_clouds,
 )
-from airzoo_bench.datasets.mini.world.model import Material, Mesh, World
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses
@@ -47,8 +46,6 @@ MISSED = -1
 _TRUST_M, _TRUST_SHARE = 0.02, 1e-4
 # How far shadow rays start above their surface: above single precision at 1.5 km (0.1 mm).
 _LIFT_M = 0.02
-# The largest photo; rendering it takes some 1.8 GB.
-_MOST_PIXELS = 64_000_000
 # Rays through the pixels are kept from one frame to the next where they are no more than this.
 _KEPT_RAYS = 1 << 21
 # A pixel next to another surface is its centre and, by a third, what lies a third of a pixel
@@ -59,7 +56,7 @@ _DITHER_SEED = 0xD17
 
 
 class Frame(NamedTuple):
-    """A photo and what it is of."""
+    """A photo and its depth."""
 
     rgb: NDArray[np.uint8]  # (H, W, 3)
     # (H, W): along the optical axis, metres; 0 where there is no surface
@@ -71,19 +68,6 @@ def default_camera(width: int = 640, height: int = 480, field_deg: float = 62.0)
     focal = width / 2 / np.tan(np.radians(field_deg) / 2)
     K = [[[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]]]
     return Cameras.from_matrices(K, width, height)
-
-
-def check_size(camera: Cameras) -> tuple[int, int]:
-    """Return width and height of a camera's photos, refusing those that would not fit memory."""
-    width, height = int(camera.width[0]), int(camera.height[0])
-    if width * height > _MOST_PIXELS:
-        raise UsageError(
-            f"a photo of {width} x {height} pixels would not fit memory",
-            where="resolution",
-            expected=f"at most {_MOST_PIXELS:,} pixels, such as 8000 x 6000",
-            fix="ask for a smaller photo",
-        )
-    return width, height
 
 
 class Raycaster:
@@ -143,36 +127,23 @@ class Raycaster:
         return blocked
 
 
-class _Rays(NamedTuple):
-    """N rays of one camera."""
-
-    origin: Floats  # (3,): the camera's centre in the world's local frame
-    # (3, N): as long as makes their z in the camera 1; NaN where the lens has no ray
-    directions: Floats
-    pixel: _Indices  # (N,): number of the pixel
-    pixel_angle: float  # size of a pixel at distance 1
-
-    def take(self, index: _Indices) -> _Rays:
-        directions = self.directions.take(index, axis=1)
-        return _Rays(self.origin, directions, self.pixel.take(index), self.pixel_angle)
-
-
 class _View(NamedTuple):
-    """A camera at its place in the world's local frame."""
+    """A camera at its place in the world's local frame, in its conditions."""
 
     camera: Cameras
     centre: Floats
     rotation: Floats
+    given: Conditions
 
-    def rays(self, xy: Floats, pixel: _Indices) -> _Rays:
-        """Return rays along (x, y, 1) of the camera, of pixels by number."""
+    def directions(self, xy: Floats) -> Floats:
+        """Return rays (3, N) along (x, y, 1) of the camera; NaN where the lens has none."""
         directions = np.empty((3, xy.shape[1]))
         for axis in range(3):
             right, down, forward = self.rotation[:, axis]
             np.multiply(xy[0], right, out=directions[axis])
             directions[axis] += xy[1] * down
             directions[axis] += forward
-        return _Rays(self.centre, directions, pixel, 1.0 / float(self.camera.focal[0].mean()))
+        return directions
 
 
 class Renderer:
@@ -189,24 +160,21 @@ class Renderer:
         self._kept: tuple[bytes, Floats] | None = None
 
     def render(self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int) -> Frame:
-        """Take a photo."""
-        given = conditions(weather, time)
-        if len(camera) != 1 or len(pose) != 1:
-            raise UsageError(f"{len(camera)} cameras and {len(pose)} poses", expected="one of each")
-        width, height = check_size(camera)
-        view = _View(camera, pose.centres[0] - self._corner, pose.rotation[0])
+        """Take a photo with one camera at one pose."""
+        width, height = int(camera.width[0]), int(camera.height[0])
+        centre = pose.centres[0] - self._corner
+        view = _View(camera, centre, pose.rotation[0], conditions(weather, time))
         light = np.empty((3, height, width), np.uint16)
         depth = np.empty((height, width), np.float32)
         triangle = np.empty((height, width), np.int32)
         for rows in row_blocks(width, height):
             pixel = np.arange(rows.start * width, rows.stop * width)
-            rays = view.rays(self._through_pixels(camera, pixel), pixel)
-            seen, far, what = self._look(rays, given)
+            seen, far, hit = self._look(view, self._through_pixels(camera, pixel), pixel)
             light[:, rows] = to_stored(seen).reshape(3, -1, width)
             depth[rows] = far.reshape(-1, width)
-            triangle[rows] = what.reshape(-1, width)
-        self._smooth_edges(light.reshape(3, -1), triangle, view, given)
-        return Frame(take_photo(light, view.rotation, given, seed), depth)
+            triangle[rows] = hit.reshape(-1, width)
+        self._smooth_edges(light.reshape(3, -1), triangle, view)
+        return Frame(take_photo(light, view.rotation, view.given, seed), depth)
 
     def _through_pixels(self, camera: Cameras, pixel: _Indices) -> Floats:
         """Return `_through` of pixels in a row, remembered from the frame before."""
@@ -220,54 +188,52 @@ class Renderer:
         return self._kept[1][:, pixel[0] : pixel[-1] + 1]
 
     def _smooth_edges(
-        self,
-        light: NDArray[np.uint16],
-        triangle: NDArray[np.int32],
-        view: _View,
-        given: Conditions,
+        self, light: NDArray[np.uint16], triangle: NDArray[np.int32], view: _View
     ) -> None:
         """Blend pixels where surfaces meet with the other surface, as far as it reaches in."""
         edge, towards = edge_pixels(triangle, self._keys)
         for start in range(0, len(edge), BLOCK_PIXELS):
             part = slice(start, start + BLOCK_PIXELS)
             pixel = edge[part]
-            rays = view.rays(_through(view.camera, pixel, towards[:, part] * _THIRD), pixel)
-            nearby = to_stored(self._look(rays, given)[0])
+            through = _through(view.camera, pixel, towards[:, part] * _THIRD)
+            nearby = from_stored(to_stored(self._look(view, through, pixel)[0]))
             own = from_stored(light[:, pixel])
-            light[:, pixel] = to_stored(own + (from_stored(nearby) - own) * np.float32(_THIRD))
+            light[:, pixel] = to_stored(own + (nearby - own) * np.float32(_THIRD))
 
-    def _look(self, rays: _Rays, given: Conditions) -> tuple[Singles, Floats, _Indices]:
-        """Return the light along N rays, their depths, and the triangles that they hit."""
-        triangle, depth = self._caster.trace(rays.origin, rays.directions)
+    def _look(self, view: _View, xy: Floats, pixel: _Indices) -> tuple[Singles, Floats, _Indices]:
+        """Return the light along the rays of N pixels, their depths and triangles."""
+        directions = view.directions(xy)
+        triangle, depth = self._caster.trace(view.centre, directions)
         light = np.zeros((3, len(depth)), np.float32)
         hit = np.flatnonzero(triangle != MISSED)
-        free = np.flatnonzero((triangle == MISSED) & ~np.isnan(rays.directions[0]))
+        free = np.flatnonzero((triangle == MISSED) & ~np.isnan(directions[0]))
         if len(hit):
-            light[:, hit] = self._surface(rays.take(hit), depth[hit], triangle[hit], given)
+            rays = directions.take(hit, axis=1)
+            light[:, hit] = self._surface(view, rays, depth[hit], pixel[hit], triangle[hit])
         if len(free):
-            light[:, free] = self._horizon(rays.take(free), given)
+            light[:, free] = self._horizon(view, directions.take(free, axis=1))
         return light, depth, triangle
 
     def _surface(
-        self, rays: _Rays, depth: Floats, triangle: _Indices, given: Conditions
+        self, view: _View, rays: Floats, depth: Floats, pixel: _Indices, triangle: _Indices
     ) -> Singles:
-        xyz = rays.directions * depth + rays.origin[:, None]
+        xyz = rays * depth + view.centre[:, None]
         normal = self._caster.normal.take(triangle, axis=1)
-        length = np.sqrt(dot(rays.directions, rays.directions))
-        np.negative(normal, out=normal, where=dot(normal, rays.directions) > 0.0)
+        length = np.sqrt(dot(rays, rays))
+        np.negative(normal, out=normal, where=dot(normal, rays) > 0.0)
         distance = (depth * length).astype(np.float32)
         points = Points(
             xyz=xyz.astype(np.float32),
             normal=normal.astype(np.float32),
-            view=(rays.directions / length).astype(np.float32),
+            view=(rays / length).astype(np.float32),
             distance=distance,
-            footprint=distance * np.float32(rays.pixel_angle),
-            dither=uniforms(hash64(rays.pixel.astype(np.uint64), _DITHER_SEED)),
+            footprint=distance * np.float32(1.0 / float(view.camera.focal[0].mean())),
+            dither=uniforms(hash64(pixel.astype(np.uint64), _DITHER_SEED)),
             material=self._mesh.material.take(triangle),
             owner=self._mesh.owner.take(triangle),
             triangle=triangle,
         )
-        return self._shader.colour(points, self._sunlight(xyz, normal, given), given)
+        return self._shader.colour(points, self._sunlight(xyz, normal, view.given), view.given)
 
     def _sunlight(self, xyz: Floats, normal: Floats, given: Conditions) -> Singles:
         """Return the cosine of the sun's angle to surfaces, 0 where something is in the way."""
@@ -280,15 +246,14 @@ class Renderer:
             lit[facing] = np.where(self._caster.occluded(places, up, sun), 0.0, cosine[facing])
         return lit
 
-    def _horizon(self, rays: _Rays, given: Conditions) -> Singles:
+    def _horizon(self, view: _View, rays: Floats) -> Singles:
         """Return sky, and below the horizon the land that goes on where the mesh ends."""
-        length = np.sqrt(dot(rays.directions, rays.directions))
-        view = (rays.directions / length).astype(np.float32)
-        light = np.empty_like(view)
-        above, below = np.flatnonzero(view[2] >= 0.0), np.flatnonzero(view[2] < 0.0)
-        light[:, above] = sky_with_clouds(view[:, above], given)
-        down = view[:, below]
-        land, distance = self._shader.far_land(down, rays.origin, self._far_level_m, given)
+        given, unit = view.given, (rays / np.sqrt(dot(rays, rays))).astype(np.float32)
+        light = np.empty_like(unit)
+        above, below = np.flatnonzero(unit[2] >= 0.0), np.flatnonzero(unit[2] < 0.0)
+        light[:, above] = sky_with_clouds(unit[:, above], given)
+        down = unit[:, below]
+        land, distance = self._shader.far_land(down, view.centre, self._far_level_m, given)
         sun = column(given.light.sun) * np.float32(given.light.direction[2])
         light[:, below] = haze(land * (column(given.light.sky) + sun), distance, down, given)
         return light

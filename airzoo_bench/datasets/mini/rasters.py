@@ -1,22 +1,25 @@
-"""The world as rasters: which triangle is on top of each pixel, how high, and in what light."""
+"""A mesh as rasters: which triangle is on top of each pixel, how high, and in what light.
+
+Arithmetic is in the order that gives the same bits on every machine, see `build`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.world.model import Light, Material, Mesh
-from airzoo_bench.datasets.mini.world.plan import GRID_M
-from airzoo_bench.datasets.mini.world.shapes import Raster
+from airzoo_bench.datasets.mini.model import Light, Material, Mesh
+from airzoo_bench.datasets.mini.plan import GRID_M
+from airzoo_bench.datasets.mini.shapes import Raster
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 _Indices = NDArray[np.int64]
+_Singles = NDArray[np.float32]
 
 _NOTHING = -1_000.0
-_BLOCK = 1 << 20
+_BLOCK = 256  # triangles worked on at once
 # Heights of shadows are in integers of this many to the metre.
 _UNITS = 1024
 _BIAS, _SOFT = 200, 512
@@ -26,7 +29,7 @@ _FAR_STEPS = 512
 class Layer(NamedTuple):
     """The topmost surface of one material at each pixel; arrays are (n, n)."""
 
-    height: NDArray[np.float32]  # `_NOTHING` where there is none
+    height: _Singles  # `_NOTHING` where there is none
     triangle: NDArray[np.int32]  # -1 where there is none
     owner: NDArray[np.int32]
 
@@ -49,25 +52,23 @@ def canopies_on_top(roofs: Layer, canopies: Layer) -> NDArray[np.int32]:
     return np.where(canopies.height > roofs.height, canopies.triangle, np.int32(-1))
 
 
-def share_below_top(
-    mesh: Mesh, canopies: Layer, there: Bools, owner: NDArray[np.int32]
-) -> NDArray[np.float32]:
-    """Return how far below its canopy's top a pixel is, as a share of the canopy's height."""
+def share_below_top(mesh: Mesh, owner: NDArray[np.int32], height: _Singles) -> _Singles:
+    """Return how far points are below the top of their canopy, as a share of its height."""
     chosen = mesh.material == Material.CANOPY
-    top = np.full(int(mesh.owner[chosen].max(initial=-1)) + 1, _NOTHING)
+    owners = mesh.owner[chosen]
+    top = np.full(int(owners.max(initial=-1)) + 1, _NOTHING)
     bottom = -top
     for corner in range(3):
         z = mesh.vertices[mesh.triangles[chosen, corner], 2]
-        np.maximum.at(top, mesh.owner[chosen], z)
-        np.minimum.at(bottom, mesh.owner[chosen], z)
-    below = top[owner] - canopies.height[there]
-    return np.asarray((below / np.maximum(top - bottom, 0.1)[owner]).astype(np.float32))
+        np.maximum.at(top, owners, z)
+        np.minimum.at(bottom, owners, z)
+    share = (top[owner] - height) / np.maximum(top - bottom, 0.1)[owner]
+    return np.asarray(share.astype(np.float32))
 
 
-def surface_heights(mesh: Mesh, land: Floats, raster: Raster) -> NDArray[np.float32]:
+def surface_heights(mesh: Mesh, land: Floats, raster: Raster) -> _Singles:
     """Return the height of the highest surface at the pixel centres, in float64 until the end."""
-    solid = (mesh.material == Material.ROOF) | (mesh.material == Material.CANOPY)
-    top, _ = _look_down(mesh, raster, solid)
+    top, _ = _look_down(mesh, raster, np.isin(mesh.material, (Material.ROOF, Material.CANOPY)))
     return np.asarray(np.maximum(top, land_at(land, raster)).astype(np.float32))
 
 
@@ -81,14 +82,18 @@ def _look_down(mesh: Mesh, raster: Raster, chosen: Bools) -> tuple[Floats, NDArr
     slope = -normal[:, :2] / normal[:, 2:]
     height = np.full(raster.size * raster.size, _NOTHING)
     triangle = np.full(raster.size * raster.size, -1, np.int32)
-    for which, pixel, x, y in _candidates(corners, raster):
-        inside = _inside(corners[which], x, y)
-        which, pixel, x, y = which[inside], pixel[inside], x[inside], y[inside]
-        first = corners[which, 0]
-        z = first[:, 2] + slope[which, 0] * (x - first[:, 0]) + slope[which, 1] * (y - first[:, 1])
+    for start in range(0, len(numbers), _BLOCK):
+        part = corners[start : start + _BLOCK]
+        which, column, row = _pixels_in_boxes(part, raster)
+        x, y = (np.asarray((at + 0.5) * raster.pixel_m, np.float64) for at in (column, row))
+        inside = _inside(part[which], x, y)
+        which, x, y = which[inside], x[inside], y[inside]
+        pixel = ((raster.size - 1 - row) * raster.size + column)[inside]
+        rise, first = slope[start + which], part[which, 0]
+        z = first[:, 2] + rise[:, 0] * (x - first[:, 0]) + rise[:, 1] * (y - first[:, 1])
         np.maximum.at(height, pixel, z)
         best = z == height[pixel]
-        triangle[pixel[best]] = numbers[which[best]]
+        triangle[pixel[best]] = numbers[start + which[best]]
     shape = (raster.size, raster.size)
     return height.reshape(shape), triangle.reshape(shape)
 
@@ -101,28 +106,17 @@ def _normals(corners: Floats) -> Floats:
     return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], 1)
 
 
-def _candidates(
-    corners: Floats, raster: Raster
-) -> Iterator[tuple[_Indices, _Indices, Floats, Floats]]:
-    """Yield pairs of triangle and pixel whose boxes meet, in blocks of bounded size."""
-    size, pixel = raster.size, raster.pixel_m
-    low, high = corners[..., :2].min(axis=1) / pixel, corners[..., :2].max(axis=1) / pixel
-    first = np.maximum(np.ceil(low - 0.5), 0).astype(np.int64)
-    last = np.minimum(np.floor(high - 0.5), size - 1).astype(np.int64)
+def _pixels_in_boxes(corners: Floats, raster: Raster) -> tuple[_Indices, _Indices, _Indices]:
+    """Return pairs of triangle and pixel (column, and row from the south) whose boxes meet."""
+    places = corners[..., :2] / raster.pixel_m
+    first = np.maximum(np.ceil(places.min(axis=1) - 0.5), 0).astype(np.int64)
+    last = np.minimum(np.floor(places.max(axis=1) - 0.5), raster.size - 1).astype(np.int64)
     wide, tall = np.maximum(last - first + 1, 0).T
     counts = wide * tall
-    ends = np.cumsum(counts)
-    start = 0
-    while start < len(counts):
-        done = int(ends[start - 1]) if start else 0
-        stop = max(int(np.searchsorted(ends, done + _BLOCK, side="right")), start + 1)
-        which = np.repeat(np.arange(start, stop), counts[start:stop])
-        place = np.arange(len(which)) - (ends[which] - counts[which] - done)
-        north, east = np.divmod(place, np.maximum(wide[which], 1))
-        column, row = first[which, 0] + east, first[which, 1] + north
-        x, y = (column + 0.5) * pixel, (row + 0.5) * pixel
-        yield which, (size - 1 - row) * size + column, x, y
-        start = stop
+    which = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(which)) - (np.cumsum(counts) - counts)[which]
+    north, east = np.divmod(place, np.maximum(wide, 1)[which])
+    return which, first[which, 0] + east, first[which, 1] + north
 
 
 def _inside(corners: Floats, x: Floats, y: Floats) -> Bools:
@@ -134,24 +128,40 @@ def _inside(corners: Floats, x: Floats, y: Floats) -> Bools:
     return inside
 
 
+def _rises(heights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return how land rises to the east and north in the lower, then upper triangle of cells."""
+    east, north = heights[:, 1:] - heights[:, :-1], heights[1:] - heights[:-1]
+    return east[:-1], north[:, 1:], east[1:], north[:, :-1]
+
+
+def _spread(lower: NDArray[Any], upper: NDArray[Any], size: int) -> NDArray[Any]:
+    """Lay values of both triangles of cells (n, k or 1, n, k or 1) out as a map (size, size)."""
+    step = np.arange(size // lower.shape[0])
+    below = (step[None, :] >= step[:, None])[None, :, None, :]
+    return np.ascontiguousarray(np.where(below, lower, upper).reshape(size, size)[::-1])
+
+
 def land_at(heights: Floats, raster: Raster) -> Floats:
     """Return the height of the land's triangles at the pixel centres, first row in the north."""
     per_cell = round(GRID_M / raster.pixel_m)
     step = (np.arange(per_cell) + 0.5) / per_cell
     east, north = step[None, None, None, :], step[None, :, None, None]
-    z00, z10 = heights[:-1, :-1][:, None, :, None], heights[:-1, 1:][:, None, :, None]
-    z01, z11 = heights[1:, :-1][:, None, :, None], heights[1:, 1:][:, None, :, None]
-    lower = z00 + east * (z10 - z00) + north * (z11 - z10)
-    upper = z00 + north * (z01 - z00) + east * (z11 - z01)
-    cells = np.where(east >= north, lower, upper)
-    return np.ascontiguousarray(cells.reshape(raster.size, raster.size)[::-1])
+    base = heights[:-1, :-1][:, None, :, None]
+    lower_x, lower_y, upper_x, upper_y = (rise[:, None, :, None] for rise in _rises(heights))
+    lower, upper = base + east * lower_x + north * lower_y, base + north * upper_y + east * upper_x
+    return _spread(lower, upper, raster.size)
 
 
 def sun_cosine(
     mesh: Mesh, land: Floats, light: Light, raster: Raster, *on_top: NDArray[np.int32]
-) -> NDArray[np.float32]:
+) -> _Singles:
     """Return the cosine to the sun, at least 0, of the land and of triangles (n, n) on it."""
-    cosine = _land_cosine(land, light.direction, raster.size)
+    lower_x, lower_y, upper_x, upper_y = _rises(land)
+    lower, upper = (
+        _slope_cosine(x, y, light.direction)[:, None, :, None]
+        for x, y in ((lower_x, lower_y), (upper_x, upper_y))
+    )
+    cosine = _spread(lower, upper, raster.size)
     x, y, z = _normals(mesh.vertices[mesh.triangles]).T
     length = np.sqrt(x * x + y * y + z * z)
     along = x * light.direction[0] + y * light.direction[1] + z * light.direction[2]
@@ -162,21 +172,7 @@ def sun_cosine(
     return cosine
 
 
-def _land_cosine(
-    heights: Floats, sun: tuple[float, float, float], size: int
-) -> NDArray[np.float32]:
-    south, north = heights[:-1], heights[1:]
-    lower = _slope_cosine(south[:, 1:] - south[:, :-1], north[:, 1:] - south[:, 1:], sun)
-    upper = _slope_cosine(north[:, 1:] - north[:, :-1], north[:, :-1] - south[:, :-1], sun)
-    step = np.arange(size // len(south))
-    below = (step[None, :] >= step[:, None])[None, :, None, :]
-    cosine = np.where(below, lower[:, None, :, None], upper[:, None, :, None])
-    return np.ascontiguousarray(cosine.reshape(size, size)[::-1])
-
-
-def _slope_cosine(
-    rise_x: Floats, rise_y: Floats, sun: tuple[float, float, float]
-) -> NDArray[np.float32]:
+def _slope_cosine(rise_x: Floats, rise_y: Floats, sun: tuple[float, float, float]) -> _Singles:
     slope_x, slope_y = rise_x / GRID_M, rise_y / GRID_M
     along = sun[2] - slope_x * sun[0] - slope_y * sun[1]
     length = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
@@ -204,10 +200,7 @@ def sunlit(heights: NDArray[np.floating], light: Light, pixel_m: float) -> NDArr
 
 
 def lit(
-    albedo: NDArray[np.uint8],
-    cosine: NDArray[np.float32],
-    visible: NDArray[np.uint8],
-    light: Light,
+    albedo: NDArray[np.uint8], cosine: _Singles, visible: NDArray[np.uint8], light: Light
 ) -> NDArray[np.uint8]:
     """Light a map as `model.Light` says; `cosine` to the sun and `visible` from `sunlit`."""
     sun = cosine * (visible.astype(np.float32) * np.float32(1 / 255))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,8 +15,7 @@ Line = tuple[Point, ...]
 _FAR_M = 10_000.0
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """Axes u (of direction `cosine`, `sine`) and v (to the left of u) about a point, in metres."""
 
     x: float
@@ -51,18 +49,21 @@ class Frame:
         turn = (-self.sine, self.cosine) if turned else (self.cosine, self.sine)
         return Frame(*self.to_world(u, v), *turn)
 
+    def box(self, half_u: float, half_v: float) -> Rect:
+        """Return a rectangle about the origin."""
+        return Rect(self, -half_u, half_u, -half_v, half_v)
+
 
 class Patch(NamedTuple):
     """The part of a raster that a shape may cover."""
 
-    window: tuple[slice, slice]  # slices of the raster
+    window: tuple[slice, slice]  # rows and columns of the raster
     mask: Bools  # (h, w): where the shape does cover it
     u: Floats  # (h, w): coordinates in the axes of the shape, in metres
     v: Floats  # (h, w)
 
 
-@dataclass(frozen=True)
-class Raster:
+class Raster(NamedTuple):
     """A square raster over a region, first row in the north."""
 
     size: int
@@ -86,8 +87,7 @@ class Raster:
         return x[None, :], y[:, None]
 
 
-@dataclass(frozen=True)
-class Rect:
+class Rect(NamedTuple):
     """A rectangle along the axes of a frame, from (u0, v0) to (u1, v1)."""
 
     frame: Frame
@@ -135,13 +135,7 @@ class Rect:
         return Patch(window, mask, u, v)
 
 
-def square(frame: Frame, half_u: float, half_v: float) -> Rect:
-    """Return a rectangle about a frame's origin."""
-    return Rect(frame, -half_u, half_u, -half_v, half_v)
-
-
-@dataclass(frozen=True)
-class Ellipse:
+class Ellipse(NamedTuple):
     """An ellipse along the axes of a frame, about its origin."""
 
     frame: Frame
@@ -152,12 +146,10 @@ class Ellipse:
         """Return the pixels whose centres it covers."""
         window = raster.window((self.frame.origin,), max(self.a, self.b))
         u, v = self.frame.to_local(*raster.centres(*window))
-        scaled_u, scaled_v = u / self.a, v / self.b
-        return Patch(window, scaled_u * scaled_u + scaled_v * scaled_v < 1.0, u, v)
+        return Patch(window, (u / self.a) ** 2 + (v / self.b) ** 2 < 1.0, u, v)
 
 
-@dataclass(frozen=True)
-class Polygon:
+class Polygon(NamedTuple):
     """A convex polygon, counter-clockwise, with the axes of a frame."""
 
     points: Line
@@ -177,8 +169,7 @@ class Polygon:
         return Patch(window, self.holds(x, y), *self.frame.to_local(x, y))
 
 
-@dataclass(frozen=True)
-class Stroke:
+class Stroke(NamedTuple):
     """A line of a width; u of its patch is the distance from the line."""
 
     points: Line
@@ -187,18 +178,15 @@ class Stroke:
     def patch(self, raster: Raster) -> Patch:
         """Return the pixels whose centres it covers."""
         reach = self.width / 2
-        window = raster.window(self.points, reach)
-        x, y = raster.centres(*window)
-        away = np.full((y.size, x.size), _FAR_M)
+        rows, columns = raster.window(self.points, reach)
+        away = np.full((rows.stop - rows.start, columns.stop - columns.start), _FAR_M)
         for segment in pairwise(self.points):
-            (x0, x1), (y0, y1) = (sorted(ends) for ends in zip(*segment, strict=True))
-            columns = np.flatnonzero((x[0] > x0 - reach) & (x[0] < x1 + reach))
-            rows = np.flatnonzero((y[:, 0] > y0 - reach) & (y[:, 0] < y1 + reach))
-            if columns.size and rows.size:
-                part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-                off = distance_to_line(x[:, part[1]], y[part[0]], segment)
-                away[part] = np.minimum(away[part], off)
-        return Patch(window, away < reach, away, np.zeros_like(away))
+            near = raster.window(segment, reach)
+            top, left = near[0].start - rows.start, near[1].start - columns.start
+            off = distance_to_line(*raster.centres(*near), segment)
+            part = away[top : top + off.shape[0], left : left + off.shape[1]]
+            np.minimum(part, off, out=part)
+        return Patch((rows, columns), away < reach, away, np.zeros_like(away))
 
 
 Shape = Rect | Ellipse | Polygon | Stroke
@@ -213,6 +201,11 @@ def distance(a: Point, b: Point) -> float:
     """Return the distance of two points."""
     x, y = b[0] - a[0], b[1] - a[1]
     return math.sqrt(x * x + y * y)
+
+
+def between(start: Point, end: Point, share: float) -> Point:
+    """Return the point at a share of the way from one to another."""
+    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
 
 
 def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:

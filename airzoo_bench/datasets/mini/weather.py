@@ -1,4 +1,4 @@
-"""Weather and time of day: what the light, the sky and the air are like. Never geometry.
+"""Weather and time of day: the light, the sky and the air. They never change geometry.
 
 All colours are display values, 1.0 being the white of the image, as the survey's light is.
 """
@@ -7,19 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import cos, radians, sin
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.datasets.mini.model import SURVEY_SUN, Light
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
-from airzoo_bench.datasets.mini.world.model import SURVEY_SUN, Light
-
-Weather = Literal["sunny", "cloudy", "rainy", "foggy", "snowy"]
-Time = Literal["day", "sunset", "night"]
-Falling = Literal["nothing", "rain", "snow"]
-WEATHERS: tuple[Weather, ...] = get_args(Weather)
-TIMES: tuple[Time, ...] = get_args(Time)
 
 Colour = tuple[float, float, float]
 _BLACK: Colour = (0.0, 0.0, 0.0)
@@ -43,52 +37,12 @@ class Conditions:
     lamps: float = 0.0  # strength of street lamps and lit windows
     wet: float = 0.0  # how wet surfaces are, 0 to 1
     snow: float = 0.0  # how much snow lies, 0 to 1
-    falling: Falling = "nothing"
+    falling: str = ""  # "rain" or "snow" in the air
 
     @property
     def direct(self) -> bool:
         """Whether anything casts a shadow."""
         return max(self.light.sun) > 0.0
-
-
-def conditions(weather: str, time: str) -> Conditions:
-    """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`."""
-    for what, name, known in (("weather", weather, WEATHERS), ("time of day", time, TIMES)):
-        if name not in known:
-            raise UsageError(
-                f"unknown {what} {name!r}", expected=", ".join(known), fix="take one of these"
-            )
-    if weather == "sunny":
-        return _CLEAR[time]
-    sky, changes = _WEATHER[weather]
-    return _overcast(_CLEAR[time], *sky, **changes)
-
-
-def _overcast(
-    clear: Conditions, brightness: float, grey: Colour, haze_per_m: float, **changes: Any
-) -> Conditions:
-    """Return what a clear sky's conditions are under a grey one; `noise` among changes scales."""
-    height = max(clear.light.direction[2], 0.3)
-    red, green, blue = (
-        brightness * (sky + 0.8 * sun * height)
-        for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
-    )
-    sky = _greyed((red, green, blue), 0.35)
-    dim = min(brightness, 1.0)
-    horizon = _times(_greyed(clear.horizon, 0.5), _times(grey, (dim, dim, dim)))
-    changes["noise"] = clear.noise * changes.get("noise", 1.0)
-    return replace(
-        clear,
-        light=Light(clear.light.direction, _BLACK, _times(sky, grey)),
-        zenith=_times(horizon, (0.86, 0.88, 0.92)),
-        horizon=horizon,
-        glow=_BLACK,
-        clouds=0.4,
-        haze_per_m=haze_per_m,
-        shade=0.85,
-        lamps=max(clear.lamps, 0.3) if clear.lamps > 0.0 else 0.0,
-        **changes,
-    )
 
 
 def _direction(azimuth_deg: float, elevation_deg: float) -> Colour:
@@ -97,7 +51,7 @@ def _direction(azimuth_deg: float, elevation_deg: float) -> Colour:
     return level * sin(azimuth), level * cos(azimuth), sin(elevation)
 
 
-_CLEAR: dict[str, Conditions] = {
+_CLEAR = {
     "day": Conditions(
         light=SURVEY_SUN,
         zenith=(0.33, 0.52, 0.82),
@@ -132,13 +86,47 @@ _CLEAR: dict[str, Conditions] = {
     ),
 }
 
-# Brightness, tint and haze of grey skies, and what else they change.
-_WEATHER: dict[str, tuple[tuple[float, Colour, float], dict[str, Any]]] = {
-    "cloudy": ((1.0, (0.98, 1.0, 1.03), 1 / 4500), {}),
-    "rainy": ((0.88, (0.96, 1.0, 1.05), 1 / 1100), {"wet": 1.0, "noise": 1.3, "falling": "rain"}),
-    "foggy": ((0.95, (1.0, 1.0, 1.0), 1 / 230), {"wet": 0.35}),
-    "snowy": ((1.08, (0.98, 1.0, 1.03), 1 / 900), {"snow": 1.0, "noise": 1.1, "falling": "snow"}),
+# Brightness, tint and haze of grey skies, how much noisier they are, and what else they change.
+_GREY: dict[str, tuple[float, Colour, float, float, dict[str, Any]]] = {
+    "cloudy": (1.0, (0.98, 1.0, 1.03), 1 / 4500, 1.0, {}),
+    "rainy": (0.88, (0.96, 1.0, 1.05), 1 / 1100, 1.3, {"wet": 1.0, "falling": "rain"}),
+    "foggy": (0.95, (1.0, 1.0, 1.0), 1 / 230, 1.0, {"wet": 0.35}),
+    "snowy": (1.08, (0.98, 1.0, 1.03), 1 / 900, 1.1, {"snow": 1.0, "falling": "snow"}),
 }
+WEATHERS, TIMES = ("sunny", *_GREY), tuple(_CLEAR)
+
+
+def conditions(weather: str, time: str) -> Conditions:
+    """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`."""
+    for what, name, known in (("weather", weather, WEATHERS), ("time of day", time, TIMES)):
+        if name not in known:
+            raise UsageError(
+                f"unknown {what} {name!r}", expected=", ".join(known), fix="take one of these"
+            )
+    clear = _CLEAR[time]
+    if weather == "sunny":
+        return clear
+    brightness, tint, haze_per_m, noisier, changes = _GREY[weather]
+    height = max(clear.light.direction[2], 0.3)
+    red, green, blue = (
+        brightness * (sky + 0.8 * sun * height)
+        for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
+    )
+    dim = min(brightness, 1.0)
+    horizon = _times(_greyed(clear.horizon, 0.5), _times(tint, (dim, dim, dim)))
+    return replace(
+        clear,
+        light=Light(clear.light.direction, _BLACK, _times(_greyed((red, green, blue), 0.35), tint)),
+        zenith=_times(horizon, (0.86, 0.88, 0.92)),
+        horizon=horizon,
+        glow=_BLACK,
+        clouds=0.4,
+        haze_per_m=haze_per_m,
+        shade=0.85,
+        noise=clear.noise * noisier,
+        lamps=max(clear.lamps, 0.3) if clear.lamps > 0.0 else 0.0,
+        **changes,
+    )
 
 
 def _greyed(colour: Colour, share: float) -> Colour:
@@ -157,7 +145,7 @@ _CLOUD_GRAINS = np.float32(2.2)
 _DISC_COSINE = np.float32(0.99985)
 
 
-def column(colour: tuple[float, float, float]) -> Singles:
+def column(colour: Colour) -> Singles:
     """Return a colour as (3, 1) float32, to go with planes of (3, N)."""
     return np.array(colour, np.float32)[:, None]
 
@@ -185,16 +173,15 @@ def sky_colour(directions: Singles, given: Conditions) -> Singles:
 def sky_with_clouds(directions: Singles, given: Conditions) -> Singles:
     """Return the sky as the camera sees it in unit directions (3, N), clouds and sun included."""
     colour = sky_colour(directions, given)
-    clouds = _clouds(directions) * np.float32(given.clouds)
     lit = column(given.horizon) * np.float32(1.04) + column(given.light.sun) * np.float32(0.05)
-    colour += (lit - colour) * clouds
+    colour += (lit - colour) * (_clouds(directions) * np.float32(given.clouds))
     if given.direct:
         colour += (_towards_sun(directions, given) > _DISC_COSINE) * np.float32(1.0)
     return colour
 
 
 def haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) -> Singles:
-    """Return what is seen of colours (3, N) so many metres (N,) off in unit directions (3, N)."""
+    """Return colours (3, N) as seen from metres (N,) off in unit directions (3, N)."""
     left = np.exp(distance * np.float32(-given.haze_per_m))
     air = np.repeat(column(given.horizon), len(distance), axis=1)
     if max(given.glow) > 0.0:

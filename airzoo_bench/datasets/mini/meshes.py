@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.datasets.mini.model import Material, Mesh
 from airzoo_bench.datasets.mini.noise import hash_of
-from airzoo_bench.datasets.mini.world.model import Material, Mesh
-from airzoo_bench.datasets.mini.world.plan import GRID_M, Building, Plan
+from airzoo_bench.datasets.mini.plan import GRID_M, Building, Plan
 from airzoo_bench.geometry.arrays import Floats
 
 _Indices = NDArray[np.int64]
@@ -47,37 +45,30 @@ _ICOSAHEDRON = (
 )  # fmt: skip
 
 
-def land_mesh(heights: Floats) -> Mesh:
-    """Mesh the land inside the region; each cell is cut from south-west to north-east."""
-    index = np.arange(heights.shape[0])
-    return _grid(index, index, heights, Material.GROUND)
-
-
-def apron_mesh(heights: Floats) -> Mesh:
-    """Mesh the land beyond the region: that inside, mirrored at the border, in coarse triangles."""
-    inside = np.arange(heights.shape[0])
-    west, east = -_BEYOND[::-1], heights.shape[0] - 1 + _BEYOND
+def plan_mesh(plan: Plan) -> Mesh:
+    """Mesh a plan: the land, buildings and trees, and the land mirrored beyond the border."""
+    inside = np.arange(plan.heights.shape[0])
+    west, east = -_BEYOND[::-1], inside[-1] + _BEYOND
     strips = [(inside, west), (inside, east), (west, inside), (east, inside)]
     corners = [(a, b) for a in (west, east) for b in (west, east)]
-    return Mesh.joined([_grid(x, y, heights, Material.APRON) for x, y in strips + corners])
+    land = _grid(inside, inside, plan.heights, Material.GROUND)
+    apron = [_grid(x, y, plan.heights, Material.APRON) for x, y in strips + corners]
+    return Mesh.joined([land, *_building_meshes(plan.buildings), *_tree_meshes(plan), *apron])
 
 
 def _grid(columns: _Indices, rows: _Indices, heights: Floats, material: Material) -> Mesh:
+    """Mesh land, whose cells are cut from south-west to north-east."""
     last = heights.shape[0] - 1
     mirrored = (last - np.abs(np.abs(index) % (2 * last) - last) for index in (rows, columns))
-    z = heights[np.ix_(*mirrored)]
     x, y = np.meshgrid(columns * GRID_M, rows * GRID_M)
+    points = np.stack([x, y, heights[np.ix_(*mirrored)]], -1).reshape(-1, 3)
     wide = len(columns)
     first = (np.arange(len(rows) - 1)[:, None] * wide + np.arange(wide - 1)[None, :]).ravel()
     lower = np.stack([first, first + 1, first + wide + 1], 1)
     upper = np.stack([first, first + wide + 1, first + wide], 1)
     triangles = np.concatenate([lower, upper]).astype(np.int32)
-    return Mesh(
-        np.stack([x.ravel(), y.ravel(), z.ravel()], 1),
-        triangles,
-        np.full(len(triangles), material, np.uint8),
-        np.full(len(triangles), -1, np.int32),
-    )
+    count = len(triangles)
+    return Mesh(points, triangles, np.full(count, material, np.uint8), np.full(count, -1, np.int32))
 
 
 def _copies(vertices: Floats, table: ArrayLike, materials: ArrayLike, owners: _Indices) -> Mesh:
@@ -93,7 +84,7 @@ def _copies(vertices: Floats, table: ArrayLike, materials: ArrayLike, owners: _I
     )
 
 
-def building_mesh(buildings: Sequence[Building]) -> Mesh:
+def _building_meshes(buildings: list[Building]) -> list[Mesh]:
     """Mesh buildings; the owner of a triangle is the building's place in the list."""
     parts = []
     for roof, (walls, tops) in _FORMS.items():
@@ -103,7 +94,7 @@ def building_mesh(buildings: Sequence[Building]) -> Mesh:
             vertices = np.array([_corners(buildings[i])[:used] for i in owners])
             materials = [Material.WALL] * len(walls) + [Material.ROOF] * len(tops)
             parts.append(_copies(vertices, walls + tops, materials, owners))
-    return Mesh.joined(parts)
+    return parts
 
 
 def _corners(building: Building) -> Floats:
@@ -121,7 +112,7 @@ def _corners(building: Building) -> Floats:
     return np.array(points)
 
 
-def tree_mesh(plan: Plan) -> Mesh:
+def _tree_meshes(plan: Plan) -> list[Mesh]:
     """Mesh the trees; the owner of a triangle is the tree's place in the list."""
     kinds = np.array([tree.kind for tree in plan.trees])
     sizes = np.array([(tree.radius_m, tree.height_m) for tree in plan.trees])
@@ -133,7 +124,7 @@ def tree_mesh(plan: Plan) -> Mesh:
         if chosen.size:
             parts.append(_canopies(feet[chosen], sizes[chosen], chosen, kind, plan.seed))
     tall = np.flatnonzero((kinds == "broad") | (kinds == "cone"))
-    return Mesh.joined([*parts, _trunks(feet[tall], sizes[tall], tall)])
+    return [*parts, _trunks(feet[tall], sizes[tall], tall)]
 
 
 def _canopies(feet: Floats, sizes: Floats, owners: _Indices, kind: str, seed: int) -> Mesh:

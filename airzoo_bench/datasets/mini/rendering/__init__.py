@@ -1,1 +1,0 @@
-"""Rendering: photos of a world with exact depth, in every weather and light."""
