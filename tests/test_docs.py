@@ -1,4 +1,7 @@
-"""Pages of the docs: every one is reached from the README, links lead somewhere, commands exist."""
+"""Pages of the docs: every one is reached from the README, links lead somewhere, commands exist.
+
+``python -m tests.test_docs`` writes the settings of docs/protocols.md anew.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,8 @@ HOME = Path(__file__).parent.parent
 FOLDERS = ("docs", "examples", "benchmarks")
 PAGES = sorted(page for folder in FOLDERS for page in (HOME / folder).rglob("*.md"))
 PAGES += [HOME / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
+PROTOCOLS = HOME / "docs" / "protocols.md"
+SETTINGS = re.compile(r"(?<=<!-- settings: )([\w-]+) -->\n.*?(?=<!-- end -->)", re.DOTALL)
 
 
 def name_of(page: Path) -> str:
@@ -118,3 +123,28 @@ def test_what_is_wrong_is_seen(tmp_path: Path, command: Any) -> None:
     assert dead(page) == ["#none", "gone.md"]
     found = [unknown(words, command) for words in calls(page.read_text())]
     assert found == [["--no-such"], ["cheque"]]
+
+
+def render_settings(found: re.Match[str]) -> str:
+    """Return the sections of a shipped protocol before its scenes, as a block of code."""
+    text = (HOME / "protocols" / f"{found[1]}.toml").read_text(encoding="utf-8")
+    sections = text[text.index("\n[") : text.index("[[scenes]]")].strip()
+    return f"{found[1]} -->\n```toml\n{sections}\n```\n"
+
+
+def test_settings_are_those_of_the_shipped_protocols() -> None:
+    page = PROTOCOLS.read_text(encoding="utf-8")
+    assert len(SETTINGS.findall(page)) == 3
+    assert SETTINGS.sub(render_settings, page) == page, __doc__
+
+
+def test_the_module_of_an_added_benchmark_is_that_of_the_example() -> None:
+    page = (HOME / "docs" / "add-a-benchmark.md").read_text(encoding="utf-8")
+    [module] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    source = HOME / "examples/benchmark-package/src/airzoo_bench_hills/__init__.py"
+    assert module == source.read_text(encoding="utf-8")
+
+
+if __name__ == "__main__":
+    text = PROTOCOLS.read_text(encoding="utf-8")
+    PROTOCOLS.write_text(SETTINGS.sub(render_settings, text), encoding="utf-8")

@@ -212,7 +212,7 @@ def evaluate(
     Parameters
     ----------
     predictions : path or mapping of str to array-like
-        A prediction file, folder or archive; or the fields of one (docs/predictions.md).
+        A prediction file, folder or archive; or the fields of one (the docs page of its track).
     protocol : str, optional
         Name or path of a protocol; by default the predictions' own.
     data : path, optional

@@ -109,7 +109,7 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
             validation_message(error, _File) if isinstance(error, ValidationError) else str(error),
             where=path,
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}, each once",
-            fix="see docs/benchmark-folder.md",
+            fix="see docs/brighton.md",
         ) from error
     names = _shared(path, list(file.images), sizes)
     images = [file.images[name] for name in names]

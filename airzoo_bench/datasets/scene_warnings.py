@@ -30,7 +30,7 @@ _DATUMS = "they may have different vertical datums (ellipsoid and geoid) or unit
 
 
 class Code(StrEnum):
-    """The codes of the warnings; docs/benchmark-folder.md describes them."""
+    """The codes of the warnings; docs/brighton.md describes them."""
 
     DATUM = "datum"
     HEIGHTS = "heights"

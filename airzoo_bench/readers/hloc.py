@@ -151,7 +151,7 @@ def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) 
         first, second = _indexed(file, features, group, pair)
     elif f"{group}/keypoint_scores0" in file:
         what = "this is glue-factory's, whose matches0 count its own keypoints"
-        fix = "write query_xy and map_xy of the matches into an npz (docs/predictions.md)"
+        fix = "write query_xy and map_xy of the matches into an npz (docs/matching.md)"
         raise PredictionError(what, fix=fix)
     else:
         first, second = (_pixels_of(file, name) for name in dense)

@@ -47,8 +47,8 @@ AGREEMENT = (0.0, 0.5, 0.8)
 
 
 def documented(*start: str) -> list[float]:
-    """Read the shares, in %, of the row of docs/statistics.md that starts with these cells."""
-    page = Path(__file__).parents[2] / "docs" / "statistics.md"
+    """Read the shares, in %, of the row of coverage.md that starts with these cells."""
+    page = Path(__file__).with_name("coverage.md")
     cells = f"| {' | '.join(start)} | "
     lines = page.read_text(encoding="utf-8").splitlines()
     (row,) = [line.removeprefix(cells) for line in lines if line.startswith(cells)]

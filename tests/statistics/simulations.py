@@ -1,4 +1,4 @@
-"""Simulated coverage of intervals and false findings of tests, as docs/statistics.md prints them.
+"""Simulated coverage of intervals and false findings of tests, as coverage.md has them.
 
 ``python -m tests.statistics.simulations`` prints all figures of the page, in some three minutes.
 """
