@@ -21,10 +21,10 @@ NAMES = re.compile(r"_*(told|kept|asked|given|shown|said|put|own|of|thing|made|f
 
 
 def sentences(path: Path) -> Iterator[str]:
-    """Yield the lines of a page, or the first lines of docstrings and the functions' names."""
+    """Yield the lines of a page outside code, or the first lines of docstrings and the functions' names."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
-        yield from text.splitlines()
+        yield from re.sub(r"```.*?```", "", text, flags=re.DOTALL).splitlines()
         return
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
