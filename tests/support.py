@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
+import pickle
+import shutil
 import sys
+import tempfile
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +17,7 @@ from unittest import mock
 
 import numpy as np
 import pandas as pd
+import tomli_w
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
@@ -72,38 +78,42 @@ def made_protocol(scenes: list[MadeScene], name: str = "made") -> RetrievalProto
 
 def write_benchmark(folder: Path, chosen: RetrievalProtocol, scenes: list[MadeScene]) -> Path:
     """Write a benchmark folder whose tiles lie in a row along a parallel."""
+    values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
+    made = _made_benchmark(tomli_w.dumps(values), pickle.dumps((chosen, scenes)))
+    shutil.copytree(made, folder, dirs_exist_ok=True)
+    return folder
+
+
+@functools.lru_cache(maxsize=32)
+def _made_benchmark(protocol_text: str, inputs: bytes) -> Path:
+    """Write a benchmark folder once a process, which is copied where a test wants one."""
+    chosen, scenes = pickle.loads(inputs)  # noqa: S301 - of this process
+    folder = Path(tempfile.mkdtemp(dir=_home_of_made()))
     for scene in scenes:
         truth = made_truth(scene)
         write_queries(folder / "scenes" / scene.id, truth.queries)
         write_truth(folder / "scenes" / scene.id, truth, truth.positives)
-    protocols = folder / "protocols"
-    protocols.mkdir(parents=True, exist_ok=True)
-    import tomli_w
-
-    values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
-    (protocols / f"{chosen.name}.toml").write_text(tomli_w.dumps(values), encoding="utf-8")
-    entries = tuple(
-        SceneFile(
-            id=scene.id,
-            title=scene.id,
-            crs="EPSG:4547",
-            plane_height_m=50.0,
-            images="images",
-            dom="dom.tif",
-        )
-        for scene in scenes
-    )
+    (folder / "protocols").mkdir()
+    (folder / "protocols" / f"{chosen.name}.toml").write_text(protocol_text, encoding="utf-8")
+    places = {"crs": "EPSG:4547", "plane_height_m": 50.0, "images": "images", "dom": "dom.tif"}
     file = BenchmarkFile(
         schema=1,
         name=chosen.benchmark,
         version=1,
         title=chosen.title,
         tracks={chosen.track: chosen.truth_settings()},
-        scenes=entries,
+        scenes=tuple(SceneFile(id=one.id, title=one.id, **places) for one in scenes),
         checksums={},
     )
     write_benchmark_file(folder, file)
     return folder
+
+
+@functools.cache
+def _home_of_made() -> str:
+    home = tempfile.mkdtemp(prefix="made-benchmarks-")
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    return home
 
 
 def made_truth(scene: MadeScene) -> RetrievalTruth:

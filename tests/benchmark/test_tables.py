@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -86,6 +87,15 @@ def test_degrees_are_degrees(tmp_path: Path) -> None:
         read_table(path, ("id",))
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a benchmark, ``data``, and predictions for it, ``p.npz``."""
+    home = tmp_path_factory.mktemp("made")
+    world = matching.make_world(home)
+    world.write(home / "p.npz", world.poses())
+    return home
+
+
 @pytest.mark.parametrize(
     ("file", "change", "said"),
     [
@@ -112,21 +122,18 @@ def test_a_folder_made_by_hand(
     file: str,
     change: Callable[[pd.DataFrame], pd.DataFrame],
     said: str,
+    made: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    world = matching.make_world(tmp_path)
-    poses = world.truth.poses
-    matrices = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
-    ids = [f"{matching.SCENE}/q{q}" for q in range(matching.N_QUERIES)]
-    np.savez(tmp_path / "p.npz", protocol=world.protocol.name, query_ids=ids, poses=matrices)
-    folder = tmp_path / "data" / matching.SCENE
+    folder = tmp_path / matching.SCENE
+    shutil.copytree(made / "data" / matching.SCENE, folder)
     path = folder / "scenes" / matching.SCENE / file
     before = sha256_of(path)
     change(pd.read_csv(path)).to_csv(path, index=False)
     toml = folder / "benchmark.toml"
     toml.write_text(toml.read_text().replace(before, sha256_of(path)))
-    assert run_main("eval", "matching", tmp_path / "p.npz", "--data", tmp_path / "data") == 2
+    assert run_main("eval", "matching", made / "p.npz", "--data", tmp_path) == 2
     message = capsys.readouterr().err
     assert said in message
     assert "Traceback" not in message

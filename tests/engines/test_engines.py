@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,20 +15,12 @@ import psutil
 import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
-from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import UNREAD, Engine, Processes
 from tests.engines import work
 from tests.engines.work import named
 from tests.support import HANGS_S
 
-GIB = 1 << 30
 HOME = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture(scope="module")
-def dask() -> Iterator[Engine]:
-    with local_cluster(2, GIB) as made:
-        yield made
 
 
 @pytest.fixture(params=["here", "processes", "dask"])
@@ -119,6 +110,7 @@ def test_a_worker_of_dask_killed_once_changes_nothing(dask: Engine, tmp_path: Pa
     assert (tmp_path / "died").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_block_of_dask_that_kills_its_workers_is_one_message(dask: Engine) -> None:
     begin = time.monotonic()
@@ -137,13 +129,6 @@ def test_a_process_that_was_killed_is_one_message() -> None:
     assert len(list(engine.map(work.deadly, range(9), shared=-1, stage="s", name=named))) == 9
 
 
-def test_a_cluster_leaves_the_environment_alone() -> None:
-    """Dask gives libraries of its workers one thread each, and would give it to this process."""
-    before = dict(os.environ)
-    with local_cluster(1, GIB):
-        assert dict(os.environ) == before
-
-
 HOLDING = """
 import sys
 from pathlib import Path
@@ -160,7 +145,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("kind", ["local", "dask"])
+@pytest.mark.parametrize("kind", ["local", pytest.param("dask", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("by", ["SIGINT", pytest.param("SIGKILL", marks=pytest.mark.slow)])
 def test_no_worker_outlives_its_run(tmp_path: Path, kind: str, by: str) -> None:
     script = tmp_path / "script.py"

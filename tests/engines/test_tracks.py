@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +25,6 @@ from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
 
 ALONE = Run()
-KILLED = ("matching", pytest.param("retrieval", marks=pytest.mark.slow))
 HOME = Path(__file__).resolve().parents[2]
 
 
@@ -75,8 +73,7 @@ def here(
 )
 def run(request: pytest.FixtureRequest) -> Iterator[Run]:
     if request.param == "dask":
-        with local_cluster(2, 1 << 30) as engine:
-            yield Run(engine=engine)
+        yield Run(engine=request.getfixturevalue("dask"))
     elif request.param == "threads":
         yield Run(jobs=2)
     else:
@@ -90,8 +87,8 @@ def test_any_engine_gives_the_same_bytes(
     assert saved(track, predictions[track], tmp_path / "out", run) == here[track]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("track", KILLED)
+@pytest.mark.slow
+@pytest.mark.parametrize("track", ["matching", "retrieval"])
 def test_a_worker_killed_on_the_way_changes_no_byte(
     track: str,
     predictions: dict[str, Path],

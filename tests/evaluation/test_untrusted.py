@@ -14,8 +14,7 @@ from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
 from tests.readers.samples import cut3r
-from tests.reconstruction.both_scenes import both
-from tests.reconstruction.world import PROTOCOL, make_world
+from tests.reconstruction.world import PROTOCOL, make_world, predict_clouds, true_points
 from tests.support import run_main, write_predictions
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
@@ -43,10 +42,9 @@ def test_matching(tmp_path: Path) -> None:
 
 def test_clouds_of_an_archive_and_maps_read_one_by_one(tmp_path: Path) -> None:
     world = make_world(tmp_path / "data")
-    alike(both(world, tmp_path), world.root, keep=True)
-    (tmp_path / "native").mkdir()
-    cut3r.write(tmp_path / "native", world)
-    alike(tmp_path / "native", world.root, PROTOCOL)
+    clouds = predict_clouds(world, tmp_path / "p", {"lot": true_points("lot")}, cameras=False)
+    alike(clouds, world.root, keep=True)
+    alike(cut3r.write(tmp_path / "native", world), world.root, PROTOCOL)
 
 
 def test_a_system_without_limits_is_refused_with_the_reason(

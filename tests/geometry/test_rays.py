@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from rasterio import Affine
 
 from airzoo_bench.core.errors import RasterError
@@ -111,7 +111,7 @@ def test_on_a_level_or_sloping_dsm_the_hit_is_that_of_the_plane(seed: int) -> No
     assert np.array_equal(hits.status, plane.status)
 
 
-@quick
+@settings(quick, max_examples=15)
 @given(seeds)
 def test_first_crossing_agrees_with_a_fine_march(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -40,6 +40,7 @@ def fuzz(seed: int, cases: int, only: str, keep: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
 
 
+@pytest.mark.slow
 def test_every_reader_has_spoilt_inputs(tmp_path: Path) -> None:
     words = [word for one in made_inputs(tmp_path) for command in one.commands for word in command]
     assert set(READERS.names()) <= set(words)

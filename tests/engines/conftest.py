@@ -1,0 +1,20 @@
+"""A cluster of Dask on this machine, started once for all files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from airzoo_bench.engines.dask import local_cluster
+from airzoo_bench.engines.engine import Engine
+
+
+@pytest.fixture(scope="session")
+def dask() -> Iterator[Engine]:
+    """Return its engine; libraries of this process keep their threads, unlike those of workers."""
+    before = dict(os.environ)
+    with local_cluster(2, 1 << 30) as made:
+        assert dict(os.environ) == before
+        yield made
