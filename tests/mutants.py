@@ -1,0 +1,135 @@
+"""Seeded mutants of the whole package, and which of them the tests kill.
+
+    python -m tests.mutants --count 300 --seed 0 [--only matching --only geometry]
+
+A mutant changes one comparison, operator, constant or condition in a copy of the checkout. It meets
+the test files that name its module, then those of its room, then the goldens. What survives is
+printed with its place: it is equivalent, or a test is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "airzoo_bench"
+TIMEOUT_S = 900
+PAIRS = "Lt LtE, Gt GtE, Eq NotEq, In NotIn, Is IsNot, And Or, Add Sub, Mult Div, USub UAdd"
+SWAPS = {
+    getattr(ast, one): getattr(ast, other)
+    for pair in PAIRS.split(", ")
+    for one, other in (pair.split(), pair.split()[::-1])
+}
+
+
+class Mutant(NamedTuple):
+    """The n-th place of a file that can be changed."""
+
+    path: Path
+    number: int
+
+
+def places(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes that can be changed, outside of annotations."""
+    if changes_of(node):
+        yield node
+    for field, value in ast.iter_fields(node):
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST) and field not in ("annotation", "returns"):
+                yield from places(child)
+
+
+def changes_of(node: ast.AST) -> dict[str, Any]:
+    """Return the fields of a node that a mutant has otherwise; none where it cannot be changed."""
+    op = getattr(node, "op", None)
+    if isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPS:
+        return {"ops": [SWAPS[type(node.ops[0])](), *node.ops[1:]]}
+    if type(op) in SWAPS:
+        return {"op": SWAPS[type(op)]()}
+    if isinstance(op, ast.Not):
+        return {"operand": ast.UnaryOp(ast.Not(), node.operand)}  # type: ignore[attr-defined]
+    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        return {"value": not node.value}
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        return {"value": node.value + 1}
+    return {}
+
+
+def all_mutants(rooms: list[str]) -> list[Mutant]:
+    found = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        room = path.relative_to(PACKAGE).parts[0]
+        if not rooms or room in rooms:
+            count = len(list(places(ast.parse(path.read_text("utf-8")))))
+            found += [Mutant(path.relative_to(ROOT), number) for number in range(count)]
+    return found
+
+
+def tests_of(path: Path) -> list[str]:
+    """Return the test files that name a module, the tests of its room, and the goldens."""
+    module, room = ".".join(path.with_suffix("").parts), path.parts[1]
+    names = (module, f"from {module.rpartition('.')[0]} import {path.stem}")
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    near = [file for file in files if any(name in file.read_text("utf-8") for name in names)]
+    home = ROOT / "tests" / room
+    wanted = [*near, *([home] if home.is_dir() else []), ROOT / "tests" / "goldens"]
+    return [file.relative_to(ROOT).as_posix() for file in wanted]
+
+
+def is_killed(mutant: Mutant, copy: Path) -> tuple[bool, str]:
+    """Return whether a test fails on a mutant, and what the changed line was."""
+    target, source = copy / mutant.path, (ROOT / mutant.path).read_text("utf-8")
+    tree = ast.parse(source)
+    node: Any = list(places(tree))[mutant.number]
+    before = ast.unparse(node)
+    for name, value in changes_of(node).items():
+        setattr(node, name, value)
+    text = f"{mutant.path}:{node.lineno}: {before} -> {ast.unparse(node)}"
+    target.write_text(ast.unparse(tree), "utf-8")
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants"]
+    command = [sys.executable, "-m", "pytest", *options, *tests_of(mutant.path)]
+    env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    try:
+        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        code = subprocess.run(command, cwd=copy, env=env, timeout=TIMEOUT_S, **quiet).returncode
+    except subprocess.TimeoutExpired:
+        code = 1
+    target.write_text(source, "utf-8")
+    return code != 0, text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", action="append", default=[], help="a room, such as matching")
+    options = parser.parse_args()
+    found = all_mutants(options.only)
+    chosen = random.Random(options.seed).sample(found, min(options.count, len(found)))
+    killed: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "checkout"
+        ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "site")
+        shutil.copytree(ROOT, copy, symlinks=True, ignore=ignored)
+        for mutant in chosen:
+            dead, text = is_killed(mutant, copy)
+            killed[mutant.path.parts[1]] += dead
+            print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
+    tried = Counter(mutant.path.parts[1] for mutant in chosen)
+    rows = [f"{room}: {killed[room]} of {count} killed" for room, count in sorted(tried.items())]
+    print(*rows, f"{killed.total()} of {len(chosen)} killed", sep="\n")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
