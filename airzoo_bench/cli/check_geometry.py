@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
     from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 
-__all__ = ["GEOMETRY_EXAMPLES", "PANELS", "SPLIT_EXAMPLES", "check_geometry", "check_split"]
-
 SPLIT_EXAMPLES = examples("check-split training-set airzoo-mini --out overlaps.csv")
 GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --out geometry")
 PANELS = {

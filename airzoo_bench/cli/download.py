@@ -17,8 +17,6 @@ from airzoo_bench.datasets.about import About, about_file, read_about
 if TYPE_CHECKING:
     from airzoo_bench.datasets.downloads import Plan
 
-__all__ = ["EXAMPLES", "download"]
-
 EXAMPLES = examples("download NAME", "download NAME --to /data/NAME --scene 01 --yes")
 
 
@@ -45,14 +43,14 @@ def download(
     if about.repository is None:
         _list_links(benchmark, about)
         return
-    from airzoo_bench.datasets.downloads import HubDataset, of_scenes, planned
+    from airzoo_bench.datasets.downloads import HubDataset, make_plan, of_scenes
     from airzoo_bench.datasets.downloads import download as fetch
 
     source = HubDataset(about.repository)
     files = source.files()
     if scene:
         files = of_scenes(files, about.scene_files, scene)
-    plan = planned(folder, files, progress)
+    plan = make_plan(folder, files, progress)
     _ask(plan, yes=yes)
     fetch(plan, source, progress)
     put(f"{folder}\n")

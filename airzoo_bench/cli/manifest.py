@@ -9,8 +9,6 @@ import typer
 
 from airzoo_bench.cli.common import examples, put, say
 
-__all__ = ["EXAMPLES", "manifest"]
-
 EXAMPLES = examples("manifest mine")
 
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from airzoo_bench.datasets.dataset import Dataset
     from airzoo_bench.datasets.settings import Prepared, SceneSummary
 
-__all__ = ["app"]
-
 
 class Parts(StrEnum):
     """Where parts of the map are."""
@@ -145,7 +143,7 @@ def _prepare(
     with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
         shown = choose_progress(place, show_progress=show_progress)
         prepared = dataset.prepare(chosen, replace(settings, engine=place, progress=shown))
-    _print_prepared(dataset.about, dataset.reasons(chosen), prepared)
+    _print_prepared(dataset.about, dataset.about.without_truth, prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         where = with_data(None if prepared.folder.parent == root else prepared.folder)

@@ -8,8 +8,6 @@ import typer
 
 from airzoo_bench.cli.common import Format, FormatOption, examples, put, show
 
-__all__ = ["EXAMPLES", "readers"]
-
 EXAMPLES = examples(
     "readers vpr", "eval retrieval logs/2026-01-01_12-00-00 --protocol uav-visloc-retrieval"
 )

@@ -122,10 +122,10 @@ DATASETS = Registry(
         "airzoo-real": "airzoo_bench.datasets.published.airzoo_real:AIRZOO_REAL",
         "aerialextrematch": "airzoo_bench.datasets.published.aerialextrematch:AERIALEXTREMATCH",
         "ortholoc": "airzoo_bench.datasets.published.ortholoc:ORTHOLOC",
-        "university-1652": "airzoo_bench.datasets.published.class_folders:UNIVERSITY_1652",
-        "sues-200": "airzoo_bench.datasets.published.class_folders:SUES_200",
-        "denseuav": "airzoo_bench.datasets.published.class_folders:DENSEUAV",
-        "gta-uav": "airzoo_bench.datasets.published.gta_uav:GTA_UAV",
+        "university-1652": "airzoo_bench.datasets.published.image_pairs:UNIVERSITY_1652",
+        "sues-200": "airzoo_bench.datasets.published.image_pairs:SUES_200",
+        "denseuav": "airzoo_bench.datasets.published.image_pairs:DENSEUAV",
+        "gta-uav": "airzoo_bench.datasets.published.image_pairs:GTA_UAV",
     },
 )
 """What `prepare` makes benchmark folders of, by name, each a `datasets.dataset.Dataset`."""

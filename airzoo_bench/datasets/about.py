@@ -1,4 +1,4 @@
-"""The description of a dataset, in a TOML file."""
+"""What a dataset says of itself."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-
-__all__ = ["About", "about_file", "about_of", "read_about"]
 
 
 @dataclass(frozen=True)
@@ -17,10 +15,10 @@ class About:
     `summary` (a sentence, then what else there is to say) and `example` (what stands behind
     ``airzoo-bench prepare``) are for the help. `page` tells where to get the data, `licence` is as
     stated, empty for own data; `repository` is an id on Hugging Face, `links` are addresses of
-    files. `assumptions` has a sentence for each value that the truth rests on and that is not
-    stated, `unverified` for each part of the layout that has not been seen. `without_truth` says
-    why a track may have no truth; `scene_files` are patterns (`fnmatch`) of the paths in the
-    repository that are of one scene alone.
+    files. `layout` describes the files that are read. `assumptions` has a sentence for each value
+    that the truth rests on and that is not stated, `unverified` for each part of the layout that
+    has not been seen. `without_truth` says why a track may have no truth; `scene_files` are
+    patterns (`fnmatch`) of the paths in the repository that are of one scene alone.
     """
 
     title: str
@@ -30,6 +28,7 @@ class About:
     licence: str = ""
     repository: str | None = None
     links: tuple[str, ...] = ()
+    layout: str = ""
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
     without_truth: Mapping[str, str] = field(default_factory=dict)

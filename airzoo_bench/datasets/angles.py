@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import angles_to_rotations
 
-__all__ = ["Convention", "attitudes_to_rotations", "grid_to_true_north"]
-
 Convention = Literal["gimbal", "airframe", "omega-phi-kappa"]
 
 # Rows of a camera that looks ahead, to those of one fixed below the same body: its right stays, its

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,9 +25,10 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.clouds import check_cloud
-from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, scene_facts
+from airzoo_bench.datasets.facts import SceneFacts, measure_facts, measure_heights
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import (
     LOCAL_CRS,
     check_true_metres,
@@ -40,27 +41,14 @@ from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, surve
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.prepare import grouped_reasons
-from airzoo_bench.retrieval.settings import Gallery, StatedTruth
+from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedTruth
 from airzoo_bench.retrieval.stated_truth import build_truth as build_stated_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-__all__ = [
-    "SceneContent",
-    "check_names",
-    "image_content",
-    "metric_crs",
-    "photo_sizes",
-    "scene_content",
-    "surveyed",
-    "utm_zone",
-]
-
-_LONGEST_PATH = 180  # so that ids are no longer than prediction files may have them
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask
 # No ground is lower or higher, above sea level or ellipsoid.
 _LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
 _MOST_TILES = 500_000  # some 0.8 GB
-_FOOT_M = 0.3048
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,44 +63,48 @@ class SceneContent:
     gallery_size: int | None = None
 
 
-def image_content(native: ImageScene, protocols: BenchmarkProtocols) -> SceneContent:
+def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols) -> SceneContent:
+    """Check a scene, measure its parts, and make its truth for every track that they serve."""
+    protocols = protocols.of_scene(native.scene)
+    if isinstance(native, ImageScene):
+        return _image_content(native, protocols)
+    check_names(native.names, native.images)
+    crs = _checked_crs(native)
+    survey = None if native.dsm is None else surveyed(native.dsm)
+    inputs = _inputs(native, crs)
+    heights = measure_heights(inputs)
+    _check_above_surface(*heights, native.dsm)
+    _check_tile_count(inputs, protocols.first(RetrievalProtocol))
+    above = None if native.cloud is None else check_cloud(native.cloud, inputs)
+    truths = build_truths(inputs, protocols, native.cloud)
+    retrieval = None if truths.retrieval is None else truths.retrieval.truth
+    if retrieval is not None and retrieval.queries.empty:
+        raise _nothing_to_ask(retrieval, native, inputs)
+    facts = measure_facts(
+        inputs,
+        native.metadata,
+        heights,
+        survey,
+        retrieval,
+        truths.matching,
+        above,
+        is_metadata=native.is_metadata,
+    )
+    return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
+
+
+def _image_content(native: ImageScene, protocols: BenchmarkProtocols) -> SceneContent:
     """Make the truth of a scene that a benchmark states by pairs of images."""
-    protocol = protocols.of_scene(native.scene).retrieval
+    protocol = protocols.first(RetrievalProtocol)
     if protocol is None or not isinstance(protocol.ground_truth, StatedTruth):
         raise TypeError(f"scene {native.scene} has no protocol whose truth is stated")
     prepared = build_stated_truth(
         native.scene, native.queries, native.gallery, native.pairs, protocol.ground_truth
     )
-    excluded = prepared.truth.excluded[["id", "image"]]
-    photos = pd.concat([prepared.truth.queries, excluded])
+    photos = pd.concat([prepared.truth.queries, prepared.truth.excluded[["id", "image"]]])
     inputs = SceneInputs(native.scene, photos, None, None, None, None)
     files = {"images": native.images, "gallery": native.tiles}
-    truths = SceneTruths(photos, prepared)
-    return SceneContent(inputs, truths, files, gallery_size=native.gallery_size)
-
-
-def scene_content(native: NativeScene, protocols: BenchmarkProtocols) -> SceneContent:
-    """Check a scene, measure its parts, and make its truth for every track that they serve."""
-    protocols = protocols.of_scene(native.scene)
-    _check_photos(native)
-    crs = _checked_crs(native)
-    survey = None if native.dsm is None else surveyed(native.dsm)
-    inputs = _inputs(native, crs)
-    cameras = Cameras3D.measure(inputs, native.metadata)
-    _check_above_surface(cameras, native.dsm)
-    if protocols.retrieval is not None and (inputs.dom or inputs.gallery) is not None:
-        _check_tile_count(inputs.gallery_map, protocols.retrieval.map_rules()[0])
-    above = None if native.cloud is None else check_cloud(native.cloud, inputs)
-    truths = build_truths(inputs, protocols, native.cloud)
-    retrieval = None if truths.retrieval is None else truths.retrieval.truth
-    if retrieval is not None and retrieval.queries.empty:
-        raise _nothing_to_ask(retrieval, native, inputs, survey)
-    metadata = None if native.is_metadata else native.metadata
-    dropped = "" if protocols.retrieval is None else protocols.retrieval.gallery.dropped
-    facts = scene_facts(
-        inputs, metadata, survey, cameras, retrieval, truths.matching, above, dropped
-    )
-    return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
+    return SceneContent(inputs, SceneTruths(prepared), files, gallery_size=native.gallery_size)
 
 
 def _inputs(native: NativeScene, crs: str) -> SceneInputs:
@@ -153,31 +145,16 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
     return {path.relative_to(folder).as_posix(): photo_size(path) for path in shown}
 
 
-def check_names(names: tuple[str, ...], folder: Path) -> None:
-    """Refuse photos whose names cannot become ids, or would become the same id."""
-    odd = [repr(name) for name in names if not name.isprintable() or len(name) > _LONGEST_PATH]
+def check_names(names: Sequence[str], folder: Path) -> None:
+    """Refuse photos whose names would become the same id."""
     stems = Counter(Path(name).with_suffix("").as_posix() for name in names)
     twice = [stem for stem, count in stems.items() if count > 1]
-    if odd or twice:
+    if twice:
         raise BenchmarkError(
-            f"names that cannot become ids: {first_of(odd, len(names))}"
-            if odd
-            else f"photos that differ in their ending only: {first_of(twice, len(names))}",
+            f"photos that differ in their ending only: {first_of(twice, len(names))}",
             where=folder,
-            expected=f"printable characters, at most {_LONGEST_PATH}; ids lack the ending",
+            expected="names that differ without their endings, which ids lack",
             fix="rename these photos, or keep one of each",
-        )
-
-
-def _check_photos(native: NativeScene) -> None:
-    check_names(native.names, native.images)
-    missing = [name for name in native.names if not (native.images / name).is_file()]
-    if missing:
-        raise BenchmarkError(
-            f"photos are missing: {first_of(map(repr, missing), len(native.names))}",
-            where=native.images,
-            expected="every photo that has a pose",
-            fix="download them again, or look whether names differ in upper and lower case",
         )
 
 
@@ -210,22 +187,25 @@ def _checked_crs(native: NativeScene) -> str:
     """Return the CRS of the poses, which is that of the surface model, in true metres."""
     if native.crs == LOCAL_CRS:
         return LOCAL_CRS
-    where = native.crs_from or f"{native.pose_source}, scene {native.scene}"
+    source = native.poses_from or native.images
+    where = native.crs_from or f"{source}, scene {native.scene}"
     crs, path = metric_crs(native.crs, where), native.dsm
     try:
         check_true_metres(crs, to_lonlat(crs, native.poses.centres[:, :2]), where)
     except CameraError as error:
-        raise error.inside(native.pose_source) from error
-    dsm = None if path is None else open_info(path)
-    if dsm is not None and not same_plane(crs, dsm.crs):
+        raise error.inside(source) from error
+    if path is None:
+        return crs.to_string()
+    dsm = open_info(path)
+    if not same_plane(crs, dsm.crs):
         raise RasterError(
-            f"the poses ({native.pose_source}) and the DSM ({path}) differ in CRS: "
-            f"{describe_crs(crs)} and {describe_crs(dsm.crs)}",
+            f"the poses ({source}) and the DSM ({path}) differ in CRS: {describe_crs(crs)} and "
+            f"{describe_crs(dsm.crs)}",
             expected="one CRS",
             fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear makes a DSM in the CRS of the "
             "poses; heights stay as they are",
         )
-    if dsm is not None and dsm.bands > _MOST_DSM_BANDS:
+    if dsm.bands > _MOST_DSM_BANDS:
         raise RasterError(
             f"has {dsm.bands} bands",
             where=path,
@@ -238,44 +218,39 @@ def _checked_crs(native: NativeScene) -> str:
 def surveyed(path: Path) -> HeightSurvey:
     """Survey the heights of a surface model, and refuse heights that no ground has."""
     found = survey_heights(path, _LOWEST_M, _HIGHEST_M)
-    if not found.valid:
-        raise RasterError("no valid height", where=path, fix="check its nodata value")
-    if found.beyond:
+    if not found.valid or found.beyond:
         raise RasterError(
-            f"{found.beyond / found.valid:.1%} of its heights are no heights of the ground: they "
+            f"{found.beyond:,} of its {found.valid:,} heights are no heights of the ground: they "
             f"go from {found.low:.10g} to {found.high:.10g} m",
             where=path,
             expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
-            fix="look at their unit: they must be in metres or feet"
-            if found.beyond == found.valid
-            else "tag the number that means that there is none: gdal_edit.py -a_nodata",
+            fix="look at their unit, metres or feet; or tag the number that means that there is "
+            "none: gdal_edit.py -a_nodata",
         )
     return found
 
 
-def _check_above_surface(cameras: Cameras3D, dsm: Path | None) -> None:
+def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> None:
     """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0."""
-    known = np.isfinite(cameras.heights_m)
-    if not known.any() or cameras.below < known.sum():
-        return
-    surface = float(np.median(cameras.surface_m[known]))
-    centre = surface + cameras.height_m
-    in_feet = centre - surface * _FOOT_M
-    hint = "look at the vertical datum and unit of both"
-    if in_feet > 0.0:
-        hint += f"; were the DSM in feet (gdal_edit.py -units ft), cameras were {in_feet:.1f} m "
-        hint += "above it"
-    raise BenchmarkError(
-        f"every camera is below the surface: they are at {centre:.1f} m, the "
-        f"surface below them is at {surface:.1f} m (medians)",
-        where=dsm,
-        expected="cameras above the surface model, both in the same vertical unit and datum",
-        fix=hint,
-    )
+    known = np.isfinite(heights)
+    if known.any() and (heights[known] <= 0.0).all():
+        ground = float(np.median(surface[known]))
+        raise BenchmarkError(
+            "every camera is below the surface: they are at "
+            f"{ground + float(np.median(heights[known])):.1f} m, the surface below them is at "
+            f"{ground:.1f} m (medians)",
+            where=dsm,
+            expected="cameras above the surface model, both in the same vertical unit and datum",
+            fix="look at the vertical datum and unit of both (feet: gdal_edit.py -units ft)",
+        )
 
 
-def _check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
+def _check_tile_count(inputs: SceneInputs, protocol: RetrievalProtocol | None) -> None:
     """Refuse a gallery of more than 500,000 tiles."""
+    info = inputs.gallery or inputs.dom
+    if protocol is None or info is None:
+        return
+    gallery = protocol.map_rules()[0]
     count = sum(
         len(tile_starts(info.width, size, gallery.overlap))
         * len(tile_starts(info.height, size, gallery.overlap))
@@ -290,17 +265,13 @@ def _check_tile_count(info: RasterInfo, gallery: Gallery) -> None:
         )
 
 
-def _nothing_to_ask(
-    truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs, survey: HeightSurvey | None
-) -> UserError:
+def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:
     reasons, fixes = grouped_reasons(truth.excluded)
     x, y, z = inputs.photos[["x", "y", "z"]].median()
-    found = f"; cameras are about ({x:.0f}, {y:.0f}, {z:.0f})"
-    if survey is not None:
-        found += f", the surface model is {survey.low:.1f} to {survey.high:.1f} m high"
     return BenchmarkError(
-        f"no photo has a tile that answers it ({'; '.join(reasons)}){found}",
-        where=native.pose_source,
+        f"no photo has a tile that answers it ({'; '.join(reasons)}); cameras are about "
+        f"({x:.0f}, {y:.0f}, {z:.0f})",
+        where=native.poses_from or native.images,
         expected="at least one photo that a tile answers",
         fix="; or ".join(fixes),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -16,12 +15,10 @@ from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 
-__all__ = ["Dataset", "path_options"]
-
 OptionsT = TypeVar("OptionsT")
 
 
-class Dataset(ABC, Generic[OptionsT]):
+class Dataset(Generic[OptionsT]):
     """A kind of data, such as own photos, or a benchmark as it is downloaded.
 
     It states what it is, names the scenes below its source (`scenes`) and reads one (`read`).
@@ -92,14 +89,6 @@ class Dataset(ABC, Generic[OptionsT]):
             A file is missing or wrong.
         """
         raise NotImplementedError
-
-    def benchmark(self, options: OptionsT) -> str:
-        """Name the benchmark; options may make another of it."""
-        return self.name
-
-    def reasons(self, options: OptionsT) -> Mapping[str, str]:
-        """Return why a track may have no truth with these options, by the track's name."""
-        return self.about.without_truth
 
     def benchmark_protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
         """Return the protocols that truth is made for with these options."""

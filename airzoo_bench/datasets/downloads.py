@@ -18,16 +18,8 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.version import __version__
 
-__all__ = ["HubDataset", "HubFile", "Plan", "download", "of_scenes", "planned"]
-
 _SHA256 = 64  # hexadecimal digits; SHA-1 has 40
 _AGAIN = "run this again: what is there is kept"
-_STATUS = {
-    401: ("the login is not valid, or there is no such dataset", "hf auth login"),
-    403: ("this login may not read it", "hf auth login, with a token that may read gated datasets"),
-    404: ("is not there", "look at the page whether it has moved"),
-    429: ("too many requests", "wait, and run this again; hf auth login raises the limit"),
-}
 
 
 @dataclass(frozen=True)
@@ -45,7 +37,7 @@ class HubDataset:
     def __init__(self, repository: str) -> None:
         self.repository = repository
         try:
-            self._client = importlib.import_module("huggingface_hub")
+            client = importlib.import_module("huggingface_hub")
         except ImportError as error:
             raise UsageError(
                 "downloads need huggingface_hub, which is not installed",
@@ -53,10 +45,10 @@ class HubDataset:
             ) from error
         endpoint = os.environ.get("HF_ENDPOINT") or None
         library = {"library_name": "airzoo-bench", "library_version": __version__}
-        self._api = self._client.HfApi(endpoint=endpoint, **library)
+        self._api = client.HfApi(endpoint=endpoint, **library)
         self.page = f"{self._api.endpoint}/datasets/{repository}"
         if not sys.stderr.isatty():
-            self._client.utils.disable_progress_bars()
+            client.utils.disable_progress_bars()
         with self._explained():
             info = self._api.dataset_info(repository)
             if info.gated:
@@ -77,14 +69,9 @@ class HubDataset:
 
     def fetch(self, file: HubFile, folder: Path) -> None:
         """Fetch a file into its place below a folder, behind what an earlier run fetched."""
+        options = {"repo_type": "dataset", "revision": self.commit, "local_dir": folder}
         with self._explained(file.path):
-            self._api.hf_hub_download(
-                self.repository,
-                file.path,
-                repo_type="dataset",
-                revision=self.commit,
-                local_dir=folder,
-            )
+            self._api.hf_hub_download(self.repository, file.path, **options)
 
     @contextmanager
     def _explained(self, path: str = "") -> Iterator[None]:
@@ -97,20 +84,19 @@ class HubDataset:
             raise UsageError(
                 "access to this dataset must be asked for",
                 where=where,
-                expected="an account that its owners have let in, and a login of this machine",
                 fix=f"visit {self.page}, accept its terms and wait to be let in where they ask for "
                 "it; then: hf auth login",
             ) from error
         except (errors.HTTPError, errors.HfHubHTTPError, errors.LocalEntryNotFoundError) as error:
             cause = error.__cause__ or error
             answer = getattr(cause, "response", None)
-            what = f"cannot be reached: {cause}"
-            fix = f"look at the network, the proxy and HF_ENDPOINT, and {_AGAIN}"
-            if answer is not None:
-                status = int(answer.status_code)
-                what, fix = _STATUS.get(status, ("the server fails", _AGAIN))
-                what += f" (status {status})"
-            raise UsageError(what, where=where, fix=fix) from error
+            status = "" if answer is None else f" (status {int(answer.status_code)})"
+            raise UsageError(
+                f"cannot be fetched{status}: {str(cause).splitlines()[0]}",
+                where=where,
+                fix="look at the network, the proxy and HF_ENDPOINT, or at the login (hf auth "
+                f"login), and {_AGAIN}",
+            ) from error
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 fix = f"make room and {_AGAIN}"
@@ -130,8 +116,8 @@ class Plan:
     """
 
     folder: Path
-    files: tuple[HubFile, ...]
-    lacking: tuple[HubFile, ...]
+    files: Sequence[HubFile]
+    lacking: Sequence[HubFile]
     needed: int
     free: int
 
@@ -157,33 +143,30 @@ def _fits(file: HubFile, patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(file.path, one) for one in patterns)
 
 
-def planned(folder: Path, files: Sequence[HubFile], progress: Progress) -> Plan:
+def make_plan(folder: Path, files: Sequence[HubFile], progress: Progress) -> Plan:
     """Look which files are there already, and how much room the others need."""
     lacking: list[HubFile] = []
-    strange: list[str] = []
+    strange: list[HubFile] = []
     for file in progress(files, "files", len(files)):
-        target = folder / file.path
-        ours = _fetched_digest(folder, file)
+        target, noted = folder / file.path, _noted_digest(folder, file)
         if not target.is_file():
             lacking.append(file)
-        elif file.digest not in (ours, _digest(target, file.digest)):
-            if ours is not None and ours == _digest(target, ours):  # of an earlier commit
-                lacking.append(file)
-            else:
-                strange.append(file.path)
+        elif file.digest not in (noted, _digest(target, file.digest)):
+            of_earlier_commit = noted is not None and noted == _digest(target, noted)
+            (lacking if of_earlier_commit else strange).append(file)
     if strange:
         raise BenchmarkError(
             "files of these names are there, and are not those that are published: "
-            f"{first_of(map(repr, strange), len(files))}",
+            f"{first_of([repr(file.path) for file in strange], len(files))}",
             where=folder,
             fix="remove them, or name another folder with --to",
         )
     near = next(place for place in (folder, *folder.resolve().parents) if place.exists())
     needed, free = sum(file.size for file in lacking), shutil.disk_usage(near).free
-    return Plan(folder, tuple(files), tuple(lacking), needed, free)
+    return Plan(folder, files, lacking, needed, free)
 
 
-def _fetched_digest(folder: Path, file: HubFile) -> str | None:
+def _noted_digest(folder: Path, file: HubFile) -> str | None:
     """Return the digest that the client noted of a file, if that was not written to since."""
     note = folder / ".cache/huggingface/download" / f"{file.path}.metadata"
     try:
@@ -211,11 +194,8 @@ def download(plan: Plan, source: HubDataset, progress: Progress) -> None:
 
 def _digest(path: Path, like: str) -> str:
     """Return the checksum of a file, SHA-256 or SHA-1 like another checksum."""
-    digest = hashlib.sha256()
-    if len(like) != _SHA256:
-        size = path.stat().st_size
-        digest = hashlib.sha1(b"blob %d\0" % size, usedforsecurity=False)
     with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+        if len(like) == _SHA256:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        digest = hashlib.sha1(b"blob %d\0" % path.stat().st_size, usedforsecurity=False)
+        return hashlib.file_digest(file, lambda: digest).hexdigest()

@@ -18,7 +18,7 @@ from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benc
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.files import atomic_folder
-from airzoo_bench.core.progress import Progress, with_progress
+from airzoo_bench.core.progress import with_progress
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.facts import fact_lines
 from airzoo_bench.datasets.scene_warnings import scene_warnings
@@ -32,21 +32,12 @@ from airzoo_bench.geometry.raster_files import (
 )
 from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
 from airzoo_bench.matching.prepare import write_crop
-from airzoo_bench.matching.truth import MatchingTruth, own_map
+from airzoo_bench.matching.truth import own_map
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 from airzoo_bench.retrieval.truth import write_truth as write_retrieval_truth
-
-__all__ = [
-    "copy_map",
-    "served_protocols",
-    "summary_of",
-    "write_benchmark",
-    "write_folder_files",
-    "write_scene",
-]
 
 _WINDOW = ["x", "y", "width", "height"]
 
@@ -55,8 +46,7 @@ def write_benchmark(
     scenes: Sequence[SceneContent], protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Write the benchmark folder, with each protocol that has truth in every scene."""
-    truths = {scene.inputs.scene: scene.truths for scene in scenes}
-    tracks = {one: truth.tracks for one, truth in truths.items()}
+    tracks = {scene.inputs.scene: scene.truths.tracks for scene in scenes}
     served = served_protocols(protocols, tracks, settings.folder)
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         entries = [
@@ -65,12 +55,8 @@ def write_benchmark(
         ]
         write = partial(write_folder_files, staged, served, entries)
         with_progress(write, "checksums", settings.progress)
-    return Prepared(
-        settings.folder,
-        {protocol.name: protocol.track for protocol in served},
-        {scene.inputs.scene: summary_of(scene, protocols) for scene in scenes},
-        {scene.inputs.scene: scene.facts for scene in scenes if scene.facts is not None},
-    )
+    summaries = {scene.inputs.scene: summary_of(scene, protocols) for scene in scenes}
+    return Prepared(settings.folder, {one.name: one.track for one in served}, summaries)
 
 
 def served_protocols(
@@ -95,27 +81,26 @@ def write_scene(
     folder: Path, scene: SceneContent, title: str, settings: PrepareSettings
 ) -> SceneFile:
     """Write a scene's table of photos, its truth and, where asked for, photos, maps and parts."""
-    home, truths, progress = folder / "scenes" / scene.inputs.scene, scene.truths, settings.progress
-    write_queries(home, truths.photos)
+    home, truths, dsm = folder / "scenes" / scene.inputs.scene, scene.truths, scene.inputs.dsm
+    truth = truths.reconstruction
+    write_queries(home, scene.inputs.photos)
     if truths.retrieval is not None:
         write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
         if settings.tiles_on_disk and not truths.retrieval.truth.of_images:
-            tiles, gallery = truths.retrieval.truth.tiles, scene.inputs.gallery_map
-            _write_tiles(home / "retrieval" / "tiles", tiles, gallery, progress)
+            _write_tiles(home / "retrieval" / "tiles", scene, settings)
     if truths.matching is not None:
         write_matching_truth(home, truths.matching)
         if settings.crops_on_disk:
-            _write_crops(home / "matching" / "crops", truths.matching, progress)
-    if truths.reconstruction is not None:
-        write_reconstruction_truth(home, truths.reconstruction)
-    reconstruction, dsm = truths.reconstruction, scene.inputs.dsm
+            _write_crops(home / "matching" / "crops", truths, settings)
+    if truth is not None:
+        write_reconstruction_truth(home, truth)
     return SceneFile(
         id=scene.inputs.scene,
         title=title,
         crs=scene.inputs.crs,
         plane_height_m=scene.inputs.plane_height_m,
         dsm_sha256=None if dsm is None else raster_sha256(dsm),
-        cloud_sha256=None if reconstruction is None else reconstruction.cloud_sha256,
+        cloud_sha256=None if truth is None else truth.cloud_sha256,
         truth_accuracy_m=scene.truth_accuracy_m,
         **_places(folder, scene, copy=settings.copy),
     )
@@ -127,15 +112,13 @@ def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
         return {key: str(path.resolve()) for key, path in scene.files.items()}
     home, places = Path("data") / scene.inputs.scene, {}
     for key, source in scene.files.items():
-        named = key in ("images", "maps") or (key == "gallery" and source.is_dir())
-        places[key] = home / (key if named else f"{key}{source.suffix.lower()}")
-        if named:
+        of_photos = key in ("images", "maps") or (key == "gallery" and source.is_dir())
+        places[key] = home / (key if of_photos else f"{key}{source.suffix.lower()}")
+        if of_photos:
             for file in _files_of(scene, key, source):
                 _copy(source / file, folder / places[key] / file)
-        elif key == "cloud":
-            _copy(source, folder / places[key])
         else:
-            copy_map(source, folder / places[key])
+            (_copy if key == "cloud" else copy_map)(source, folder / places[key])
     return {key: path.as_posix() for key, path in places.items()}
 
 
@@ -209,43 +192,48 @@ def write_folder_files(
     write_benchmark_file(folder, file)
 
 
-def _write_tiles(
-    folder: Path, tiles: pd.DataFrame, gallery: RasterInfo, progress: Progress
-) -> None:
+def _write_tiles(folder: Path, scene: SceneContent, settings: PrepareSettings) -> None:
     """Write every tile as ``<name>.png``, the name being its id without the scene, and a list."""
+    assert scene.truths.retrieval is not None
+    tiles, gallery = scene.truths.retrieval.truth.tiles, scene.inputs.gallery_map
     folder.mkdir(parents=True, exist_ok=True)
     files = [f"{_name(tile)}.png" for tile in tiles["id"]]
     rows = zip(files, tiles.iterrows(), strict=True)
-    for file, (_, tile) in progress(rows, "tiles", len(tiles)):
+    for file, (_, tile) in settings.progress(rows, "tiles", len(tiles)):
         Image.fromarray(read_tile(gallery.path, tile)).save(folder / file)
     listed = tiles[["id", *BOX_COLUMNS, "size_m", *_WINDOW]].copy()
     listed.insert(1, "file", files)
     _write_list(folder / "tiles.csv", listed, [gallery] * len(tiles))
 
 
-def _write_crops(folder: Path, truth: MatchingTruth, progress: Progress) -> None:
+def _write_crops(folder: Path, truths: SceneTruths, settings: PrepareSettings) -> None:
     """Write the crop of each query as ``<name>_dom.tif`` and ``<name>_dsm.tif``, and a list."""
-    ids = truth.queries["id"].tolist()
-    names = [_name(query) for query in ids]
-    doms = [truth.map_of(row).dom for row in range(len(ids))]
-    for row, name in progress(enumerate(names), "crops", len(ids)):
-        of = truth.map_of(row)
-        write_crop(of.dom.path, of.dsm, tuple(truth.crops[row].tolist()), folder, name)
+    assert truths.matching is not None
+    ids, crops = truths.matching.queries["id"].tolist(), truths.matching.crops
+    names, maps = [*map(_name, ids)], [truths.matching.map_of(row) for row in range(len(ids))]
+    rows = zip(names, maps, crops.tolist(), strict=True)
+    for name, whole, window in settings.progress(rows, "crops", len(ids)):
+        write_crop(whole.dom.path, whole.dsm, tuple(window), folder, name)
     files = {f"{kind}_file": [f"{name}_{kind}.tif" for name in names] for kind in ("dom", "dsm")}
-    windows = dict(zip(_WINDOW, truth.crops.T, strict=True))
-    _write_list(folder / "crops.csv", pd.DataFrame({"id": ids, **files, **windows}), doms)
+    windows = dict(zip(_WINDOW, crops.T, strict=True))
+    listed = pd.DataFrame({"id": ids, **files, **windows})
+    _write_list(folder / "crops.csv", listed, [one.dom for one in maps])
 
 
 def _write_list(path: Path, parts: pd.DataFrame, wholes: Sequence[RasterInfo]) -> None:
     """Write a row for each part of its map, with the transform of its pixels to the map's CRS."""
-    places = parts[["x", "y"]].to_numpy(np.float64)
+    corners = [
+        pixel_to_world(whole.transform, xy)
+        for whole, xy in zip(wholes, parts[["x", "y"]].to_numpy(np.float64), strict=True)
+    ]
+    (a, b, _, d, e, _), (c, f) = (
+        np.array(rows, np.float64).reshape(-1, size).T
+        for rows, size in (([whole.transform[:6] for whole in wholes], 6), (corners, 2))
+    )
     known = {whole.path: whole.crs.to_string() for whole in dict.fromkeys(wholes)}
-    columns = parts.assign(crs=[known[whole.path] for whole in wholes])
-    for place, name in enumerate("abcdef"):
-        columns.insert(len(columns.columns) - 1, name, [w.transform[place] for w in wholes])
-    corners = [pixel_to_world(w.transform, xy) for w, xy in zip(wholes, places, strict=True)]
-    columns[["c", "f"]] = np.array(corners, np.float64).reshape(-1, 2)
+    crs = [known[whole.path] for whole in wholes]
     path.parent.mkdir(parents=True, exist_ok=True)
+    columns = parts.assign(a=a, b=b, c=c, d=d, e=e, f=f, crs=crs)
     columns.to_csv(path, index=False, lineterminator="\n")
 
 
@@ -257,17 +245,15 @@ def summary_of(
     scene: SceneContent, protocols: BenchmarkProtocols, notes: Sequence[str] = ()
 ) -> SceneSummary:
     """Sum up a scene for the user."""
-    tracks, facts = _tracks(scene.truths), scene.facts
-    warnings, lines, said = [], [], list(notes)
-    if facts is not None:
-        lines = fact_lines(facts)
-        warnings = [str(found) for found in scene_warnings(facts)]
-        if facts.inputs.unposed:
-            unposed = first_of(map(repr, facts.inputs.unposed))
-            said.append(f"photos without a pose, which no track asks: {unposed}")
+    tracks, facts, photos = _tracks(scene.truths), scene.facts, len(scene.inputs.photos)
+    warnings = [] if facts is None else [str(found) for found in scene_warnings(facts)]
     warnings += _count_warnings(scene, protocols, tracks)
-    photos = len(scene.truths.photos)
-    return SceneSummary(photos, tuple(lines), tracks, tuple(warnings), tuple(said))
+    said = list(notes)
+    if scene.inputs.unposed:
+        unposed = first_of(map(repr, scene.inputs.unposed))
+        said.append(f"photos without a pose, which no track asks: {unposed}")
+    lines = () if facts is None else tuple(fact_lines(facts))
+    return SceneSummary(photos, lines, tracks, tuple(warnings), tuple(said))
 
 
 def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
@@ -293,29 +279,20 @@ def _count_warnings(
     scene: SceneContent, protocols: BenchmarkProtocols, tracks: Mapping[str, TrackSummary]
 ) -> Iterator[str]:
     """Yield a sentence for each count that is not the published one."""
-    for protocol in protocols.of_scene(scene.inputs.scene).every:
-        published = {one.id: one.queries for one in protocol.scenes}.get(scene.inputs.scene)
+    name = scene.inputs.scene
+    for protocol in protocols.of_scene(name).every:
+        published = {one.id: one.queries for one in protocol.scenes}[name]
         found = tracks.get(protocol.track)
-        if published is None or found is None or found.count == published:
-            continue
-        less = published - found.count
-        yield (
-            f"scene {scene.inputs.scene} has {found.count:,} of {published:,} queries that are "
-            f"published for {protocol.name} ({abs(less):,} {'missing' if less > 0 else 'too many'})"
-            f"; {counted(len(scene.truths.photos), 'photo')} have a pose"
-            + _reasons(scene.truths, protocol.track)
-        )
+        if published is not None and found is not None and found.count != published:
+            yield (
+                f"scene {name} has {found.count:,} of {published:,} queries that are published for "
+                f"{protocol.name}; {counted(len(scene.inputs.photos), 'photo')} have a pose, "
+                f"{found.left_out:,} of which are left out (excluded.csv)"
+            )
     if scene.gallery_size is not None and scene.truths.retrieval is not None:
         tiles = len(scene.truths.retrieval.truth.tiles)
         if tiles != scene.gallery_size:
             yield (
-                f"the gallery of scene {scene.inputs.scene} has {tiles:,} of "
-                f"{scene.gallery_size:,} published images: a score over others is another score"
+                f"the gallery of scene {name} has {tiles:,} of {scene.gallery_size:,} published "
+                "images: a score over others is another score"
             )
-
-
-def _reasons(truths: SceneTruths, track: str) -> str:
-    found = getattr(truths, track)
-    excluded = found.truth.excluded if track == "retrieval" else found.excluded
-    counts = excluded["reason"].value_counts()
-    return "".join(f"; {count:,} left out: {reason}" for reason, count in counts.items())

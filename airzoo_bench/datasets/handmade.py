@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify, write_benchmark_file
@@ -15,16 +14,25 @@ from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.protocol.model import Protocol
 
-__all__ = ["complete_manifest"]
-
 
 def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:
     """Write what benchmark.toml lacks: settings of the truth, checksums of files and of data."""
     path = folder / "benchmark.toml"
     values = read_toml(path, BenchmarkError, "benchmark file")
-    protocols = _protocols(folder)
-    said = _fill_in(values, protocols)
-    file = validated(values, BenchmarkFile, BenchmarkError, path, "benchmark file")
+    protocols = [load_protocol(one) for one in sorted((folder / "protocols").glob("*.toml"))]
+    if not protocols:
+        raise BenchmarkError(
+            "has no protocol",
+            where=folder / "protocols",
+            expected="a protocol file for each track that the folder has truth for",
+            fix="copy the one that the truth was made by (`airzoo-bench protocols NAME` prints "
+            "shipped ones), and set `benchmark` and [[scenes]] in it",
+        )
+    name = protocols[0].benchmark
+    complete = {"schema": 1, "name": name, "version": 1, "title": name, "checksums": {}}
+    complete["tracks"] = {one.track: one.truth_settings() for one in protocols}
+    said = [key for key in complete if key not in values]
+    file = validated(complete | values, BenchmarkFile, BenchmarkError, path, "benchmark file")
     before, file = file.by_hand, file.model_copy(update={"by_hand": True})
     if file.checksums and not replace:
         with Benchmark(folder, file).fixes():
@@ -40,33 +48,6 @@ def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:
         file = file.model_copy(update={"by_hand": before})
     write_benchmark_file(folder, file)
     return [*said, "checksums of all files below scenes/"]
-
-
-def _protocols(folder: Path) -> list[Protocol]:
-    found = [load_protocol(path) for path in sorted((folder / "protocols").glob("*.toml"))]
-    if not found:
-        raise BenchmarkError(
-            "has no protocol",
-            where=folder / "protocols",
-            expected="a protocol file for each track that the folder has truth for",
-            fix="copy the one that the truth was made by (`airzoo-bench protocols NAME` prints "
-            "shipped ones), and set `benchmark` and [[scenes]] in it",
-        )
-    return found
-
-
-def _fill_in(values: dict[str, Any], protocols: list[Protocol]) -> list[str]:
-    missing = {
-        "schema": 1,
-        "name": protocols[0].benchmark,
-        "version": 1,
-        "title": protocols[0].benchmark,
-        "tracks": {of.track: of.truth_settings() for of in protocols},
-        "checksums": {},
-    }
-    said = [key for key in missing if key not in values]
-    values |= {key: missing[key] for key in said}
-    return said
 
 
 def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
@@ -105,9 +86,7 @@ def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bo
             raise BenchmarkError(
                 f"the {part} of scene {scene.id} was changed since its checksums were written",
                 where=folder / place,
-                expected=f"SHA-256 {before[:12]}…",
                 fix="put it back; or, if the truth is that of the changed file, add --force",
             )
-        if before is None:
-            said.append(f"{part}_sha256 of scene {scene.id}")
+        said += [f"{part}_sha256 of scene {scene.id}"] * (before is None)
     return scene.model_copy(update=found)

@@ -9,25 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, CameraError
+from airzoo_bench.core.errors import BenchmarkError, CameraError, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import nearest, unambiguous_json
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.cameras import Cameras
 
-__all__ = [
-    "LENS_KEYS",
-    "Lens",
-    "cameras_of_lenses",
-    "check_focal_lengths",
-    "film_focal_px",
-    "lens_of",
-    "read_camera_file",
-]
-
 Lens = tuple[list[list[float]], tuple[float, ...]]
 """A camera's matrix in pixels, and k1 k2 p1 p2 k3."""
-_WAYS = (("fx",), ("focal_mm", "sensor_mm"), ("fov_deg",))
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 LENS_KEYS = ("fx", "fy", "cx", "cy", *_DISTORTION, "focal_mm", "sensor_mm", "fov_deg")
 """What a camera may be stated by, in a file or in columns of a table."""
@@ -41,21 +30,15 @@ _MOST_RATIO = 1.3  # between two focal lengths of one camera
 
 def read_camera_file(path: Path) -> dict[str, float]:
     """Read a camera from JSON: an object of numbers."""
-    try:
-        values: Any = unambiguous_json(read_text(path, BenchmarkError, "camera file"))
-    except ValueError as error:
-        raise BenchmarkError(f"not JSON: {error}", where=path, expected=_EXPECTED) from error
-    known = [*LENS_KEYS, "width", "height"]
-    if not isinstance(values, dict) or not values:
-        raise BenchmarkError("is no object with values", where=path, expected=_EXPECTED)
-    for key, value in values.items():
-        if key not in known or isinstance(value, bool) or not isinstance(value, int | float):
-            raise BenchmarkError(
-                f"{key[:40]!r} is {str(value)[:40]!r}{nearest(key, known)}",
-                where=path,
-                expected=f"numbers by some of {', '.join(known)}",
-            )
-    return {key: float(value) for key, value in values.items()}
+    text, known = read_text(path, BenchmarkError, "camera file"), [*LENS_KEYS, "width", "height"]
+    values: dict[str, Any] = {}
+    with readable(path, "no camera as JSON", kind=BenchmarkError, expected=_EXPECTED):
+        values |= unambiguous_json(text)
+        strange = next((key for key in values if key not in known), None)
+        if strange is not None:
+            raise ValueError(f"unknown key {strange[:40]!r}{nearest(strange, known)}")
+        values = {key: float(value) for key, value in values.items()}
+    return values
 
 
 def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -> Lens:
@@ -68,20 +51,15 @@ def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -
             where=where,
             fix="give the camera for the photos' own size",
         )
-    ways = [way for way in _WAYS if way[0] in values]
-    if len(ways) != 1 or not set(ways[0]) <= set(values):
-        given = ", ".join(key for key in LENS_KEYS if key in values) or "nothing"
-        raise CameraError(
-            f"the focal length does not follow from {given}", where=where, expected=_EXPECTED
-        )
-    fx = values.get("fx", math.nan)
-    if "fov_deg" in values and 0.0 < values["fov_deg"] < 180.0:
+    fx, ways = values.get("fx", math.nan), [{"fx"}, {"focal_mm", "sensor_mm"}, {"fov_deg"}]
+    if values.get("sensor_mm", 0.0) > 0.0:
+        fx = values.get("focal_mm", math.nan) / values["sensor_mm"] * width
+    if 0.0 < values.get("fov_deg", 0.0) < 180.0:
         fx = width / 2 / math.tan(math.radians(values["fov_deg"]) / 2)
-    if "focal_mm" in values and values["sensor_mm"] > 0.0:
-        fx = values["focal_mm"] / values["sensor_mm"] * width
-    if not fx > 0.0:
-        given = ", ".join(f"{key} {values[key]:g}" for key in ways[0])
-        raise CameraError(f"no focal length: {given}", where=where, expected=_EXPECTED)
+    if not fx > 0.0 or values.keys() & set().union(*ways) not in ways:
+        given = ", ".join(f"{key} {values[key]:g}" for key in LENS_KEYS if key in values)
+        what = f"the focal length does not follow from {given or 'nothing'}"
+        raise CameraError(what, where=where, expected=_EXPECTED)
     fy, cx, cy = values.get("fy", fx), values.get("cx", width / 2), values.get("cy", height / 2)
     distortion = tuple(values.get(key, 0.0) for key in _DISTORTION)
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], distortion

@@ -6,23 +6,19 @@ are as `geometry.poses` takes them.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
-from airzoo_bench.core.files import read_text
+from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.datasets.tables import read_table
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.crs import (
     describe_crs,
@@ -31,17 +27,6 @@ from airzoo_bench.geometry.crs import (
     horizontal_crs,
 )
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
-
-__all__ = [
-    "PRIOR_VALUES",
-    "PhotoPrior",
-    "metadata_priors",
-    "photo_metadata",
-    "priors_to_poses",
-    "read_dji_texts",
-    "read_prior",
-    "read_prior_file",
-]
 
 PRIOR_VALUES = ("lon", "lat", "altitude_m", "yaw_deg", "pitch_deg", "roll_deg")
 _LIMITS = {"lon": 180.0, "lat": 90.0}
@@ -81,23 +66,17 @@ class PhotoPrior:
 
 def read_prior(path: Path) -> PhotoPrior:
     """Read a photo's position and attitude from its EXIF and DJI's XMP."""
-    gps, packet = _metadata(path)
-    try:
-        texts = _dji_texts(packet)
+    gps, texts = _metadata(path)
+    with readable(path, "damaged metadata of the photo", kind=BenchmarkError):
         lon, lat = _position(gps, texts)
         names = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree", "RelativeAltitude")
         rest = (_dji_number(texts, name) for name in names)
         return PhotoPrior(lon, lat, _altitude(gps, texts), *rest)
-    except BenchmarkError as fault:
-        raise fault.inside(path) from fault
 
 
 def read_dji_texts(path: Path) -> dict[str, str]:
     """Read all that DJI's XMP of a photo states, by the names without its namespace."""
-    try:
-        return _dji_texts(_metadata(path)[1])
-    except BenchmarkError as fault:
-        raise fault.inside(path) from fault
+    return _metadata(path)[1]
 
 
 def photo_metadata(
@@ -115,46 +94,26 @@ def photo_metadata(
 
 def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, float]]:
     """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`."""
-    text = read_text(path, BenchmarkError, "table of priors", 64 << 20)
-    try:
-        table = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
-        rows, names = list(table), list(table.fieldnames or ())
-    except csv.Error as error:
-        raise BenchmarkError(f"not a CSV: {error}", where=path) from error
-    if sorted({*names, "image"} & {"image", *PRIOR_VALUES}) != sorted(names):
+    table = read_table(path, {one: (one,) for one in ("image", *PRIOR_VALUES)}, PRIOR_VALUES)
+    table.require_unique("image")
+    strange = [name for name in table.names if name not in table.header.values()]
+    odd = sorted({*table.texts("image")} - {*photos})
+    if strange or odd:
         raise BenchmarkError(
-            f"has the columns {', '.join(map(str, names))}",
+            f"has the columns {', '.join(strange)}"
+            if strange
+            else f"names what is no photo: {first_of(map(repr, odd))}",
             where=path,
-            expected=f"image, and some of {', '.join(PRIOR_VALUES)}, each once",
+            expected=f"image, and some of {', '.join(PRIOR_VALUES)}; each photo once, by its name "
+            "relative to the folder of the photos",
         )
-    images, there = [row["image"] for row in rows], set(photos)
-    odd = [name for name, count in Counter(images).items() if count > 1 or name not in there]
-    if odd:
-        raise BenchmarkError(
-            f"named twice, or no photos: {first_of(map(repr, odd))}",
-            where=path,
-            expected="each photo once, by its name relative to the folder of the photos",
-        )
-    return {row["image"]: _values(row, line, path) for line, row in enumerate(rows, start=2)}
-
-
-def _values(row: Mapping[str, str | None], line: int, path: Path) -> dict[str, float]:
-    found = {}
-    for name in PRIOR_VALUES:
-        text, limit = (row.get(name) or "").strip(), _LIMITS.get(name, 1e6)
-        try:
-            value = float(text or "0")
-        except ValueError:
-            value = math.nan
-        if not abs(value) <= limit:
-            raise BenchmarkError(
-                f"column {name}, line {line}: {text[:40]!r}",
-                where=path,
-                expected=f"a number, at most {limit:g} either way",
-                fix="look whether lon and lat are swapped" if name == "lat" else None,
-            )
-        if text:
-            found[name] = value
+    found: dict[str, dict[str, float]] = {name: {} for name in table.texts("image")}
+    for column in (name for name in PRIOR_VALUES if table.has(name)):
+        most = _LIMITS.get(column, 1e6)
+        for values, value in zip(
+            found.values(), table.numbers(column, -most, most, empty=True).tolist(), strict=True
+        ):
+            values |= {} if math.isnan(value) else {column: value}
     return found
 
 
@@ -188,31 +147,24 @@ def metadata_priors(metadata: Mapping[str, PhotoPrior], crs: str) -> Poses | Non
     return Poses(rotation=rotation, centres=centres)
 
 
-def _metadata(path: Path) -> tuple[dict[int, Any], bytes]:
-    """Read the GPS part of EXIF and DJI's XMP packet; empty where there is none."""
+def _metadata(path: Path) -> tuple[dict[int, Any], dict[str, str]]:
+    """Read the GPS part of EXIF and DJI's namespace of XMP; empty where there is none."""
     with opened_photo(path) as image:
         gps = dict(image.getexif().get_ifd(_GPS_IFD))
         segments = getattr(image, "applist", [])
     packets = (data for name, data in segments if name == "APP1" and data.startswith(_XMP))
-    return gps, next((data for data in packets if _NAMESPACE.encode() in data), b"")
+    packet = next((data for data in packets if _NAMESPACE.encode() in data), b"")
+    with readable(path, "DJI's XMP is damaged", kind=BenchmarkError):
+        return gps, _dji_texts(packet[len(_XMP) :].decode("utf-8-sig").strip("\0 \r\n\t"))
 
 
-def _dji_texts(packet: bytes) -> dict[str, str]:
+def _dji_texts(packet: str) -> dict[str, str]:
     """Read DJI's namespace, whether attributes or elements."""
-    if not packet:
-        return {}
-    try:
-        text = packet[len(_XMP) :].decode("utf-8-sig").strip("\0 \r\n\t")
-        # Without a document type there are no entities, neither large nor from elsewhere.
-        if "<!DOCTYPE" in text:
-            raise BenchmarkError("DJI's XMP declares a document type")
-        root = ElementTree.fromstring(text)
-    except (UnicodeDecodeError, ElementTree.ParseError) as error:
-        raise BenchmarkError(
-            f"DJI's XMP is damaged: {error}", expected="an XMP packet as the drone wrote it"
-        ) from error
+    # Without a document type there are no entities, neither large nor from elsewhere.
+    if "<!DOCTYPE" in packet:
+        raise ValueError("it declares a document type")
     texts: dict[str, str] = {}
-    for element in root.iter():
+    for element in ElementTree.fromstring(packet).iter() if packet else ():
         for name, value in ((element.tag, element.text or ""), *element.attrib.items()):
             if name.startswith("{" + _NAMESPACE + "}") and value.strip():
                 texts.setdefault(name.partition("}")[2], value.strip())
@@ -223,9 +175,7 @@ def _dji_number(texts: Mapping[str, str], name: str) -> float | None:
     if name not in texts:
         return None
     if not _NUMBER.fullmatch(texts[name]):
-        raise BenchmarkError(
-            f"DJI's {name} is {texts[name][:40]!r}", expected="a decimal number, such as +12.30"
-        )
+        raise ValueError(f"DJI's {name} is {texts[name][:40]!r}, no decimal number")
     return float(texts[name])
 
 
@@ -238,7 +188,7 @@ def _position(gps: dict[int, Any], dji: Mapping[str, str]) -> tuple[float | None
     if lon is None or lat is None or (lon, lat) == (0.0, 0.0):
         return None, None
     if abs(lon) > 180.0 or abs(lat) > 90.0:
-        raise BenchmarkError(f"no position on the earth: longitude {lon}, latitude {lat}")
+        raise ValueError(f"no position on the earth: longitude {lon}, latitude {lat}")
     return lon, lat
 
 
@@ -247,13 +197,9 @@ def _degrees(gps: dict[int, Any], tag: int, signs: str) -> float | None:
     parts = _numbers(gps, tag, 3)
     if parts is None:
         return None
-    reference = str(gps.get(tag - 1, "")).strip("\0 ").upper()
-    if reference not in tuple(signs):
-        raise BenchmarkError(
-            f"EXIF GPS tag {tag - 1} is {reference[:40]!r}", expected=f"{signs[0]} or {signs[1]}"
-        )
     size = parts[0] + parts[1] / 60.0 + parts[2] / 3600.0
-    return size if reference == signs[0] else -size
+    reference = str(gps.get(tag - 1, "")).strip("\0 ").upper()
+    return {signs[0]: size, signs[1]: -size}[reference]
 
 
 def _altitude(gps: dict[int, Any], dji: Mapping[str, str]) -> float | None:
@@ -268,12 +214,11 @@ def _altitude(gps: dict[int, Any], dji: Mapping[str, str]) -> float | None:
 def _numbers(gps: dict[int, Any], tag: int, count: int) -> list[float] | None:
     """Read the numbers of a tag; None where it is missing, or 0/0, EXIF's way of saying so."""
     value = gps.get(tag)
-    parts = value if isinstance(value, tuple) else (value,)
-    numbers = [float(part) for part in parts if isinstance(part, Real)]
-    if value is None or (len(numbers) == len(parts) and all(map(math.isnan, numbers))):
+    if value is None:
         return None
-    if len(parts) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise BenchmarkError(
-            f"EXIF GPS is damaged: {str(value)[:40]}", expected=f"{count} finite numbers"
-        )
+    numbers = [float(part) for part in (value if isinstance(value, tuple) else (value,))]
+    if all(map(math.isnan, numbers)):
+        return None
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"EXIF GPS has {str(value)[:40]} for {count} finite numbers")
     return numbers

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,15 +18,13 @@ from pydantic import (
     model_validator,
 )
 
-from airzoo_bench.core.errors import CameraError, counted, first_of
+from airzoo_bench.core.errors import CameraError, counted, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.validation import unambiguous_json, validation_message
 from airzoo_bench.datasets.scenes import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
-
-__all__ = ["Number", "Row", "read_poses"]
 
 _JSON_LIMIT_BYTES = 1 << 28
 _NEAR_MISS = 0.8
@@ -41,6 +38,7 @@ Sizes = Mapping[str, tuple[int, int]]
 _DISTORTION_KEYS = ("distortion", "dist_k1k2p1p2")
 _CENTRE_KEYS = ("center", "center_utm")
 _MODEL_KEYS = ("model", "camera_model", "distortion_model", "projection_type")
+_OWN_KEYS = ("K", "crs", "images", "R_w2c", *_DISTORTION_KEYS, *_CENTRE_KEYS, *_MODEL_KEYS)
 # What K with k1 k2 p1 p2 k3 computes, as COLMAP names it, with the number of other parameters
 # before these; and as OpenSfM and ROS name it.
 _MODELS = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4}
@@ -48,7 +46,7 @@ _OTHER_NAMES = ("PERSPECTIVE", "BROWN", "BROWN_CONRADY", "PLUMB_BOB", "RADTAN")
 
 
 class _Lens(BaseModel):
-    """A camera; accepts keys of other tools, but no misspelt key and no two names of one key."""
+    """A camera; accepts keys of other tools, but no misspelt key."""
 
     model_config = ConfigDict(frozen=True)
     K: Matrix | None = None
@@ -58,15 +56,8 @@ class _Lens(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _no_near_misses(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        own = {"K", "crs", "images", "R_w2c", *_DISTORTION_KEYS, *_CENTRE_KEYS, *_MODEL_KEYS}
-        for names in (_DISTORTION_KEYS, _CENTRE_KEYS, _MODEL_KEYS):
-            given = [name for name in names if name in data]
-            if len(given) > 1:
-                raise ValueError(f"{' and '.join(given)} are two names of one key: keep one")
-        for key in set(data) - own:
-            near = difflib.get_close_matches(str(key), sorted(own), n=1, cutoff=_NEAR_MISS)
+        for key in set(data) - {*_OWN_KEYS} if isinstance(data, dict) else ():
+            near = difflib.get_close_matches(str(key), _OWN_KEYS, n=1, cutoff=_NEAR_MISS)
             if near:
                 raise ValueError(f"unknown key {str(key)[:80]!r} (did you mean {near[0]!r}?)")
         return data
@@ -111,50 +102,42 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}, each once",
             fix="see docs/brighton.md",
         ) from error
-    names = _shared(path, list(file.images), sizes)
+    names = _shared(list(file.images), sizes)
     images = [file.images[name] for name in names]
     matrices = [image.K or file.K for image in images]
     if None in matrices:
         raise CameraError(
             f"no camera matrix for {names[matrices.index(None)]}",
-            where=path,
             expected="'K' for the image, or one for all at the top of the file",
         )
     lenses = [image.distortion or file.distortion or () for image in images]
-    rotations = check_rotations(np.array([image.rotation for image in images]), names, where=path)
+    rotations = check_rotations(np.array([image.rotation for image in images]), names)
     poses = Poses.from_centres(rotations, np.array([image.centre for image in images]), names)
     return PosedPhotos(tuple(names), _cameras(names, matrices, lenses, sizes), poses, file.crs)
 
 
 def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
-    pycolmap = load_pycolmap()
-    try:
-        model = pycolmap.Reconstruction(str(path))
-    # What pybind11 makes of C++ exceptions over damaged files, absurd counts among it.
-    except (RuntimeError, ValueError, LookupError, OSError, MemoryError) as error:
-        first = (str(error) or type(error).__name__).splitlines()[0]
-        what = re.sub(r"^\[\S+:\d+\] ", "", first)  # without pycolmap's own line
-        raise CameraError(
-            f"not a COLMAP model: {what}",
-            where=path,
-            expected="a folder with cameras, images and points3D as .bin or .txt",
-            fix="name the folder with these files (such as sparse/0), or export the model again",
-        ) from error
+    with readable(
+        path,
+        "not a COLMAP model",
+        kind=CameraError,
+        expected="a folder with cameras, images and points3D as .bin or .txt",
+        fix="name the folder with these files (such as sparse/0), or export the model again",
+    ):
+        model = load_pycolmap().Reconstruction(str(path))
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    names = _shared(path, list(images), sizes)
+    names = _shared(list(images), sizes)
     cameras = [model.cameras[images[name].camera_id] for name in names]
-    differ = [
-        f"{name} is {sizes[name][0]}x{sizes[name][1]}, its camera {camera.width}x{camera.height}"
-        for name, camera in zip(names, cameras, strict=True)
-        if (camera.width, camera.height) != sizes[name]
-    ]
-    if differ:
-        raise CameraError(
-            f"cameras of another image size: {first_of(differ, len(names))}",
-            where=path,
-            fix="use the photos that the model was made from",
-        )
-    lenses = [_brown(camera, path) for camera in cameras]
+    for name, camera in zip(names, cameras, strict=True):
+        if (camera.width, camera.height) != sizes[name] or camera.model.name not in _MODELS:
+            raise CameraError(
+                f"the camera of {name} is {camera.model.name} of {camera.width}x{camera.height} px",
+                expected=f"{' or '.join(_MODELS)}, of the size of the photo, "
+                f"{sizes[name][0]}x{sizes[name][1]} px",
+                fix="use the photos that the model was made from; undistort other lenses (colmap "
+                "image_undistorter)",
+            )
+    lenses = [camera.params[_MODELS[camera.model.name] :] for camera in cameras]
     matrices = [camera.calibration_matrix() for camera in cameras]
     from_world = [images[name].cam_from_world() for name in names]
     poses = Poses.from_translations(
@@ -165,21 +148,8 @@ def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
     return PosedPhotos(tuple(names), _cameras(names, matrices, lenses, sizes), poses)
 
 
-def _brown(camera: Any, path: Path) -> tuple[float, ...]:
-    """Return k1 k2 p1 p2 of a camera of COLMAP, as far as it has them."""
-    name = camera.model.name
-    if name not in _MODELS:
-        raise CameraError(
-            f"camera model {name} is not supported",
-            where=path,
-            expected=" or ".join(_MODELS),
-            fix="undistort the photos (colmap image_undistorter) and use that model",
-        )
-    return tuple(float(value) for value in camera.params[_MODELS[name] :])
-
-
 def _cameras(
-    names: Sequence[str], matrices: Sequence[Any], lenses: Sequence[Sequence[float]], sizes: Sizes
+    names: Sequence[str], matrices: Sequence[Any], lenses: Sequence[Any], sizes: Sizes
 ) -> Cameras:
     distortion = np.zeros((len(names), 5))
     for row, values in zip(distortion, lenses, strict=True):
@@ -189,15 +159,12 @@ def _cameras(
     return Cameras.from_matrices(matrix, width, height, distortion, names=names)
 
 
-def _shared(path: Path, posed: Sequence[str], sizes: Sizes) -> list[str]:
+def _shared(posed: Sequence[str], sizes: Sizes) -> list[str]:
     names = sorted(set(posed) & set(sizes))
-    if not posed:
-        raise CameraError("has no image with a pose", where=path, fix="register images first")
     if not names:
         raise CameraError(
-            f"none of its {counted(len(posed), 'image')} is among {counted(len(sizes), 'photo')}",
-            where=path,
+            f"none of its {counted(len(posed), 'image')} with a pose is among "
+            f"{counted(len(sizes), 'photo')}: it has {first_of(posed)}",
             expected=f"names such as {min(sizes)}",
-            fix=f"it has names such as {posed[0]!r}; rename one or the other",
         )
     return names

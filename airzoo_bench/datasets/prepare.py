@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import shutil
-import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
@@ -23,14 +21,7 @@ from pydantic import TypeAdapter
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.manifest import SceneFile
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    RasterError,
-    UsageError,
-    UserError,
-    agreeing,
-    counted,
-)
+from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError, counted
 from airzoo_bench.core.files import (
     atomic_folder,
     cannot_write,
@@ -41,8 +32,7 @@ from airzoo_bench.core.files import (
 from airzoo_bench.core.progress import Progress, with_progress
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.core.version import __version__
-from airzoo_bench.datasets.content import image_content, scene_content
-from airzoo_bench.datasets.facts import SceneFacts
+from airzoo_bench.datasets.content import make_content
 from airzoo_bench.datasets.folder import (
     served_protocols,
     summary_of,
@@ -55,12 +45,9 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.evaluate import accuracy_notes
 from airzoo_bench.geometry.raster_files import raster_files
 
-__all__ = ["Source", "chosen_scenes", "is_prepared", "prepare_scenes"]
-
 RECORDS = "prepared.json"
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
 _MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
-_PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".part", ".crdownload", ".aria2")
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 _OF_THE_RUN = ("scene", "keep_going")  # options that do not change a scene
 _WAY_OUT = "leave the scene out with --keep-going, or name those to make with --scene"
@@ -146,10 +133,10 @@ def scene_keys(
         paths = sorted({path.resolve() for path in given})
         for path in paths:
             if path not in stamps:
-                stamps[path] = sorted(_stamps(path, settings.folder))
+                stamps[path] = sorted(_stamps(path, settings.folder.resolve()))
         rules = [
-            [of.track, of.truth_settings(), of.scenes[0].title, of.scenes[0].queries]
-            for of in protocols.of_scene(scene).of_scenes([scene]).every
+            [one.track, one.truth_settings(), one.scenes[0].title, one.scenes[0].queries]
+            for one in protocols.of_scene(scene).of_scenes([scene]).every
         ]
         files = [[str(path), stamps[path]] for path in paths]
         keys[scene] = fingerprint([__version__, source.option_texts, flags, scene, rules, files])
@@ -158,25 +145,18 @@ def scene_keys(
 
 def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
     """Yield name, size and time of change of a file, or of every file below a folder."""
-    if path.is_dir():
-        made = target.resolve()
-        for home, folders, names in os.walk(path, followlinks=True):
-            own = (made, path.parent)
-            folders[:] = [one for one in folders if one[0] != "." and Path(home, one) not in own]
-            for file in (Path(home, name) for name in names):
-                if file.exists():
-                    yield file.relative_to(path).as_posix(), *_stamp(file)
-        return
     files = [path] if path.exists() else []
-    if files and path.suffix.lower() in _MAPS:
+    if path.is_dir():
+        files = []
+        for home, folders, names in os.walk(path, followlinks=True):
+            folders[:] = [one for one in folders if one[0] != "." and Path(home, one) != target]
+            files += [file for name in names if (file := Path(home, name)).exists()]
+    elif files and path.suffix.lower() in _MAPS:
         with suppress(RasterError):  # no raster, which whoever reads it will say
             files = raster_files(path)  # with those next to it, or that it is made of
-    yield from (("" if file == path else str(file), *_stamp(file)) for file in files)
-
-
-def _stamp(file: Path) -> tuple[int, int]:
-    status = file.stat()
-    return status.st_size, status.st_mtime_ns
+    for file in files:
+        status = file.stat()
+        yield str(file), status.st_size, status.st_mtime_ns
 
 
 def chosen_scenes(
@@ -190,22 +170,9 @@ def chosen_scenes(
             + nearest(unknown[0], list(there), 1),
             where="--scene",
             expected="some of " + ", ".join(there),
-            fix=_unpack(unknown, source)
-            or "download or unpack it there, or name a scene that is there",
+            fix="download or unpack it there, or name a scene that is there",
         )
     return {scene: files for scene, files in there.items() if only is None or scene in only}
-
-
-def _unpack(scenes: Sequence[str], source: Path) -> str | None:
-    """Say which archives or unfinished downloads are named as scenes that are not there."""
-    files = sorted(path.name for path in source.iterdir()) if source.is_dir() else ()
-    names = "|".join(map(re.escape, scenes))
-    found = [
-        file
-        for file in files
-        if file.lower().endswith(_PACKED) and re.search(rf"(?<!\w)({names})(?!\w)", file)
-    ]
-    return f"finish or unpack {', '.join(found[:3])}" if found else None
 
 
 def is_prepared(source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings) -> bool:
@@ -246,16 +213,15 @@ def prepare_scenes(
     # Runs into other folders share the finished scenes, by the benchmark's name.
     what, otherwise = "another run is making this benchmark here", "name an --out elsewhere"
     with _writing(settings.folder), only_run(run.staging, what, home, otherwise):
-        kept: Sequence[str] = ()
         try:
             run.finish()
-            return run.assemble()
+            prepared = run.assemble()
         except BaseException:
-            kept = run.note_kept()
-            raise
-        finally:
-            if not kept:
+            if not run.note_kept():
                 shutil.rmtree(run.staging, ignore_errors=True)
+            raise
+        shutil.rmtree(run.staging, ignore_errors=True)
+        return prepared
 
 
 @dataclass
@@ -267,7 +233,6 @@ class _Run:
     settings: PrepareSettings
     keys: dict[str, str] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
-    facts: dict[str, SceneFacts] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -275,26 +240,25 @@ class _Run:
         """Where finished scenes are kept until all are."""
         return self.settings.folder.absolute().parent / f".{self.protocols.benchmark}.prepare"
 
-    def note_kept(self) -> list[str]:
-        """Say which scenes the next run can take as they are."""
-        every = len(self.keys)
+    def note_kept(self) -> bool:
+        """Say how many scenes the next run can take as they are, if any."""
         found = {scene: _read_records(self.staging / scene).get(scene) for scene in self.keys}
         kept = [scene for scene, one in found.items() if one and one.key == self.keys[scene]]
-        if not kept or every == 1:
-            return []
+        if not kept or len(self.keys) == 1:
+            return False
         self.settings.note(
-            f"{counted(len(kept), 'finished scene')} of {every} {agreeing(len(kept), 'is', 'are')} "
-            f"kept in {self.staging}; the same command goes on from there"
+            f"{counted(len(kept), 'finished scene')} of {len(self.keys)} kept in {self.staging}; "
+            "the same command goes on from there"
         )
-        return kept
+        return True
 
     def finish(self) -> None:
         """Take the scenes that earlier runs finished, and make the others, each a task."""
-        progress, source, made = self.settings.progress, self.source, self.records
+        progress, source = self.settings.progress, self.source
         keys = partial(scene_keys, source, self.protocols, self.settings)
         self.keys = with_progress(keys, "looking through the source", progress)
         self.staging.mkdir(parents=True, exist_ok=True)
-        with_progress(self._take, "looking through earlier runs", progress)
+        made = self._taken()
         scenes = [scene for scene in source.scenes if scene not in made]
         found = self.settings.engine.map(
             _task, scenes, shared=self, stage="scenes", name="scene {}".format
@@ -303,12 +267,8 @@ class _Run:
         for scene, one in zip(scenes, progress(found, label, len(scenes)), strict=True):
             if isinstance(one, UserError):
                 self.failed[scene] = str(one)
-                continue
-            made[scene], facts = one
-            if not made[scene].is_whole(self.staging / scene):
-                raise _unseen("this machine does not see what a worker made", f"scene {scene}")
-            if facts is not None:
-                self.facts[scene] = facts
+            else:
+                made[scene] = one
         if not made:
             raise BenchmarkError(
                 "no scene could be made:\n" + "\n".join(self.failed.values()),
@@ -317,20 +277,21 @@ class _Run:
         # As they come in the protocols, whichever were there before.
         self.records = {scene: made[scene] for scene in source.scenes if scene in made}
 
-    def _take(self) -> None:
+    def _taken(self) -> dict[str, Record]:
         """Take the scenes that nothing has changed for since they were finished."""
         places = [self.staging / scene for scene in self.source.scenes]
         if not self.settings.replace:
             folder, name = self.settings.folder, self.protocols.benchmark
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
-        found = {one.key: (one, home) for home in places for one in _unchanged_parts(home)}
+        found = {one.key: (one, home) for home in places for one in _unchanged_records(home)}
+        taken = {}
         for scene, key in self.keys.items():
-            if key not in found:
-                continue
-            self.settings.note(f"scene {scene}: nothing changed since it was made, taken as it is")
-            self.records[scene], home = found[key]
-            if home != self.staging / scene:
-                self.keep(self.records[scene], home, shutil.copyfile)
+            if key in found:
+                self.settings.note(f"scene {scene}: nothing changed since it was made, taken as is")
+                taken[scene], home = found[key]
+                if home != self.staging / scene:
+                    self.keep(taken[scene], home, shutil.copyfile)
+        return taken
 
     def keep(self, record: Record, home: Path, copy: Callable[[str, str], object]) -> None:
         """Put a scene among the finished ones."""
@@ -346,7 +307,12 @@ class _Run:
         settings, records = self.settings, self.records
         made, folder = self.protocols.of_scenes(records), settings.folder
         if made is not self.protocols:
-            settings.note(self._only_some(made))
+            left_out = [scene for scene in self.protocols.titles if scene not in made.titles]
+            settings.note(
+                f"warning: {len(made.titles)} of {counted(len(self.protocols.titles), 'scene')}, "
+                f"without {', '.join(left_out)}: the benchmark is named {made.benchmark}, and its "
+                "scores are not those of the whole"
+            )
             if folder.name == self.protocols.benchmark:
                 folder = folder.with_name(made.benchmark)
         tracks = {scene: tuple(record.summary.tracks) for scene, record in records.items()}
@@ -361,26 +327,10 @@ class _Run:
         with atomic_folder(folder, replace=settings.replace) as staged:
             with_progress(put_together, "writing the folder", settings.progress)
         accuracy = {scene: record.entry.truth_accuracy_m for scene, record in records.items()}
-        for sentence in (one for of in served for one in accuracy_notes(of, accuracy)):
+        for sentence in (one for protocol in served for one in accuracy_notes(protocol, accuracy)):
             settings.note(f"warning: {sentence}")
-        return Prepared(
-            folder,
-            {protocol.name: protocol.track for protocol in served},
-            {scene: record.summary for scene, record in records.items()},
-            self.facts,
-            self.failed,
-        )
-
-    def _only_some(self, made: BenchmarkProtocols) -> str:
-        left_out = [scene for scene in self.protocols.titles if scene not in made.titles]
-        options = self.source.options
-        asked, place = getattr(options, "scene", None), getattr(options, "source", None)
-        packed = None if asked or place is None else _unpack(left_out, place)
-        return (
-            f"warning: {len(made.titles)} of {counted(len(self.protocols.titles), 'scene')}, "
-            f"without {', '.join(left_out)}: the benchmark is named {made.benchmark}, and its "
-            f"scores are not those of the whole{f'; {packed}' if packed else ''}"
-        )
+        summaries = {scene: record.summary for scene, record in records.items()}
+        return Prepared(folder, {one.name: one.track for one in served}, summaries, self.failed)
 
 
 @contextmanager
@@ -394,10 +344,8 @@ def _writing(folder: Path) -> Iterator[None]:
         raise cannot_write(folder, error) from None
 
 
-def _task(run: _Run, scene: str) -> tuple[Record, SceneFacts | None] | UserError:
+def _task(run: _Run, scene: str) -> Record | UserError:
     """Make a scene and keep it among the finished ones."""
-    if not run.staging.exists():
-        raise _unseen(f"a worker on {socket.gethostname()} does not see this", run.staging)
     if Path.cwd() != run.source.home:  # on a cluster
         os.chdir(run.source.home)
     try:
@@ -411,33 +359,19 @@ def _task(run: _Run, scene: str) -> tuple[Record, SceneFacts | None] | UserError
         raise
 
 
-def _make_scene(run: _Run, scene: str) -> tuple[Record, SceneFacts | None]:
-    source, protocols = run.source, run.protocols
+def _make_scene(run: _Run, scene: str) -> Record:
+    source = run.source
     native = source.read(source.options, scene, run.settings.progress)
-    content = (
-        image_content(native, protocols)
-        if isinstance(native, ImageScene)
-        else scene_content(native, protocols)
-    )
-    summary = summary_of(content, protocols, native.notes)
+    content = make_content(native, run.protocols)
+    summary = summary_of(content, run.protocols, native.notes)
     with temporary_folder(run.staging, scene) as temporary:
-        entry = write_scene(temporary, content, protocols.titles[scene], run.settings)
+        entry = write_scene(temporary, content, run.protocols.titles[scene], run.settings)
         record = Record(run.keys[scene], entry, summary, source.option_texts)
         run.keep(record, temporary, _link_or_copy)
-    return record, content.facts
+    return record
 
 
-def _unseen(what: str, where: object) -> UserError:
-    return UserError(
-        what,
-        where=where,
-        expected="source, data root and the folder to make on a file system that this machine and "
-        "all workers see, under the same paths",
-        fix="put them there, or leave out --scheduler",
-    )
-
-
-def _unchanged_parts(place: Path) -> Iterable[Record]:
+def _unchanged_records(place: Path) -> Iterable[Record]:
     """Return the scenes of a place, none where one of its files was changed."""
     if (place / "benchmark.toml").is_file():
         try:

@@ -11,22 +11,20 @@ import numpy as np
 
 from airzoo_bench.benchmark.queries import poses_of
 from airzoo_bench.core.errors import agreeing, counted, first_of
-from airzoo_bench.datasets.facts import SceneFacts, often_lowest
+from airzoo_bench.datasets.facts import SceneFacts
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
 
-__all__ = ["Code", "SceneWarning", "scene_warnings"]
-
 _FAR_M = 10.0  # receivers without correction are good to 5 m in plan; altitudes to 10 m
 _FAR_SHARE = 0.1  # of the height above take-off: ground is not level
-_FOOT_M = 0.3048
 _TURNED_DEG = 45.0  # no gimbal is so far off; a mistake of convention is
 _MEDIAN_TURN_DEG = 20.0
 _CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
 _HALF = 0.5
 _WHOLE_MAP = 0.95
+_LOWEST_SHARE, _FAR_BELOW_M = 0.01, 10.0
 _TRUTH_STEP_M = 1e-4
-_DATUMS = "they may have different vertical datums (ellipsoid and geoid) or units"
+_DATUMS = "they may have different vertical datums (ellipsoid and geoid) or units (feet)"
 
 
 class Code(StrEnum):
@@ -64,61 +62,53 @@ def scene_warnings(facts: SceneFacts) -> list[SceneWarning]:
 def _datum(facts: SceneFacts) -> Iterator[str]:
     gps = facts.gps
     if gps is not None and gps.distance_m > _FAR_M:
-        east, north = gps.offset_m
         yield (
             f"poses are {gps.distance_m:.1f} m from their own photos' GPS (median), by "
-            f"{east:+.1f} m east and {north:+.1f} m north: look at the CRS, the datum and any "
-            "offset that the poses were reduced by, and whether names and poses belong together"
+            f"{gps.east_m:+.1f} m east and {gps.north_m:+.1f} m north: look at the CRS, the datum "
+            "and any offset that was taken off, and whether names and poses belong together"
         )
 
 
 def _heights(facts: SceneFacts) -> Iterator[str]:
-    cameras, gps, cloud = facts.cameras, facts.gps, facts.cloud_over_surface_m
-    difference = cameras.heights_m - cameras.relative_m
+    gps, cloud, difference = facts.gps, facts.cloud_over_surface_m, facts.heights_m
+    difference = difference - facts.relative_m
     if facts.survey is not None and np.isfinite(difference).any():
-        off, take_off = float(np.nanmedian(difference)), float(np.nanmedian(cameras.relative_m))
-        left = abs(float(np.nanmedian(difference + cameras.surface_m * (1.0 - _FOOT_M))))
-        in_feet = f"in feet, the surface model would fit to {left:.1f} m; name its unit"
+        off, take_off = float(np.nanmedian(difference)), float(np.nanmedian(facts.relative_m))
         if abs(off) > max(_FAR_M, _FAR_SHARE * take_off):
             yield (
-                f"cameras are {cameras.height_m:.1f} m above the surface model, their own photos "
-                f"say {take_off:.1f} m above take-off ({off:+.1f} m): "
-                + (in_feet if left < _FAR_SHARE * abs(off) else _DATUMS)
+                f"cameras are {off:+.1f} m higher above the surface model than above take-off by "
+                f"their own metadata ({take_off:.1f} m): {_DATUMS}"
             )
-    if gps is not None and abs(gps.height_m) > _FAR_M:
-        yield (
-            f"poses are {gps.height_m:+.1f} m from their own photos' GPS in height (median): "
-            f"{_DATUMS}, and priors are so far off"
-        )
+    if gps is not None and abs(gps.up_m) > _FAR_M:
+        yield f"poses are {gps.up_m:+.1f} m from their photos' GPS in height (median): {_DATUMS}"
     if facts.survey is not None and cloud is not None and abs(cloud) > _CLOUD_M:
         yield f"the true cloud is {cloud:+.1f} m from the surface model (median): {_DATUMS}"
 
 
 def _surface(facts: SceneFacts) -> Iterator[str]:
     survey = facts.survey
-    if survey is not None and survey.low == survey.high:
+    if survey is None:
+        return
+    if survey.low == survey.high:
+        yield f"every height of the surface model is {survey.low:.10g} m: matches have no relief"
+        return
+    repeated = survey.at_low > 1 or survey.low == 0.0
+    alone = repeated and survey.next_low - survey.low > _FAR_BELOW_M
+    if alone or survey.at_low > _LOWEST_SHARE * survey.valid:
         yield (
-            f"every height of the surface model is {survey.low:.10g} m: a plane (--plane-height) "
-            "would say so, and matches to it have no relief"
-        )
-    elif survey is not None and often_lowest(survey):
-        share = survey.at_low / survey.valid
-        many = f"{share:.0%}" if share > 0.01 else f"{survey.at_low:,}"
-        yield (
-            f"{many} of the surface model's heights are exactly {survey.low:.10g} m, its lowest, "
-            f"and the next is {survey.next_low:.10g} m: unless that is water, tag it as missing "
-            "(gdal_edit.py -a_nodata)"
+            f"{survey.at_low:,} of the surface model's heights are exactly {survey.low:.10g} m, "
+            f"its lowest, and the next is {survey.next_low:.10g} m: unless that is water, tag it "
+            "as missing (gdal_edit.py -a_nodata)"
         )
 
 
 def _below(facts: SceneFacts) -> Iterator[str]:
-    below, plane = facts.cameras.below, facts.inputs.plane_height_m
+    below = int((facts.heights_m <= 0.0).sum())
     if below:
-        ground = "the surface model" if facts.survey is not None else f"a plane at {plane:g} m"
         yield (
-            f"{below} of {counted(len(facts.cameras.heights_m), 'camera')} "
-            f"{agreeing(below, 'is', 'are')} below the ground, {ground}: look at the vertical "
-            "datum and unit of both, and at heights that are none"
+            f"{below} of {counted(len(facts.heights_m), 'camera')} "
+            f"{agreeing(below, 'is', 'are')} below the ground: look at the vertical datum and unit "
+            "of both, and at heights that are none"
         )
 
 
@@ -149,14 +139,12 @@ def _map_beside(facts: SceneFacts) -> Iterator[str]:
 
 def _trivial(facts: SceneFacts) -> Iterator[str]:
     tiles, crops = facts.positive_shares, facts.crop_shares
-    if tiles is not None and len(tiles) and tiles.mean() > _HALF:
-        yield (
-            f"a random tile answers a photo in {tiles.mean():.0%} of cases: take smaller tiles, "
-            "or a larger map"
-        )
-    if crops is not None and len(crops) and crops.mean() > _WHOLE_MAP:
-        mean = f"{crops.mean():.0%}"
-        yield f"a crop is {mean} of the map (mean), whatever the prior: take a larger map"
+    if len(tiles) and tiles.mean() > _HALF:
+        share = f"{tiles.mean():.0%}"
+        yield f"a random tile answers a photo in {share} of cases: take smaller tiles"
+    if len(crops) and crops.mean() > _WHOLE_MAP:
+        share = f"{crops.mean():.0%}"
+        yield f"a crop is {share} of the map (mean), whatever the prior: take a larger map"
 
 
 def _small_tiles(facts: SceneFacts) -> Iterator[str]:
@@ -183,9 +171,8 @@ def _no_prior(facts: SceneFacts) -> Iterator[str]:
     if count and (facts.has_metadata or count < photos):
         parts = [f"{first_of(ids)} have no {what}" for what, ids in lacking.items()]
         yield (
-            f"{count} of {counted(photos, 'photo')} {agreeing(count, 'has', 'have')} no prior: "
-            f"{'; '.join(parts)}. Matching asks the other {photos - count}, retrieval and "
-            "reconstruction need none; --priors FILE gives what is missing"
+            f"{count} of {counted(photos, 'photo')} {agreeing(count, 'has', 'have')} no prior, "
+            f"which matching needs: {'; '.join(parts)} (--priors FILE gives what is missing)"
         )
 
 
@@ -196,10 +183,7 @@ def _float32(facts: SceneFacts) -> Iterator[str]:
     plan = narrow if (np.abs(plan - narrow) <= _TRUTH_STEP_M).all() else plan
     error = float(np.sqrt((rounding_errors(plan) ** 2).sum(axis=1).mean()))
     if was_rounded_to(plan, np.float32) and error > COARSEST_M:
-        yield (
-            f"positions of the poses have gone through float32: an error of {error:.2g} m is to be "
-            "expected; write them as float64"
-        )
+        yield f"positions of the poses went through float32, an error of {error:.2g} m: use float64"
 
 
 def _copies(facts: SceneFacts) -> Iterator[str]:
@@ -214,17 +198,13 @@ def _copies(facts: SceneFacts) -> Iterator[str]:
         )
 
 
-_CHECKS: dict[Code, Callable[[SceneFacts], Iterator[str]]] = {
-    Code.DATUM: _datum,
-    Code.HEIGHTS: _heights,
-    Code.SURFACE: _surface,
-    Code.BELOW: _below,
-    Code.TURNED: _turned,
-    Code.MAP_BESIDE: _map_beside,
-    Code.TRIVIAL: _trivial,
-    Code.SMALL_TILES: _small_tiles,
-    Code.OFF_MAP: _off_map,
-    Code.NO_PRIOR: _no_prior,
-    Code.FLOAT32: _float32,
-    Code.COPIES: _copies,
-}
+_CHECKS: dict[Code, Callable[[SceneFacts], Iterator[str]]] = dict(
+    zip(
+        Code,
+        (
+            *(_datum, _heights, _surface, _below, _turned, _map_beside),
+            *(_trivial, _small_tiles, _off_map, _no_prior, _float32, _copies),
+        ),
+        strict=True,
+    )
+)

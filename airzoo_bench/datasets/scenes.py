@@ -8,15 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.datasets.metadata import PhotoPrior
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs
-
-__all__ = ["ImageScene", "NativeScene", "PosedPhotos", "check_centred"]
 
 _OFF_CENTRE = 0.2  # a matrix for photos of half the size has its principal point 0.25 off
 
@@ -80,11 +77,6 @@ class NativeScene:
         names = ("images", "dom", "dsm", "gallery", "cloud", "maps")
         return {name: path for name in names if (path := getattr(self, name)) is not None}
 
-    @property
-    def pose_source(self) -> Path:
-        """The file that messages about poses name, or the folder of the photos."""
-        return self.poses_from or self.images
-
 
 @dataclass(frozen=True, eq=False)
 class ImageScene:
@@ -119,15 +111,14 @@ class PosedPhotos:
 def check_centred(photos: PosedPhotos, path: Path) -> None:
     """Refuse cameras whose principal point is far from the middle of the photo."""
     size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
-    off: NDArray[np.float64] = np.abs(photos.cameras.principal_point / size - 0.5)
-    bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1))
-    if bad.size:
-        row = bad[0]
-        cx, cy = photos.cameras.principal_point[row]
+    off = np.abs(photos.cameras.principal_point / size - 0.5)
+    bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1)).tolist()
+    if bad:
+        (cx, cy), (width, height) = photos.cameras.principal_point[bad[0]], size[bad[0]]
         raise CameraError(
-            f"camera matrices of another image size: "
-            f"{first_of([photos.names[i] for i in bad], len(photos.names))}; the first is "
-            f"{size[row, 0]}x{size[row, 1]} px, with the principal point at ({cx:.1f}, {cy:.1f})",
+            "camera matrices of another image size: "
+            f"{first_of([photos.names[row] for row in bad], len(photos.names))}; the first is "
+            f"{width}x{height} px, with the principal point at ({cx:.1f}, {cy:.1f})",
             where=path,
             expected="a principal point near the middle of the photo",
             fix="scale K to the size of the photos; photos of several sizes need a K each",

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.registry import Option
 from airzoo_bench.engines.engine import HERE, Engine
-
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.facts import SceneFacts
-
-__all__ = ["Files", "PrepareSettings", "Prepared", "SceneSummary", "SourceOptions", "TrackSummary"]
 
 Files = list[str] | None
 """What is given as SCENE=FILE, repeated."""
@@ -71,11 +66,9 @@ class PrepareSettings:
 
     def __reduce__(self) -> tuple[Callable[[], PrepareSettings], tuple[()]]:
         """Leave out what other processes cannot show."""
-        left_out = ("engine", "progress", "note")
-        names = [one.name for one in fields(self) if one.name not in left_out]
-        values = {name: getattr(self, name) for name in names}
-        places = {"folder": self.folder.absolute(), "root": self.root.absolute()}
-        return partial(PrepareSettings, **{**values, **places}), ()
+        flags = (self.tiles_on_disk, self.crops_on_disk, self.copy, self.replace)
+        places = (self.folder.absolute(), self.root.absolute())
+        return partial(PrepareSettings, *places, *flags), ()
 
 
 @dataclass(frozen=True)
@@ -102,12 +95,11 @@ class SceneSummary:
 class Prepared:
     """The result of `prepare`.
 
-    `protocols` are names with their tracks; `summaries`, `facts` (measured in this run) and
-    `failed` (why it could not be made) are by scene.
+    `protocols` are names with their tracks; `summaries` and `failed` (why it could not be made) are
+    by scene.
     """
 
     folder: Path
     protocols: Mapping[str, str]
     summaries: Mapping[str, SceneSummary] = field(default_factory=dict)
-    facts: Mapping[str, SceneFacts] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)

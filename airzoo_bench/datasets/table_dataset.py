@@ -23,8 +23,6 @@ from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonl
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.protocol.lookup import find_protocol
 
-__all__ = ["TableDataset"]
-
 
 class TableDataset(Dataset[SourceOptions]):
     """A benchmark whose scenes have photos, a table of their poses, and maps.

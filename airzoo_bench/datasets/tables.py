@@ -6,33 +6,21 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, counted, first_of
+from airzoo_bench.core.errors import BenchmarkError, counted, first_of, readable
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = [
-    "Table",
-    "match_names",
-    "plain",
-    "read_lines",
-    "read_matrix",
-    "read_native_text",
-    "read_table",
-    "values_by_scene",
-]
-
 _LIMIT_BYTES = 64 << 20
-_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _HEADER_LINES = 20  # within which the line that names the columns is looked for
-_STARTS = {
+_OTHER_FILES = {
     b"pk\x03\x04": "a zip archive or an Excel workbook",
     b"version https://git-lfs": "a Git LFS pointer, not the file itself",
     b"<": "a web page",
@@ -41,25 +29,20 @@ _STARTS = {
 
 def read_native_text(path: Path) -> str:
     """Read a text in UTF-8, with or without a byte-order mark, or in GB18030."""
-    if not path.is_file():
-        raise BenchmarkError(
-            "a folder, not a table" if path.is_dir() else "no such table", where=path
-        )
-    if path.stat().st_size > _LIMIT_BYTES:
-        raise BenchmarkError("too large", where=path, expected=f"at most {_LIMIT_BYTES:,} bytes")
-    content = path.read_bytes()
-    start = content[:64].lstrip().lower()
-    what = next((kind for mark, kind in _STARTS.items() if start.startswith(mark)), None)
-    if what is None and b"\0" not in content:
-        for encoding in ("utf-8-sig", "gb18030"):
-            with suppress(UnicodeDecodeError):
-                return content.decode(encoding)
-    raise BenchmarkError(
-        f"is {what or 'no text in UTF-8 or GB18030'}",
-        where=path,
-        expected="a table as text",
-        fix="save it as CSV in UTF-8, or download it again",
-    )
+    fix = "save it as a text in UTF-8, or download it again"
+    with readable(path, "no table as text", kind=BenchmarkError, fix=fix):
+        if path.stat().st_size > _LIMIT_BYTES:
+            raise ValueError(f"more than {_LIMIT_BYTES:,} bytes")
+        content = path.read_bytes()
+        start = content[:64].lstrip().lower()
+        for mark, kind in _OTHER_FILES.items():
+            if start.startswith(mark):
+                raise ValueError(kind)
+        if b"\0" in content:
+            raise ValueError("it holds bytes of zero")
+        with suppress(UnicodeDecodeError):
+            return content.decode("utf-8-sig")
+        return content.decode("gb18030")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +54,9 @@ class Table:
 
     path: Path
     header: Mapping[str, str]
-    names: tuple[str, ...]
+    names: Sequence[str]
     by_name: Mapping[str, tuple[str, ...]]
-    lines: tuple[int, ...]
+    lines: Sequence[int]
     decimal_commas: bool = False
 
     def __len__(self) -> int:
@@ -94,13 +77,12 @@ class Table:
         texts = self.texts(column)
         comma = self.decimal_commas and not any("." in text for text in texts)
         values = [_number(text, comma) for text in texts]
-        within = "a number" if math.isinf(most) else f"a number from {least:g} to {most:g}"
         for text, value, line in zip(texts, values, self.lines, strict=True):
             if not (least <= value <= most and math.isfinite(value)) and (text or not empty):
                 raise BenchmarkError(
                     f"column {self.header[column]}: {text[:40]!r}",
                     where=f"{self.path}, line {line}",
-                    expected=f"{within}, with a decimal point",
+                    expected=f"a number from {least:g} to {most:g}, with a decimal point",
                 )
         return np.array(values, dtype=np.float64)
 
@@ -114,8 +96,7 @@ class Table:
         twice = [value for value, count in counts.items() if count > 1]
         if twice:
             raise BenchmarkError(
-                f"column {self.header[column]}: several rows have "
-                f"{first_of(map(repr, twice), noun='value')}",
+                f"column {self.header[column]}: several rows have {first_of(map(repr, twice))}",
                 where=self.path,
                 expected="each once",
             )
@@ -140,94 +121,79 @@ def read_table(
     """
     lines = read_native_text(path).splitlines()
     known = {plain(name): ours for ours, names in columns.items() for name in names}
-    separators = [mark for mark in _SEPARATORS if mark is not None or blanks]
-    try:
-        place, separator, names = _find_header(lines, known, separators)
-        header = _name_columns(path, names, known, columns, optional)
-        numbered = [
-            (number, row)
-            for number, line in enumerate(lines[place + 1 :], place + 2)
-            if any(map(str.strip, row := _split(line, separator))) and not row[0].startswith("#")
-        ]
-    except csv.Error as error:
-        raise BenchmarkError(f"not a table: {error}", where=path) from error
-    for number, row in numbered or [(place + 1, [])]:
-        if len(row) < len(names) or any(map(str.strip, row[len(names) :])):
-            raise BenchmarkError(
-                f"has {counted(len(row), 'value')} for {counted(len(names), 'column')}",
-                where=f"{path}, line {number}",
-                expected=f"{len(names)} values, separated by {_SEPARATORS[separator]}",
-                fix="write numbers with a decimal point; download it again if it ends here",
-            )
-    places = {ours: names.index(name) for ours, name in header.items()}
-    texts = {ours: tuple(row[i].strip() for _, row in numbered) for ours, i in places.items()}
-    of_lines = tuple(number for number, _ in numbered)
-    return Table(path, header, tuple(names), texts, of_lines, decimal_commas=separator != ",")
-
-
-def _split(line: str, separator: str | None) -> list[str]:
-    if separator is None:
-        return line.split()
-    return next(csv.reader([line], delimiter=separator, strict=True), [])
-
-
-def _find_header(
-    lines: Sequence[str], known: Mapping[str, str], separators: Sequence[str | None]
-) -> tuple[int, str | None, list[str]]:
-    """Find the line that names most columns, and what separates them."""
-    best: tuple[int, int, str | None, list[str]] = (-1, 0, ",", [])
-    for place, line in enumerate(lines[:_HEADER_LINES]):
-        for separator in separators if line.strip() else ():
-            with suppress(csv.Error):  # quotes belong to another separator
-                names = [name.strip() for name in _split(line.lstrip("# \ufeff"), separator)]
-                found = len({known[plain(name)] for name in names if plain(name) in known})
-                if found > best[0]:
-                    best = (found, place, separator, names)
-    return best[1:]
-
-
-def _name_columns(
-    path: Path,
-    names: Sequence[str],
-    known: Mapping[str, str],
-    columns: Mapping[str, Iterable[str]],
-    optional: Collection[str],
-) -> dict[str, str]:
-    """Return what the file calls each of our columns."""
+    separators = (",", ";", "\t", None) if blanks else (",", ";", "\t")
+    place, separator, names = max(
+        _headers(lines, separators),
+        key=lambda found: len({known.get(plain(name)) for name in found[2]} - {None}),
+        default=(0, ",", []),
+    )
     given = [(known[plain(name)], name) for name in names if plain(name) in known]
     header = dict(given)
     missing = [ours for ours in columns if ours not in header and ours not in optional]
     if missing or len(header) < len(given):
         unknown = [name for name in names if name and plain(name) not in known]
-        meant = (f"{ours}{nearest(ours, unknown)}" for ours in missing)
-        wanted = ("/".join(called) for ours, called in columns.items() if ours not in optional)
+        listed = ", ".join(f"{ours}{nearest(ours, unknown)}" for ours in missing)
+        has = ", ".join(map(repr, names))[:300]
         raise BenchmarkError(
-            f"lacks the columns {', '.join(meant)}; it has {', '.join(names)[:300]!r}"
-            if missing
-            else f"has two columns of one meaning: {', '.join(repr(name) for _, name in given)}",
+            f"lacks the columns {listed}, or has two columns of one meaning; it has {has}",
             where=path,
-            expected=f"a first line with {', '.join(wanted)}, each once",
+            expected="a first line with each once of "
+            + ", ".join("/".join(called) for ours, called in columns.items()),
             fix="name the columns so, or download the table again",
         )
-    return header
+    kept, numbers = [], []
+    for number, line in enumerate(lines[place + 1 :], place + 2):
+        row = _split(path, line, separator)
+        if not any(map(str.strip, row)) or row[0].startswith("#"):
+            continue
+        if len(row) < len(names) or any(map(str.strip, row[len(names) :])):
+            what = f"has {counted(len(row), 'value')} for {counted(len(names), 'column')}"
+            fix = "write numbers with a decimal point; download it again if it ends here"
+            raise BenchmarkError(what, where=f"{path}, line {number}", fix=fix)
+        kept.append([text.strip() for text in row])
+        numbers.append(number)
+    if not kept:
+        raise BenchmarkError("has no row below its columns", where=path, expected="a row a photo")
+    texts = {ours: tuple(row[names.index(name)] for row in kept) for ours, name in header.items()}
+    return Table(path, header, names, texts, numbers, decimal_commas=separator != ",")
+
+
+def _split(path: Path, line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    with readable(path, "not a table", kind=BenchmarkError):
+        return next(csv.reader([line], delimiter=separator, strict=True), [])
+
+
+def _headers(
+    lines: Sequence[str], separators: Sequence[str | None]
+) -> Iterator[tuple[int, str | None, list[str]]]:
+    """Yield each line that may name the columns, what separates them, and the names."""
+    for place, line in enumerate(lines[:_HEADER_LINES]):
+        for separator in separators if line.strip() else ():
+            with suppress(BenchmarkError):  # quotes belong to another separator
+                row = _split(Path(), line.lstrip("# \ufeff"), separator)
+                yield place, separator, [name.strip() for name in row]
 
 
 def read_lines(path: Path, columns: Sequence[str]) -> Table:
     """Read lines of values separated by blanks, without a line that names them."""
-    numbered = enumerate(map(str.strip, read_native_text(path).splitlines()), 1)
-    kept = [(i, line) for i, line in numbered if line and not line.startswith("#")]
-    rows = [(i, line.rsplit(None, len(columns) - 1)) for i, line in kept]
-    for number, row in rows or [(1, [])]:
-        if len(row) != len(columns):
-            raise BenchmarkError(
-                f"has {counted(len(row), 'value')}" if rows else "is empty",
-                where=f"{path}, line {number}",
-                expected=f"{len(columns)} values in a line, separated by blanks: "
-                f"{' '.join(columns)}",
-            )
-    texts = dict(zip(columns, zip(*(row for _, row in rows), strict=True), strict=True))
-    names = {name: name for name in columns}
-    return Table(path, names, tuple(columns), texts, tuple(line for line, _ in rows))
+    lines = enumerate(map(str.strip, read_native_text(path).splitlines()), 1)
+    rows = {
+        number: line.rsplit(None, len(columns) - 1)
+        for number, line in lines
+        if line and not line.startswith("#")
+    }
+    wrong = [number for number, row in rows.items() if len(row) != len(columns)]
+    if wrong or not rows:
+        values = counted(len(rows[wrong[0]]), "value") if rows else "no value, it is empty"
+        raise BenchmarkError(
+            f"has {values}",
+            where=f"{path}, line {wrong[0] if wrong else 1}",
+            expected=f"{len(columns)} values, separated by blanks: {' '.join(columns)}",
+        )
+    texts = dict(zip(columns, zip(*rows.values(), strict=True), strict=True))
+    return Table(path, {name: name for name in columns}, columns, texts, list(rows))
 
 
 def _number(text: str, comma: bool) -> float:
@@ -290,9 +256,7 @@ def values_by_scene(
             scene, value = next(iter(scenes)), text
         if scene not in scenes or scene in found or not value:
             raise BenchmarkError(
-                f"names {scene[:80]!r} twice"
-                if scene in found
-                else f"names no scene that is there{nearest(scene[:80], list(scenes))}",
+                f"names no scene that is there{nearest(scene[:80], list(scenes))}, or one twice",
                 where=f"--{option} {text}",
                 expected=f"SCENE=VALUE with a scene among {first_of(scenes)}",
             )

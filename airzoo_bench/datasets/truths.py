@@ -15,7 +15,7 @@ from airzoo_bench.matching.prepare import given_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.protocol.lookup import find_protocol
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, ProtocolScene
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
@@ -26,8 +26,6 @@ from airzoo_bench.retrieval.settings import RetrievalProtocol
 P = TypeVar("P", bound=Protocol)
 
 _BY_POSITION = ("plane", "dsm", "iou")
-
-__all__ = ["BenchmarkProtocols", "SceneTruths", "build_truths", "variant_of"]
 
 
 @dataclass(frozen=True)
@@ -49,41 +47,35 @@ class BenchmarkProtocols:
     @property
     def titles(self) -> dict[str, str]:
         """Titles of all scenes, by id."""
-        return {scene.id: scene.title for of in self.every for scene in of.scenes}
+        return {scene.id: scene.title for one in self.every for scene in one.scenes}
 
-    @property
-    def retrieval(self) -> RetrievalProtocol | None:
-        """The first protocol of the retrieval track."""
-        return next((one for one in self.every if isinstance(one, RetrievalProtocol)), None)
-
-    @property
-    def matching(self) -> MatchingProtocol | None:
-        """The first protocol of the matching track."""
-        return next((one for one in self.every if isinstance(one, MatchingProtocol)), None)
-
-    @property
-    def reconstruction(self) -> ReconstructionProtocol | None:
-        """The first protocol of the reconstruction track."""
-        return next((one for one in self.every if isinstance(one, ReconstructionProtocol)), None)
+    def first(self, kind: type[P]) -> P | None:
+        """Return the first protocol of a track, by its class."""
+        return next((one for one in self.every if isinstance(one, kind)), None)
 
     def of_scene(self, scene: str) -> BenchmarkProtocols:
         """Leave out the protocols that do not name a scene."""
-        kept = (of for of in self.every if any(one.id == scene for one in of.scenes))
-        return BenchmarkProtocols(tuple(kept))
+        return BenchmarkProtocols(
+            tuple(one for one in self.every if scene in [named.id for named in one.scenes])
+        )
 
     def of_scenes(self, scenes: Collection[str]) -> BenchmarkProtocols:
         """Restrict the protocols to some scenes, and name them so where that cuts one."""
         kept = []
-        for of in self.every:
-            left = tuple(one for one in of.scenes if one.id in scenes)
-            title = f"{of.title} ({len(left)} of {len(of.scenes)} scenes)"[-120:]
-            names = {"name": f"{of.name}-partial", "benchmark": f"{of.benchmark}-partial"}
+        for one in self.every:
+            left = tuple(scene for scene in one.scenes if scene.id in scenes)
             if left:
-                kept.append((of, {"scenes": left, "title": title, **names}))
-        if all(of.scenes == changes["scenes"] for of, changes in kept) and kept:
+                kept.append((one, left))
+        if all(left == one.scenes for one, left in kept):
             whole = len(kept) == len(self.every)
-            return self if whole else BenchmarkProtocols(tuple(of for of, _ in kept))
-        return BenchmarkProtocols(tuple(of.model_copy(update=changes) for of, changes in kept))
+            return self if whole else BenchmarkProtocols(tuple(one for one, _ in kept))
+        return BenchmarkProtocols(tuple(_partial(one, left) for one, left in kept))
+
+
+def _partial(protocol: Protocol, scenes: tuple[ProtocolScene, ...]) -> Protocol:
+    title = f"{protocol.title} ({len(scenes)} of {len(protocol.scenes)} scenes)"[-120:]
+    names = {"name": f"{protocol.name}-partial", "benchmark": f"{protocol.benchmark}-partial"}
+    return protocol.model_copy(update={"scenes": scenes, "title": title, **names})
 
 
 def variant_of(base: P, benchmark: str, changes: dict[str, dict[str, Any]]) -> P:
@@ -101,9 +93,8 @@ def variant_of(base: P, benchmark: str, changes: dict[str, dict[str, Any]]) -> P
 
 @dataclass(frozen=True, eq=False)
 class SceneTruths:
-    """The table of a scene's photos and its truth, by track; None where a track has none."""
+    """A scene's truth by track; None where a track has none."""
 
-    photos: pd.DataFrame
     retrieval: PreparedScene | None = None
     matching: MatchingTruth | None = None
     reconstruction: ReconstructionTruth | None = None
@@ -111,8 +102,7 @@ class SceneTruths:
     @property
     def tracks(self) -> tuple[str, ...]:
         """The tracks that have truth."""
-        names = ("retrieval", "matching", "reconstruction")
-        return tuple(name for name in names if getattr(self, name) is not None)
+        return tuple(name for name, truth in vars(self).items() if truth is not None)
 
 
 def build_truths(
@@ -122,30 +112,33 @@ def build_truths(
     reconstructed: pd.Series[bool] | None = None,
 ) -> SceneTruths:
     """Make the truth of a scene for every track that has a protocol and the data it needs."""
-    retrieval, matching, reconstruction = None, None, None
-    if protocols.retrieval is not None:
-        retrieval = _retrieval_truth(inputs, protocols.retrieval)
-    if protocols.matching is not None:
-        matching = _matching_truth(inputs, protocols.matching)
-    if protocols.reconstruction is not None and cloud is not None:
+    reconstruction = None
+    if protocols.first(ReconstructionProtocol) is not None and cloud is not None:
         reconstruction = build_reconstruction_truth(inputs, cloud, reconstructed)
-    return SceneTruths(inputs.photos, retrieval, matching, reconstruction)
+    return SceneTruths(
+        _retrieval_truth(inputs, protocols.first(RetrievalProtocol)),
+        _matching_truth(inputs, protocols.first(MatchingProtocol)),
+        reconstruction,
+    )
 
 
-def _retrieval_truth(inputs: SceneInputs, protocol: RetrievalProtocol) -> PreparedScene | None:
+def _retrieval_truth(
+    inputs: SceneInputs, protocol: RetrievalProtocol | None
+) -> PreparedScene | None:
+    if protocol is None:
+        return None
     gallery, rules = protocol.map_rules()
     if rules.rule in _BY_POSITION and inputs.dom is None and inputs.gallery is None:
         return None
     return build_retrieval_truth(inputs, gallery, rules)
 
 
-def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol) -> MatchingTruth | None:
-    if protocol.crop is None:
+def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol | None) -> MatchingTruth | None:
+    truth = None
+    if protocol is not None and protocol.crop is None:
         truth = None if inputs.maps is None else given_truth(inputs, inputs.maps)
-        return None if truth is None or truth.queries.empty else truth
-    if inputs.dom is None or inputs.dsm is None:
-        return None
-    if protocol.prior.is_measured and "prior_x" not in inputs.photos.columns:
-        return None
-    truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
-    return None if truth.queries.empty else truth
+    elif protocol is not None and protocol.crop is not None:
+        has_prior = not protocol.prior.is_measured or "prior_x" in inputs.photos.columns
+        if inputs.dom is not None and inputs.dsm is not None and has_prior:
+            truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
+    return None if truth is None or truth.queries.empty else truth

@@ -1,4 +1,4 @@
-"""What `prepare` and others say of names that are mistyped, archives, other options, full disks."""
+"""What `prepare` and others say of names that are mistyped, other options, full disks."""
 
 from __future__ import annotations
 
@@ -28,17 +28,14 @@ def prepare(capsys: pytest.CaptureFixture[str], code: int, *more: object) -> str
     return said_by(capsys, code, "prepare", "uav-visloc", "--source", *more)
 
 
-def test_an_archive_in_place_of_a_scene_is_named(
+def test_a_scene_that_is_not_there_is_named(
     source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (source / "09").rename(source.parent / "aside")
-    (source / "09.zip").touch()
-    (source / "2019.zip").touch()
     said = prepare(capsys, 2, source, "--scene", "09")
     assert f"there is no scene '09' below {source}" in said
-    assert "fix: finish or unpack 09.zip" in said
     assert "(did you mean '07'?)" in prepare(capsys, 2, source, "--scene", "7")
-    assert "not those of the whole; finish or unpack 09.zip" in prepare(capsys, 0, source)
+    assert "uav-visloc-partial" in prepare(capsys, 0, source)
 
 
 def test_names_that_are_nearly_right_are_offered(

@@ -7,11 +7,9 @@ depth there, z_projected, is held against the depth z_depth of the target's surf
 
 On a plane 1/z, not z, is affine in pixels of a camera without distortion; so 1/z is interpolated
 (bilinear over the four pixel centres around), which is exact on planes at any slant. Where the
-second differences of 1/z around exceed `EDGE` of it, the surface is not one smooth piece and
-nothing is compared. A point *behind* the target's surface by more than `OCCLUSION` is hidden from
-the target, and left out. A point in front is never left out: nothing can hide it. Hence a map whose
-depths are too long throws its points behind its neighbour's surface, but finds the neighbour's
-points in front of its own.
+second differences of 1/z around exceed `EDGE` of it, nothing is compared. A point *behind* the
+target's surface by more than `OCCLUSION` is hidden from the target, and left out; nothing can hide
+one in front.
 
 A depth map is a ``.tif``, ``.npy``, ``.npz`` or 16-bit ``.png`` of the size of its photo. Where
 depths are zero, negative, NaN, infinite or the file's nodata, there is no depth.
@@ -30,7 +28,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, RasterError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
@@ -38,27 +36,12 @@ from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import opened
 
-__all__ = [
-    "FLOATING_BELOW",
-    "MEDIAN_BELOW",
-    "OCCLUSION",
-    "DepthConsistency",
-    "Frame",
-    "check_depth_consistency",
-    "compare_depths",
-    "find_depths",
-    "read_depth",
-    "sampled_frame",
-]
-
 EDGE = 0.01
 """Where 1/z bends by more than this share of it from pixel to pixel, there is an edge."""
 OCCLUSION = 0.01
 """A point that lies behind the surface by more than this share of its depth is hidden."""
 MEDIAN_BELOW = 0.00066
 """The paper's median for its renders, 0.066 %."""
-FLOATING_BELOW = 0.1
-"""The share of points in front of surfaces must be below this: leaves and wires are."""
 
 DepthKind = Literal["z", "ray"]
 _SUFFIXES = (".tif", ".tiff", ".npy", ".npz", ".png")
@@ -70,21 +53,20 @@ _FLOATING_OF_A_FRAME = 0.25
 
 def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
     """Find the depth map of each photo: its name with another ending, in its own subfolder."""
-    there: dict[str, list[Path]] = {}
+    stems = [Path(name).with_suffix("").as_posix() for name in images]
+    there: dict[str, list[Path]] = {stem: [] for stem in stems}
     for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
-        if path.suffix.lower() in _SUFFIXES and path.is_file():
-            stem = path.relative_to(folder).with_suffix("").as_posix()
-            there.setdefault(stem, []).append(path)
-    found = [there.get(Path(name).with_suffix("").as_posix(), []) for name in images]
-    if not any(found) or any(len(paths) > 1 for paths in found):
+        stem = path.relative_to(folder).with_suffix("").as_posix()
+        if path.suffix.lower() in _SUFFIXES and stem in there:
+            there[stem].append(path)
+    if not any(there.values()) or any(len(paths) > 1 for paths in there.values()):
         raise UsageError(
             "photos have no depth map, or more than one",
             where=folder,
-            expected=f"one such as {Path(images[0]).with_suffix('').as_posix()}.tif a photo "
-            f"({', '.join(_SUFFIXES)})",
+            expected=f"one such as {stems[0]}.tif a photo ({', '.join(_SUFFIXES)})",
             fix="name the folder of the depth maps with --depth",
         )
-    return tuple(paths[0] if paths else None for paths in found)
+    return tuple(there[stem][0] if there[stem] else None for stem in stems)
 
 
 def read_depth(
@@ -92,7 +74,7 @@ def read_depth(
 ) -> NDArray[np.float32]:
     """Read a depth map in metres, NaN where there is none."""
     nodata = None
-    try:
+    with readable(path, "is no depth map", kind=BenchmarkError, expected=", ".join(_SUFFIXES)):
         if path.suffix.lower() == ".npy":
             stored = np.load(path, mmap_mode="r", allow_pickle=False)
         elif path.suffix.lower() == ".npz":
@@ -101,10 +83,6 @@ def read_depth(
         else:
             with opened(path) as dataset:
                 stored, nodata = dataset.read(), dataset.nodata
-    except (RasterError, PredictionError, OSError, ValueError) as error:
-        raise BenchmarkError(
-            f"is no depth map: {str(error)[:200]}", where=path, expected=", ".join(_SUFFIXES)
-        ) from error
     stored = stored.squeeze()
     unknown_unit = stored.dtype.kind in "iu" and not scale_m
     if stored.shape != (height, width) or stored.dtype.itemsize == 1 or unknown_unit:
@@ -125,10 +103,7 @@ def read_depth(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A photo's camera, pose and depth.
-
-    `points` (S, 3) are the sampled pixels that have a depth, in the camera's frame.
-    """
+    """A photo's camera, pose and depth; `points` (S, 3), in its frame, are of sampled pixels."""
 
     camera: Cameras
     rotation: Floats
@@ -267,35 +242,37 @@ def check_depth_consistency(
         seen = one.points if len(one.points) else np.zeros((1, 3))
         middles[number] = apply_matrix(one.rotation.T, seen.mean(axis=0)) + one.centre
     pairs = _pairs(middles)
-    of_frame: list[list[Floats]] = [[] for _ in rows]
+    signed: list[list[Floats]] = [[] for _ in rows]
     floats: list[list[Bools]] = [[] for _ in rows]
     errors, hidden = [], 0
     for source, target in progress(pairs.tolist(), "pairs of frames", len(pairs)):
         for first, second in ((source, target), (target, source)):
             error, behind = compare_depths(frame(first), frame(second))
             # Depths of a frame too long: its points lie behind, those of others in front.
-            for number, signed in ((first, error), (second, -error)):
-                of_frame[number].append(signed)
+            for number, own in ((first, error), (second, -error)):
+                signed[number].append(own)
                 floats[number].append(error < -OCCLUSION)
             errors.append(error)
             hidden += behind
-    table = []
-    for number, row in enumerate(rows):
-        signed, floating = np.concatenate(of_frame[number]), np.concatenate(floats[number])
-        quality = (np.nan, np.nan, 0.0)
-        if signed.size:
-            medians = float(np.median(np.abs(signed))), float(np.median(signed))
-            quality = (*medians, float(floating.mean()))
-        table.append((ids[row], *quality, signed.size))
-    frames = pd.DataFrame(table, columns=["id", "median", "ratio", "floating", "compared"])
+    table = [
+        (ids[row], *_quality(np.concatenate(own), np.concatenate(floating)))
+        for row, own, floating in zip(rows, signed, floats, strict=True)
+    ]
     return DepthConsistency(
-        frames,
+        pd.DataFrame(table, columns=["id", "median", "ratio", "floating", "compared"]),
         np.concatenate(errors),
         len(pairs),
         hidden,
         len(depths) - len(rows),
         median_below,
     )
+
+
+def _quality(signed: Floats, floating: Bools) -> tuple[float, float, float, int]:
+    if not signed.size:
+        return np.nan, np.nan, 0.0, 0
+    medians = float(np.median(np.abs(signed))), float(np.median(signed))
+    return *medians, float(floating.mean()), signed.size
 
 
 def _pairs(middles: Floats) -> Ints:

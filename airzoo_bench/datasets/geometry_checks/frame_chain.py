@@ -24,8 +24,6 @@ from airzoo_bench.geometry.crs import (
 )
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 
-__all__ = ["CLOSES_M", "CLOSES_PX", "FrameChain", "check_frame_chain"]
-
 CLOSES_M = 1e-6
 """The chain closes where no point comes back farther off than this."""
 CLOSES_PX = 1e-3

@@ -7,23 +7,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from airzoo_bench.core.errors import CameraError, counted
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.datasets.geometry_checks.depth import FLOATING_BELOW, DepthConsistency
+from airzoo_bench.datasets.geometry_checks.depth import DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
 from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 from airzoo_bench.datasets.scene_warnings import scene_warnings
 from airzoo_bench.geometry.crs import check_true_metres, horizontal_crs, to_lonlat
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-__all__ = ["OUTPUT_NAMES", "SceneGeometry", "geometry_table", "report_values", "save_report"]
-
 OUTPUT_NAMES = ("geometry.json", "photos.csv")
 _SHOWN = 3
+_FLOATING_BELOW = 0.1  # of the points in front of surfaces: leaves and wires are
 _CONVENTION = 0.02  # a median error that no small fault has
 _COLUMNS = (
     *(Column("Scene"), Column("Photos"), Column("Closure", "m"), Column("Closure", "px")),
@@ -66,6 +66,43 @@ class SceneGeometry:
             notes.append(f"without a depth map: {counted(self.depth.without_depth, 'photo')}")
         return notes
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """All figures as JSON values; None for what was not checked or is infinite."""
+        chain, depth = self.chain, self.depth
+        return {
+            "scene": self.scene.name,
+            "photos": len(self.scene.ids),
+            "frame_chain": chain
+            and {
+                "worst_photo": self.scene.ids[chain.worst],
+                "closure_m": _finite(chain.closure_m.max()),
+                "closure_px": _finite(chain.closure_px.max()),
+                "open_photos": [self.scene.ids[row] for row in np.flatnonzero(chain.open_photos)],
+            },
+            "depth": depth
+            and {
+                "pairs": depth.pairs,
+                "compared": int(depth.error.size),
+                "hidden": depth.hidden,
+                "median": _finite(depth.quantile(0.5)),
+                "p90": _finite(depth.quantile(0.9)),
+                "p95": _finite(depth.quantile(0.95)),
+                "floating": depth.floating,
+                "median_below": depth.median_below,
+                "frames_that_stand_out": depth.bad_frames["id"].tolist(),
+                "without_depth": depth.without_depth,
+            },
+            "faults": self.failures,
+            "warnings": self.warnings,
+            "notes": self.notes,
+            "passes": not self.failures,
+        }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
 
 def _scale_failures(scene: PosedScene) -> list[str]:
     if scene.crs is None:
@@ -82,16 +119,12 @@ def _scale_failures(scene: PosedScene) -> list[str]:
 
 def _chain_failure(chain: FrameChain, ids: Sequence[str]) -> str:
     worst = chain.worst
-    causes = (
-        (chain.lens_fails, "pixels beyond the range of the lens model: look at the distortion"),
-        (chain.off_crs, "positions that are no place of the CRS: look at CRS and centres"),
-    )
-    named = [f"{int(mask.sum())} with {cause}" for mask, cause in causes if mask.any()]
     return (
         f"the frame chain of {int(chain.open_photos.sum())} of {counted(len(ids), 'photo')} "
         f"does not close to {CLOSES_M:g} m and {CLOSES_PX:g} px (worst: {ids[worst]}, "
         f"{chain.closure_m[worst]:.2g} m, {chain.closure_px[worst]:.2g} px): "
-        + ("; ".join(named) or "the CRS cannot be inverted so exactly")
+        f"{int(chain.lens_fails.sum())} with pixels beyond the range of the lens model, "
+        f"{int(chain.off_crs.sum())} with positions that are no place of the CRS"
     )
 
 
@@ -99,10 +132,10 @@ def _depth_failures(depth: DepthConsistency) -> list[str]:
     failures, median, limit = [], depth.quantile(0.5), depth.median_below
     if median >= limit:
         failures.append(f"median depth error {100 * median:.4f} %, not below {100 * limit:g} %")
-    if depth.floating >= FLOATING_BELOW:
+    if depth.floating >= _FLOATING_BELOW:
         failures.append(
             f"{100 * depth.floating:.1f} % of the points float before the surface that they "
-            f"should be on, not below {100 * FLOATING_BELOW:g} %"
+            f"should be on, not below {100 * _FLOATING_BELOW:g} %"
         )
     bad = depth.bad_frames
     failures += [
@@ -116,8 +149,7 @@ def _depth_failures(depth: DepthConsistency) -> list[str]:
     if depth.hidden > depth.error.size or median >= _CONVENTION:
         failures.append(
             "so large an error is one of convention: poses are world-to-camera with OpenCV axes, "
-            "centres are not translations, and depth is along the optical axis (--depth-kind ray "
-            "for distances from the camera)"
+            "centres are not translations, and depth is along the optical axis (--depth-kind)"
         )
     return failures
 
@@ -127,64 +159,27 @@ def geometry_table(checked: Sequence[SceneGeometry]) -> Table:
     rows, notes = [], []
     for one in checked:
         chain, depth, failures, warnings = one.chain, one.depth, one.failures, one.warnings
-        values: list[float | int | str | None] = [one.scene.name, len(one.scene.ids)]
-        values += [None] * 2
+        closure: Sequence[Any] = (None, None)
         if chain is not None:
-            values[2:] = [f"{chain.closure_m.max():.1e}", f"{chain.closure_px.max():.1e}"]
-        values += [None] * 5
+            closure = [f"{part.max():.1e}" for part in (chain.closure_m, chain.closure_px)]
+        found: Sequence[Any] = (None,) * 5
         if depth is not None:
-            quantiles = (100 * depth.quantile(share) for share in (0.5, 0.9, 0.95))
-            values[4:] = [depth.pairs, *quantiles, 100 * depth.floating]
+            shares = [*map(depth.quantile, (0.5, 0.9, 0.95)), depth.floating]
+            found = (depth.pairs, *(100 * share for share in shares))
         verdict = "fails" if failures else "warns" if warnings else "passes"
-        rows.append(Row(tuple(Cell(value) for value in (*values, verdict))))
+        values = (one.scene.name, len(one.scene.ids), *closure, *found, verdict)
+        rows.append(Row(tuple(map(Cell, values))))
         said = (*failures, *(f"warning: {text}" for text in warnings), *one.notes)
         notes += [f"{one.scene.name}: {text}" for text in said]
     return Table("Geometry checks", _COLUMNS, tuple(rows), tuple(notes))
 
 
 def report_values(checked: Sequence[SceneGeometry]) -> dict[str, object]:
-    """Return all figures as JSON values; None for what was not checked or is infinite."""
-    scenes = [
-        {
-            "scene": one.scene.name,
-            "photos": len(one.scene.ids),
-            "frame_chain": None if one.chain is None else _chain_values(one.chain, one.scene.ids),
-            "depth": None if one.depth is None else _depth_values(one.depth),
-            "faults": one.failures,
-            "warnings": one.warnings,
-            "notes": one.notes,
-            "passes": not one.failures,
-        }
-        for one in checked
-    ]
-    return {"passes": all(one["passes"] for one in scenes), "scenes": scenes}
-
-
-def _chain_values(chain: FrameChain, ids: Sequence[str]) -> dict[str, object]:
+    """Return all figures as JSON values."""
     return {
-        "worst_photo": ids[chain.worst],
-        "closure_m": _finite(chain.closure_m.max()),
-        "closure_px": _finite(chain.closure_px.max()),
-        "open_photos": [ids[row] for row in np.flatnonzero(chain.open_photos).tolist()],
+        "passes": not any(one.failures for one in checked),
+        "scenes": [one.values for one in checked],
     }
-
-
-def _depth_values(depth: DepthConsistency) -> dict[str, object]:
-    shares = {"median": 0.5, "p90": 0.9, "p95": 0.95}
-    return {
-        "pairs": depth.pairs,
-        "compared": int(depth.error.size),
-        "hidden": depth.hidden,
-        **{name: _finite(depth.quantile(share)) for name, share in shares.items()},
-        "floating": depth.floating,
-        "median_below": depth.median_below,
-        "frames_that_stand_out": depth.bad_frames["id"].tolist(),
-        "without_depth": depth.without_depth,
-    }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def save_report(checked: Sequence[SceneGeometry], folder: Path) -> list[Path]:

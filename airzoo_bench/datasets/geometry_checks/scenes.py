@@ -22,7 +22,7 @@ from airzoo_bench.core.files import MARK, data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.clouds import check_cloud
 from airzoo_bench.datasets.content import photo_sizes, surveyed
-from airzoo_bench.datasets.facts import Cameras3D, SceneFacts, scene_facts
+from airzoo_bench.datasets.facts import SceneFacts, measure_facts, measure_heights
 from airzoo_bench.datasets.metadata import read_prior
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.geometry.cameras import Cameras
@@ -31,8 +31,6 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
-
-__all__ = ["PosedScene", "open_benchmark", "scene_from_poses", "scenes_of_benchmark"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +105,11 @@ def _measure_facts(
     there = [name for name in photos["image"] if (images / name).is_file()]
     tracks = {track for track in benchmark.file.tracks if (home / track).is_dir()}
     metadata = {name: read_prior(images / name) for name in there}
-    return scene_facts(
+    return measure_facts(
         inputs,
         metadata,
+        measure_heights(inputs),
         None if dsm is None else surveyed(dsm),
-        Cameras3D.measure(inputs, metadata),
         read_retrieval_truth(home, scene.id) if "retrieval" in tracks else None,
         read_matching_truth(benchmark, scene.id) if "matching" in tracks else None,
         check_cloud(cloud, inputs) if cloud is not None and cloud.is_file() else None,

@@ -29,16 +29,6 @@ from airzoo_bench.retrieval.footprints import untangled
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-__all__ = [
-    "NamedFootprints",
-    "SplitOverlap",
-    "cast_corners",
-    "compare_splits",
-    "read_footprints",
-    "split_table",
-    "split_values",
-]
-
 _BLOCK = 2048
 _SHOWN = 20
 _COLUMNS = ("train", "test", "shared_m2", "share_of_test")

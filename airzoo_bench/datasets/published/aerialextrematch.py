@@ -41,8 +41,6 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 
-__all__ = ["AERIALEXTREMATCH", "AerialExtreMatchOptions"]
-
 _CRS = "EPSG:4547"
 _SCENE = "localization"
 _FOLDERS = {"hq": "HQref", "lq": "LQref"}
@@ -73,18 +71,15 @@ class AerialExtreMatch(Dataset[AerialExtreMatchOptions]):
     about = about_of("aerialextrematch")
     options = AerialExtreMatchOptions
 
-    def benchmark(self, options: AerialExtreMatchOptions) -> str:
-        """Return the name, which says what differs from the protocol's."""
-        lq, by_truth = options.reference == "lq", options.prior == "truth"
-        return self.name + "-lq" * lq + "-truth-prior" * by_truth
-
     def benchmark_protocols(
         self, options: AerialExtreMatchOptions, root: Path
     ) -> BenchmarkProtocols:
         """Return aerialextrematch-matching, or one of the options' name that derives from it."""
+        lq, by_truth = options.reference == "lq", options.prior == "truth"
+        benchmark = self.name + "-lq" * lq + "-truth-prior" * by_truth
         base = protocol_of_track("aerialextrematch-matching", root, MatchingProtocol)
         changes = {"prior": {"source": options.prior}}
-        return BenchmarkProtocols((variant_of(base, self.benchmark(options), changes),))
+        return BenchmarkProtocols((variant_of(base, benchmark, changes),))
 
     def scenes(self, options: AerialExtreMatchOptions) -> Mapping[str, Sequence[Path]]:
         """Return the one scene, if its files are there."""
@@ -123,22 +118,20 @@ class AerialExtreMatch(Dataset[AerialExtreMatchOptions]):
         )
 
 
-def _parts(options: AerialExtreMatchOptions) -> tuple[Path, Path, Path, Path]:
+def _parts(options: AerialExtreMatchOptions) -> tuple[Path, ...]:
     """Return photos, poses, cameras and references of the localisation set."""
     if sub_path(options.source, "class_0") and not sub_path(options.source, "gt_pose.txt"):
         raise BenchmarkError(
             "these are AerialExtreMatch's evaluation pairs, class_0 to class_31, whose .npy files "
-            "are Python pickles: to read one is to run what it says, which is never done here",
+            "are Python pickles, which are never loaded here",
             where=options.source,
             expected=f"the localization set: {_LAYOUT}",
             fix="where you trust them, write them as .npz and score poses by "
             "airzoo_bench.pose_errors: docs/benchmarks.md has the lines",
         )
     home = find_home(options.source, lambda f: sub_path(f, "gt_pose.txt") is not None, _LAYOUT)
-    fix = "download what is missing, or name the other references with --reference"
     parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[options.reference])
-    images, poses, cameras, references = (needed_path(home, one, _LAYOUT, fix) for one in parts)
-    return images, poses, cameras, references
+    return tuple(needed_path(home, one, _LAYOUT) for one in parts)
 
 
 AERIALEXTREMATCH = AerialExtreMatch()

@@ -25,7 +25,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
@@ -68,8 +68,6 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import protocol_of_track
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
-__all__ = ["AIRZOO_REAL", "AirZooRealOptions"]
-
 _CRS = "EPSG:4547"
 _REGIONS: Mapping[str, str] = {"City": "Scene1", "Rural": "Scene2"}
 _SITES: Mapping[str, str] = {
@@ -81,6 +79,7 @@ _SITES: Mapping[str, str] = {
 _RECON = "airzoo_real_recon"
 _SURFACE = "fcw_hangtian_DSM.tif"
 _OPENGL = (1.0, -1.0, -1.0)
+_REACH_M = 500.0  # of surface model about the cameras, which becomes the true cloud
 # As `matching.prepare` tells priors that are the truth.
 _SAME_M, _SAME_DEG = 0.02, 0.1
 _LAYOUT = (
@@ -108,17 +107,12 @@ class AirZooRealOptions(SourceOptions):
         Literal["metadata", "truth"],
         Option("prior", "Crop by the metadata or, as another benchmark, by the truth."),
     ] = "metadata"
-    camera: Annotated[Files, Option("camera", "SCENE=FILE: camera (JSON).")] = None
     height_offset: Annotated[
         Files, Option("height-offset", "SCENE=METRES to add to heights of truth and priors.")
     ] = None
     cloud: Annotated[
         Files, Option("cloud", "SCENE=FILE: true cloud of a site, such as school or school-06-08.")
     ] = None
-    truth_reach: Annotated[
-        float,
-        Option("truth-reach", "Metres of surface model about the cameras.", least=1, most=5000),
-    ] = 500.0
 
 
 class AirZooReal(Dataset[AirZooRealOptions]):
@@ -128,16 +122,12 @@ class AirZooReal(Dataset[AirZooRealOptions]):
     about = about_of("airzoo-real")
     options = AirZooRealOptions
 
-    def benchmark(self, options: AirZooRealOptions) -> str:
-        """Return the name, which says where priors are the truth."""
-        return self.name + "-truth-prior" * (options.prior == "truth")
-
     def benchmark_protocols(self, options: AirZooRealOptions, root: Path) -> BenchmarkProtocols:
         """Return the protocols of the parts that are there."""
         matching = protocol_of_track(f"{self.name}-matching", root, MatchingProtocol)
         if options.prior == "truth":
             changes = {"prior": {"source": "truth"}}
-            return BenchmarkProtocols((variant_of(matching, self.benchmark(options), changes),))
+            return BenchmarkProtocols((variant_of(matching, f"{self.name}-truth-prior", changes),))
         wanted = options.scene or list(self.scenes(options))
         regions = [scene for scene in wanted if scene in _REGIONS]
         maps = [_maps(options, scene)[0].get("satellite") for scene in regions]
@@ -173,7 +163,7 @@ def _home(options: AirZooRealOptions) -> Path:
 
 def _given_files(options: AirZooRealOptions, scene: str) -> dict[str, Path]:
     """Return the files that the user names for a region, by option."""
-    names = ("dom", "dsm", "satellite", "positions", "priors", "camera")
+    names = ("dom", "dsm", "satellite", "positions", "priors")
     given = {n: values_by_scene(getattr(options, n), n, list(_REGIONS)).get(scene) for n in names}
     return {name: Path(file) for name, file in given.items() if file is not None}
 
@@ -209,8 +199,9 @@ def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list
     dsm = given.get("dsm") or only_one(
         surfaces, "surface model", home, f"name it: --dsm {scene}=FILE"
     )
-    of_retrieval = f"no map has {gsd:g} m a pixel: without --satellite {scene}=FILE retrieval has "
-    of_retrieval += "no truth"
+    of_retrieval = (
+        f"no map has {gsd:g} m a pixel: retrieval has no truth (--satellite {scene}=FILE)"
+    )
     if satellite is not None:
         of_retrieval = f"{satellite.name} is the map of retrieval"
     notes = [f"{dom.name} is the DOM, {dsm.name} the surface model; {of_retrieval}"]
@@ -247,9 +238,8 @@ def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> 
         notes += [*said, *more]
     notes.append("true orientations are the gimbal's, and not trusted")
     names, crs = tuple(truth), _CRS
-    fix = f"--camera {scene}=FILE, JSON with fx (px), or focal_mm and sensor_mm, or fov_deg"
-    of_names = {name: sizes[name] for name in names}
-    cameras, of_cameras = photo_cameras(home, of_names, tags, given.get("camera"), fix)
+    own_sizes, fix = {name: sizes[name] for name in names}, "download the photos as they were taken"
+    cameras, of_cameras = photo_cameras(home, own_sizes, tags, None, fix)
     offset = _height_offset(options, scene)
     poses = _raised(priors_to_poses(truth, crs), offset)
     priors = metadata_priors({name: metadata[name] for name in names}, crs)
@@ -277,10 +267,8 @@ def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> 
 
 def _height_offset(options: AirZooRealOptions, scene: str) -> float:
     text = values_by_scene(options.height_offset, "height-offset", list(_REGIONS)).get(scene, "0")
-    try:
+    with readable(f"--height-offset {text[:40]}", "is no number", kind=UsageError):
         return float(text)
-    except ValueError as error:
-        raise UsageError(f"--height-offset {text[:40]!r} is no number") from error
 
 
 def _raised(poses: Poses, offset_m: float) -> Poses:
@@ -349,10 +337,10 @@ def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> Na
             fix = "download it too, or name a true cloud: --cloud SCENE=FILE"
             what = f"there is no dom/{_SURFACE} to make the true cloud of"
             raise missing(what, site.parent.parent, f"{_RECON}/dom/{_SURFACE}", fix)
-        cloud = _surface_cloud(dsm, posed.photos.poses.centres, options.truth_reach, scene)
+        cloud = _surface_cloud(dsm, posed.photos.poses.centres, scene)
         notes.append(
             f"the true cloud is made of dom/{_SURFACE}, one point a pixel within "
-            f"{options.truth_reach:g} m of the cameras; it has no facades and nothing below a roof "
+            f"{_REACH_M:g} m of the cameras; it has no facades and nothing below a roof "
             "or a crown; --cloud names another"
         )
     names = posed.photos.names
@@ -377,9 +365,9 @@ def _photo_key(name: str) -> str:
     return stem_key(name).removesuffix("_0")
 
 
-def _surface_cloud(dsm: Path, centres: Floats, reach_m: float, scene: str) -> Path:
+def _surface_cloud(dsm: Path, centres: Floats, scene: str) -> Path:
     """Write the heights of a surface model around cameras as a cloud, one point a pixel."""
-    low, high = centres[:, :2].min(axis=0) - reach_m, centres[:, :2].max(axis=0) + reach_m
+    low, high = centres[:, :2].min(axis=0) - _REACH_M, centres[:, :2].max(axis=0) + _REACH_M
     field = HeightField.read(dsm, (*low.tolist(), *high.tolist()))
     rows, columns = np.nonzero(np.isfinite(field.heights))
     places = pixel_to_world(field.transform, np.stack((columns, rows), axis=1) + 0.5)
@@ -390,10 +378,10 @@ def _surface_cloud(dsm: Path, centres: Floats, reach_m: float, scene: str) -> Pa
         raise BenchmarkError(
             "has no height around the cameras",
             where=dsm,
-            expected=f"heights within {reach_m:g} m of them",
+            expected=f"heights within {_REACH_M:g} m of them",
             fix="name a true cloud: --cloud SCENE=FILE",
         )
-    target = data_root() / "made" / "airzoo-real" / f"{scene}-dsm-{reach_m:g}m.ply"
+    target = data_root() / "made" / "airzoo-real" / f"{scene}-dsm-{_REACH_M:g}m.ply"
     target.parent.mkdir(parents=True, exist_ok=True)
     write_ply(target, Cloud(points))
     return target

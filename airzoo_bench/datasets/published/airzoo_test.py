@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of
+from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of, readable
 from airzoo_bench.core.files import data_root, fingerprint
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
@@ -50,8 +50,6 @@ from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
 from airzoo_bench.protocol.model import ProtocolScene
 from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-
-__all__ = ["AIRZOO_TEST", "AirZooTestOptions"]
 
 _NAME = "airzoo-test"
 _TABLE = "frames.csv"
@@ -90,16 +88,12 @@ class AirZooTest(Dataset[AirZooTestOptions]):
     about = about_of("airzoo-test")
     options = AirZooTestOptions
 
-    def benchmark(self, options: AirZooTestOptions) -> str:
-        """Return the name that was given."""
-        return options.name
-
     def benchmark_protocols(self, options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
         """Return the shipped protocol; for a benchmark of another name, one of its trajectories."""
         shipped = _protocol(root)
         if options.name == _NAME:
             return BenchmarkProtocols((shipped,))
-        if not re.match(SAFE_NAME, options.name):
+        if not re.fullmatch(SAFE_NAME, options.name):
             raise UsageError(
                 f"--name {options.name[:80]!r} cannot be the name of a benchmark",
                 expected="letters, digits, '.', '_' and '-', at most 64",
@@ -134,24 +128,15 @@ class AirZooTest(Dataset[AirZooTestOptions]):
         table = read_table(folder / _TABLE, columns, _OPTIONAL)
         table.require_unique("name")
         photos = files_by_key(folder / "images", stem_of, _LAYOUT)
-        absent = [name for name in table.texts("name") if stem_of(name) not in photos]
-        if absent:
-            raise BenchmarkError(
-                f"names photos that are not there: {first_of(absent, len(table))}",
-                where=table.path,
-                expected="a row for each photo of images/, by its name without the ending",
-                fix="complete the download",
-            )
-        images = [photos[stem_of(name)] for name in table.texts("name")]
-        rows, notes = chosen_photos(range(len(table)), options.every)
-        names = tuple(images[row] for row in rows)
-        shown = progress(names, scene, len(names))
-        sizes = [photo_size(folder / "images" / name) for name in shown]
-        try:
+        expected = "a row for each photo of images/, its pose and a camera of its size"
+        with readable(table.path, "cannot be read", kind=BenchmarkError, expected=expected):
+            images = [photos[stem_of(name)] for name in table.texts("name")]
+            rows, notes = chosen_photos(range(len(table)), options.every)
+            names = tuple(images[row] for row in rows)
+            shown = progress(names, scene, len(names))
+            sizes = [photo_size(folder / "images" / name) for name in shown]
             cameras = _cameras(table, rows, sizes)
             poses, place = _local(*_ecef_poses(table), rows, names)
-        except CameraError as error:
-            raise error.inside(table.path) from error
         check_centred(PosedPhotos(names, cameras, poses), table.path)
         cloud = _cloud(folder / "depth", names, cameras, poses.rounded(), options, scene, progress)
         own = "" if folder.name == scene else f"is the trajectory {folder.name}; "
@@ -186,17 +171,15 @@ def _name_order(path: Path) -> list[tuple[str, int]]:
 def _cameras(table: Table, rows: Sequence[int], sizes: Sequence[tuple[int, int]]) -> Cameras:
     width, height, fx, fy, cx, cy = (table.numbers(name)[rows] for name in _LENS)
     names = [table.texts("name")[row] for row in rows]
-    stated = np.stack([width, height], axis=1)
-    other = [name for name, bad in zip(names, (stated != sizes).any(axis=1), strict=True) if bad]
-    if other:
-        raise CameraError(f"photos of another size than stated: {first_of(other, len(names))}")
+    if (np.stack([width, height], axis=1) != sizes).any():
+        raise ValueError("photos of another size than stated")
     matrices = np.zeros((len(rows), 3, 3))
     matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = fx, fy, 1.0
     matrices[:, 0, 2], matrices[:, 1, 2] = cx, cy
-    there = [table.has(name) for name in _DISTORTION]
     bent = np.zeros((len(rows), len(_DISTORTION)))
-    for column in np.flatnonzero(there):
-        bent[:, column] = table.numbers(_DISTORTION[column])[rows]
+    for column, name in enumerate(_DISTORTION):
+        if table.has(name):
+            bent[:, column] = table.numbers(name)[rows]
     return Cameras.from_matrices(matrices, width, height, bent, names=names)
 
 
@@ -206,10 +189,7 @@ def _ecef_poses(table: Table) -> tuple[Floats, Floats]:
         values = table.columns(ECEF_COLUMNS)
         return values[:, :3], quaternion_to_matrix(values[:, 3:], table.texts("name"))
     if not table.has(*PLACE_COLUMNS):
-        raise CameraError(
-            f"has the columns {', '.join(table.names)}",
-            expected=f"{', '.join(ECEF_COLUMNS)}; or {', '.join(PLACE_COLUMNS)}",
-        )
+        raise ValueError(f"it needs {', '.join(ECEF_COLUMNS)}; or {', '.join(PLACE_COLUMNS)}")
     limits = {"longitude": 180.0, "latitude": 90.0}
     stated = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in PLACE_COLUMNS]
     place, (roll, pitch, yaw) = np.stack(stated[:3], axis=1), stated[3:]
@@ -224,7 +204,7 @@ def _local(
     """Return the chosen poses in east, north, up about the middle of all, and where that is."""
     middle = np.round(ecef_to_geodetic(centres.mean(axis=0))[:2], 5)
     if not np.isfinite(middle).all():
-        raise CameraError("positions in ECEF are far from the earth", expected="metres")
+        raise ValueError("positions in ECEF are far from the earth")
     to_enu = enu_axes(middle[None])[0].T
     origin = geodetic_to_ecef((*middle, 0.0))
     moved: Floats = (centres[rows] - origin) @ to_enu.T

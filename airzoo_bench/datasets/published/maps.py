@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
-from xml.etree import ElementTree as ET
+from xml.sax.saxutils import escape
 
 import numpy as np
 import rasterio
 import rasterio.shutil
 from affine import Affine
 from pyproj import CRS
-from pyproj.exceptions import CRSError
 
-from airzoo_bench.core.errors import RasterError
+from airzoo_bench.core.errors import RasterError, readable
 from airzoo_bench.core.files import atomic_write, fingerprint, temporary_folder
 from airzoo_bench.datasets.published.places import missing
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
 from airzoo_bench.geometry.rasters import opened, pixel_to_world, world_to_pixel
-
-__all__ = ["find_maps", "join_maps", "only_one", "with_georeference"]
 
 _TYPES = {"uint8": "Byte", "uint16": "UInt16", "float32": "Float32"}
 _OFF_GRID_PX = 0.1  # what rounding in a georeference may move a tile
@@ -28,40 +24,26 @@ _COLOUR_TYPES = ("uint8", "uint16")
 _HEIGHT_TYPES = ("float32", "float64", "int16", "int32")
 
 
-class _Tile(NamedTuple):
-    """The header of a tile; `bands` are the types of pixels and their colours."""
-
-    path: Path
-    transform: Affine
-    crs: str
-    bands: tuple[tuple[str, str], ...]
-    nodata: float | None
-    size: tuple[int, int]
-
-
-def _tile(path: Path) -> _Tile:
-    with opened(path) as dataset:
-        bands = zip(dataset.dtypes, (c.name for c in dataset.colorinterp), strict=True)
-        crs = dataset.crs.to_wkt() if dataset.crs else ""
-        size = dataset.width, dataset.height
-        return _Tile(path, dataset.transform, crs, tuple(bands), dataset.nodata, size)
-
-
 def join_maps(paths: Sequence[Path], target: Path) -> None:
     """Write a virtual raster (VRT) over the tiles of one grid; none of their pixels is copied."""
-    tiles = [_tile(path) for path in paths]
-    first = tiles[0]
-    origins = np.array([(tile.transform.c, tile.transform.f) for tile in tiles])
-    places = world_to_pixel(first.transform, origins)
+    transforms, kinds, sizes = [], [], []
+    for path in paths:
+        with opened(path) as dataset:
+            transforms.append(dataset.transform)
+            colours = [one.name.capitalize() for one in dataset.colorinterp]
+            crs = dataset.crs.to_wkt() if dataset.crs else ""
+            types = [_TYPES.get(one, "") for one in dataset.dtypes]
+            kinds.append((crs, types, colours, dataset.nodata))
+            sizes.append((dataset.width, dataset.height))
+    places = world_to_pixel(transforms[0], np.array([(one.c, one.f) for one in transforms]))
     corners = np.rint(places).astype(np.int64)
     corners -= corners.min(axis=0)
-    sizes = np.array([tile.size for tile in tiles], dtype=np.int64)
     width, height = (corners + sizes).max(axis=0).tolist()
     on_grid = np.abs(places - np.rint(places)).max() <= _OFF_GRID_PX
-    alike = all(tile[2:5] == first[2:5] for tile in tiles)
-    known = bool(first.crs) and {dtype for dtype, _ in first.bands} <= set(_TYPES)
+    crs, types, colours, nodata = kinds[0]
     # Tiles of one grid that do not overlap fill their rectangle where their areas do.
-    if not (on_grid and alike and known) or sizes.prod(axis=1).sum() < width * height:
+    filled = np.prod(sizes, axis=1).sum() >= width * height
+    if not (on_grid and filled and crs and all(types) and all(one == kinds[0] for one in kinds)):
         raise RasterError(
             "the tiles of the map lack a georeference, differ in CRS, bands or grid, or do not "
             f"fill its {width} x {height} px: {', '.join(path.name for path in paths)}",
@@ -69,38 +51,42 @@ def join_maps(paths: Sequence[Path], target: Path) -> None:
             expected=f"GeoTIFFs of {', '.join(_TYPES)}, of one grid, that fill a rectangle",
             fix="download the missing tile, or join the tiles with gdalwarp",
         )
-    a, b, _, d, e, _ = first.transform[:6]
-    left, top = pixel_to_world(first.transform, -corners[0]).tolist()
-    root = ET.Element("VRTDataset", rasterXSize=str(width), rasterYSize=str(height))
-    ET.SubElement(root, "SRS").text = CRS.from_user_input(first.crs).to_wkt()
-    transform = Affine(a, b, left, d, e, top).to_gdal()
-    ET.SubElement(root, "GeoTransform").text = ", ".join(map(repr, transform))
-    for number, (dtype, colour) in enumerate(first.bands, start=1):
-        of_band = {"dataType": _TYPES[dtype], "band": str(number)}
-        band = ET.SubElement(root, "VRTRasterBand", of_band)
-        ET.SubElement(band, "ColorInterp").text = colour.capitalize()
-        if first.nodata is not None:
-            ET.SubElement(band, "NoDataValue").text = repr(first.nodata)
-        for tile, corner in zip(tiles, corners.tolist(), strict=True):
-            _add_source(band, number, tile, corner, target.parent)
-    ET.indent(root)
-    content: bytes = ET.tostring(root, encoding="utf-8")
+    a, b, _, d, e, _ = transforms[0][:6]
+    left, top = pixel_to_world(transforms[0], -corners[0]).tolist()
+    transform = ", ".join(map(repr, Affine(a, b, left, d, e, top).to_gdal()))
+    lines = [
+        f'<VRTDataset rasterXSize="{width}" rasterYSize="{height}">',
+        f"  <SRS>{escape(CRS.from_user_input(crs).to_wkt())}</SRS>",
+        f"  <GeoTransform>{transform}</GeoTransform>",
+    ]
+    for number, (kind, colour) in enumerate(zip(types, colours, strict=True), start=1):
+        lines.append(f'  <VRTRasterBand dataType="{kind}" band="{number}">')
+        lines.append(f"    <ColorInterp>{colour}</ColorInterp>")
+        if nodata is not None:
+            lines.append(f"    <NoDataValue>{nodata!r}</NoDataValue>")
+        for path, corner, size in zip(paths, corners.tolist(), sizes, strict=True):
+            lines += _source(path, number, corner, size, target.parent)
+        lines.append("  </VRTRasterBand>")
+    content = "\n".join([*lines, "</VRTDataset>"]).encode()
     if not (target.is_file() and target.read_bytes() == content):
         with atomic_write(target) as stream:
             stream.write(content)
 
 
-def _add_source(
-    band: ET.Element, number: int, tile: _Tile, corner: Sequence[int], home: Path
-) -> None:
-    source = ET.SubElement(band, "SimpleSource")
-    inside = tile.path.resolve().parent == home.resolve()
-    file = ET.SubElement(source, "SourceFilename", relativeToVRT=str(int(inside)))
-    file.text = tile.path.name if inside else str(tile.path.resolve())
-    ET.SubElement(source, "SourceBand").text = str(number)
-    size = {"xSize": str(tile.size[0]), "ySize": str(tile.size[1])}
-    ET.SubElement(source, "SrcRect", {"xOff": "0", "yOff": "0", **size})
-    ET.SubElement(source, "DstRect", {"xOff": str(corner[0]), "yOff": str(corner[1]), **size})
+def _source(
+    path: Path, band: int, corner: Sequence[int], size: tuple[int, int], home: Path
+) -> list[str]:
+    inside = path.resolve().parent == home.resolve()
+    name = escape(path.name if inside else str(path.resolve()))
+    sides = f'xSize="{size[0]}" ySize="{size[1]}"'
+    return [
+        "    <SimpleSource>",
+        f'      <SourceFilename relativeToVRT="{inside:d}">{name}</SourceFilename>',
+        f"      <SourceBand>{band}</SourceBand>",
+        f'      <SrcRect xOff="0" yOff="0" {sides} />',
+        f'      <DstRect xOff="{corner[0]}" yOff="{corner[1]}" {sides} />',
+        "    </SimpleSource>",
+    ]
 
 
 def find_maps(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -179,7 +165,5 @@ def _stated_next_to(path: Path) -> str | None:
     file = next((p for p in beside if p.suffix.lower() == ".prj"), None)
     if file is None:
         return None
-    try:
+    with readable(file, "states no CRS that PROJ knows", kind=RasterError, expected="WKT"):
         return str(CRS.from_user_input(file.read_text("utf-8-sig")).to_wkt())
-    except (CRSError, UnicodeDecodeError) as error:
-        raise RasterError("states no CRS that PROJ knows", where=file, expected="WKT") from error

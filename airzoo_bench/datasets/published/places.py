@@ -12,22 +12,8 @@ from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 
-__all__ = [
-    "chosen_photos",
-    "files_by_key",
-    "find_home",
-    "missing",
-    "needed_path",
-    "published_scenes",
-    "stem_key",
-    "stem_of",
-    "sub_path",
-]
-
 T = TypeVar("T")
 
-# Archives and unfinished downloads.
-_PACKED = (".zip", ".7z", ".rar", ".tar", ".tgz", ".gz", ".part", ".crdownload", ".aria2")
 _ENDING = re.compile("|".join(rf"\{suffix}$" for suffix in PHOTO_SUFFIXES), re.IGNORECASE)
 
 
@@ -36,50 +22,45 @@ def missing(what: str, folder: Path, layout: str, fix: str | None = None) -> Ben
     if not folder.is_dir():
         return BenchmarkError("no such folder", where=folder, expected=layout, fix=fix)
     names = sorted(path.name + "/" * path.is_dir() for path in folder.iterdir())
-    packed = [name for name in names if name.lower().endswith(_PACKED)]
-    there = f"there are {first_of(packed or names, shown=6)}" if names else "it is empty"
-    return BenchmarkError(
-        f"{what}: {there}",
-        where=folder,
-        expected=layout,
-        fix=fix or "download it again, unpack it whole, and name its folder as --source",
-    )
+    there = f"there are {first_of(names, shown=6)}" if names else "it is empty"
+    fix = fix or "download it again, unpack it whole, and name its folder as --source"
+    return BenchmarkError(f"{what}: {there}", where=folder, expected=layout, fix=fix)
+
+
+def folders_in(folder: Path) -> list[Path]:
+    """Return the folders in a folder by name; none where it is none."""
+    found = folder.iterdir() if folder.is_dir() else ()
+    return sorted(path for path in found if path.is_dir())
 
 
 def sub_path(folder: Path, *parts: str) -> Path | None:
     """Return the entry of a folder with one of these names in any case, or None."""
     for part in parts:
-        exact = folder / part
-        if exact.exists():
-            folder = exact
-            continue
         inside = folder.iterdir() if folder.is_dir() else ()
         found = [path for path in inside if path.name.casefold() == part.casefold()]
-        if len(found) != 1:
+        exact = [path for path in found if path.name == part] or found
+        if len(exact) != 1:
             return None
-        folder = found[0]
+        folder = exact[0]
     return folder
 
 
-def needed_path(folder: Path, place: str, layout: str, fix: str | None = None) -> Path:
+def needed_path(folder: Path, place: str, layout: str) -> Path:
     """Return the path below a folder whose parts match in any case."""
     found = sub_path(folder, *place.split("/"))
     if found is None:
-        raise missing(f"lacks {place}", folder, layout, fix)
+        raise missing(f"lacks {place}", folder, layout)
     return found
 
 
 def find_home(source: Path, is_home: Callable[[Path], bool], layout: str) -> Path:
     """Return the folder that is a benchmark: the one named, or the only one in it."""
-    inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
     if source.is_dir() and is_home(source):
         return source
-    found = [folder for folder in inside if is_home(folder)]
-    if len(found) == 1:
-        return found[0]
-    names = first_of(folder.name for folder in found)
-    what = f"several folders could be the benchmark ({names})" if found else "holds no benchmark"
-    raise missing(what, source, layout)
+    found = [folder for folder in folders_in(source) if is_home(folder)]
+    if len(found) != 1:
+        raise missing(f"holds {len(found)} folders that could be the benchmark", source, layout)
+    return found[0]
 
 
 def stem_key(name: str) -> str:
@@ -100,12 +81,8 @@ def files_by_key(
     photos = [n for n in there if n.lower().endswith(PHOTO_SUFFIXES) and not n.startswith(".")]
     photos = list(photos if names is None else names)
     twice = [one for one, count in Counter(map(key, photos)).items() if count > 1]
-    if twice:
-        raise missing(
-            f"several files each are {first_of(twice)}", folder, layout, "keep one of each"
-        )
-    if not photos:
-        raise missing("holds no photo", folder, layout)
+    if twice or not photos:
+        raise missing(f"holds no photo, or several each of {first_of(twice)}", folder, layout)
     return dict(sorted((key(name), name) for name in photos))
 
 

@@ -23,12 +23,9 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
 
-__all__ = ["PosedLines", "read_posed_lines"]
-
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _TRANSLATION = ("tx", "ty", "tz")
-_SIZE = ("width", "height")
-_LENS = ("fx", "fy", "cx", "cy")
+_SIZE, _LENS = ("width", "height"), ("fx", "fy", "cx", "cy")
 _MOST_PX = 1e6
 _MOST_ABSENT = 0.01  # of the poses may lack a photo; more is a download that is not complete
 
@@ -100,10 +97,8 @@ def read_posed_lines(
 def _read(path: Path, columns: Sequence[str], key: Key) -> tuple[Table, dict[str, int]]:
     """Return the table, and the row of each key."""
     table = read_lines(path, columns)
-    rows = {key(name): row for row, name in enumerate(table.texts("name"))}
-    if len(rows) < len(table):
-        raise BenchmarkError("has two lines of one image", where=path, expected="a line an image")
-    return table, rows
+    table.require_unique("name")
+    return table, {key(name): row for row, name in enumerate(table.texts("name"))}
 
 
 def _cameras(
@@ -111,29 +106,19 @@ def _cameras(
 ) -> tuple[Cameras, list[str]]:
     """Return cameras scaled to the photos' size, and a note on that."""
     table, place = _read(path, ("name", "model", *_SIZE, *_LENS), key)
-    lacking = [one for one in photos if one not in place]
-    if lacking or set(table.texts("model")) != {"PINHOLE"}:
+    rows = [place[one] for one in photos if one in place]
+    scale, lens = np.full_like(size, np.nan), np.empty((0, 4))
+    if len(rows) == len(photos):
+        stated = table.columns(_SIZE, 1.0, _MOST_PX)[rows]
+        lens, scale = table.columns(_LENS, 1e-3, _MOST_PX)[rows], size / stated
+        # A side that was rounded to whole pixels is off by half a pixel at most.
+        scale[np.abs(scale[:, :1] * stated - size).max(axis=1) > 1.0] = np.nan
+    if np.isnan(scale).any() or set(table.texts("model")) != {"PINHOLE"}:
         raise CameraError(
-            f"no camera for {first_of(lacking, len(photos))}"
-            if lacking
-            else f"camera models {', '.join(sorted(set(table.texts('model'))))}",
+            "photos without a camera, of another shape than theirs, or cameras with distortion",
             where=path,
             expected="name PINHOLE width height fx fy cx cy, a line for each photo with a pose",
-            fix="download the file again; cameras with distortion are not read from such a file",
-        )
-    rows = [place[one] for one in photos]
-    stated = table.columns(_SIZE, 1.0, _MOST_PX)[rows]
-    lens = table.columns(_LENS, 1e-3, _MOST_PX)[rows]
-    scale = size / stated
-    # A side that was rounded to whole pixels is off by half a pixel at most.
-    odd = np.flatnonzero(np.abs(scale[:, :1] * stated - size).max(axis=1) > 1.0)
-    if odd.size:
-        listed = first_of([photos[row] for row in odd.tolist()], len(photos))
-        raise CameraError(
-            f"cameras of another shape than the images: {listed}",
-            where=path,
-            expected="sides in the same ratio",
-            fix="use the images that belong to this file",
+            fix="use the images that belong to this file, or download it again",
         )
     matrices = np.zeros((len(rows), 3, 3))
     matrices[:, [0, 1], [0, 1]] = lens[:, :2] * scale

@@ -9,18 +9,17 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
@@ -38,37 +37,20 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 
-__all__ = ["UAV_VISLOC", "UavVisLocOptions"]
-
 _LAYOUT = "NN/drone/NN_0001.JPG ..., NN/NN.csv and NN/satelliteNN.tif of flights 01 to 11"
 # Phi of each flight by the table in UAV-VisLoc's README.
 _PHI = (165.0, 5.0, -40.0, 170.0, 100.0, -15.0, -1.5, 100.0, -50.0, 170.0, 90.0)
 _FLIGHT_PHI = {f"{number:02d}": phi for number, phi in enumerate(_PHI, 1)}
-_COLUMNS = ("filename", "lat", "lon", "height")
+_COLUMNS, _HEADING = ("filename", "lat", "lon", "height"), "Phi1"
 _WITHOUT_HEADING = "07"  # whose table as published has no column of a heading
 _SEA_LEVEL_SPREAD_M = 100.0
-_FLIGHT_TABLE, _LEAVE_OUT = "flight-table", "leave-out"
+_ABOVE_GROUND_M = 500.0  # median of flights whose heights vary as above the sea
 
 
 @dataclass(frozen=True)
 class UavVisLocOptions(SourceOptions):
     """Choices that UAV-VisLoc leaves open."""
 
-    heading: Annotated[
-        Literal["compass", "east-north-positive", "counter-clockwise"],
-        Option("heading", "What its angle is: clockwise from north, from east to north, or other."),
-    ] = "compass"
-    heading_column: Annotated[
-        Literal["Phi1", "Phi2"], Option("heading-column", "Which of its two headings is taken.")
-    ] = "Phi1"
-    missing_heading: Annotated[
-        str,
-        Option(
-            "missing-heading",
-            "What photos without a heading get: flight-table (Phi of UAV-VisLoc's own table), "
-            "degrees, or leave-out.",
-        ),
-    ] = _FLIGHT_TABLE
     fov_across: Annotated[
         float, Option("fov-across", "Degrees across the heading (width).", least=1, most=170)
     ] = 52.0
@@ -79,15 +61,6 @@ class UavVisLocOptions(SourceOptions):
         list[str] | None,
         Option("plane-height", "Height of the ground: METRES, or FLIGHT=METRES, repeated."),
     ] = None
-    height_above_ground: Annotated[
-        float,
-        Option(
-            "height-above-ground",
-            "Median height above the ground of flights whose heights vary as above the sea.",
-            least=1,
-            most=10_000,
-        ),
-    ] = 500.0
     protocol: Annotated[
         str, Option("protocol", "Retrieval protocol to make the truth for, a name or .toml file.")
     ] = "uav-visloc-retrieval"
@@ -119,7 +92,7 @@ class UavVisLoc(Dataset[UavVisLocOptions]):
         folder = _flights(root)[scene]
         table = _only(folder, rf"0?{int(scene)}\.csv", f"{scene}.csv")
         images = _only(folder, "drone", "drone")
-        names, lonlat, height, heading, notes = _read_rows(table, images, scene, options)
+        names, lonlat, height, heading, notes = _read_rows(table, images, scene)
         plane = _plane_height(height, scene, options, table, notes)
         dom = _flight_map(folder, scene, notes)
         tangents = np.tan(np.radians((options.fov_across / 2, options.fov_along / 2)))
@@ -178,12 +151,11 @@ def _photos(images: Path) -> dict[str, str]:
 
 
 def _read_rows(
-    path: Path, images: Path, flight: str, options: UavVisLocOptions
+    path: Path, images: Path, flight: str
 ) -> tuple[tuple[str, ...], Floats, Floats, Floats, list[str]]:
     """Return names, longitude and latitude, heights, compass headings, and notes."""
-    column = options.heading_column
-    columns = {name: (name,) for name in (*_COLUMNS, column)}
-    table = read_table(path, columns, (column,) if flight == _WITHOUT_HEADING else ())
+    columns = {name: (name,) for name in (*_COLUMNS, _HEADING)}
+    table = read_table(path, columns, (_HEADING,) if flight == _WITHOUT_HEADING else ())
     table.require_unique("filename")
     there = _photos(images)
     listed = [name.casefold() for name in table.texts("filename")]
@@ -196,37 +168,17 @@ def _read_rows(
             fix="download or unpack the flight again; remove rows only to leave photos out",
         )
     lonlat = np.stack([table.numbers("lon", -180, 180), table.numbers("lat", -80, 84)], axis=1)
-    height = table.numbers("height", -500, 20_000)
-    phi = np.full(len(table), np.nan)
-    if table.has(column):
-        phi = table.numbers(column, -360, 360, empty=True)
-    kept, phi, notes = _with_headings(phi, flight, options)
-    heading = {"compass": phi, "east-north-positive": 90.0 - phi, "counter-clockwise": -phi}
-    names = tuple(there[listed[row]] for row in kept)
-    return names, lonlat[kept], height[kept], heading[options.heading][kept], notes
-
-
-def _with_headings(
-    phi: Floats, flight: str, options: UavVisLocOptions
-) -> tuple[list[int], Floats, list[str]]:
-    """Give photos without a heading the one that was chosen, or leave them out."""
-    without, chosen = np.isnan(phi), options.missing_heading
-    count = f"{int(without.sum()):,} of {counted(len(phi), 'photo')} have no heading"
-    if not without.any():
-        return list(range(len(phi))), phi, []
-    if chosen == _LEAVE_OUT and not without.all():
-        return np.flatnonzero(~without).tolist(), phi, [f"{count} and were left out"]
-    value = _FLIGHT_PHI[flight] if chosen == _FLIGHT_TABLE else _number(chosen)
-    if not abs(value) <= 360.0:
-        raise BenchmarkError(
-            f"flight {flight}: {count}",
-            where=f"--missing-heading {chosen[:40]}",
-            expected=f"{_FLIGHT_TABLE}, degrees from -360 to 360, or {_LEAVE_OUT} where some have "
-            "a heading",
-            fix="or leave the flight out (--keep-going)",
-        )
-    said = f"{count}; they got {value:g} degrees ({chosen})"
-    return list(range(len(phi))), np.where(without, value, phi), [said]
+    heading, notes = np.full(len(table), np.nan), []
+    if table.has(_HEADING):
+        heading = table.numbers(_HEADING, -360, 360, empty=True)
+    without = np.isnan(heading)
+    if without.any():
+        value = _FLIGHT_PHI[flight]
+        heading = np.where(without, value, heading)
+        count = f"{int(without.sum()):,} of {counted(len(table), 'photo')} have no heading"
+        notes.append(f"{count}; they got {value:g} degrees, Phi of UAV-VisLoc's own table")
+    names = tuple(there[name] for name in listed)
+    return names, lonlat, table.numbers("height", -500, 20_000), heading, notes
 
 
 def _plane_height(
@@ -234,25 +186,16 @@ def _plane_height(
 ) -> float:
     """Return the height of the ground in the datum of the flight's heights."""
     low, middle, high = np.percentile(heights, (5, 50, 95)).tolist()
-    given: dict[str, float] = {}
-    for text in options.plane_height or ():
-        one, _, metres = text.rpartition("=")
-        one, value = one.strip().zfill(2) if one.strip() else "", _number(metres)
-        if not abs(value) <= 10_000 or one not in ("", *_FLIGHT_PHI) or one in given:
-            raise UsageError(
-                f"{text[:40]!r} is no height of the ground, or one given twice",
-                where="--plane-height",
-                expected="METRES or FLIGHT=METRES, such as 05=1900, flights being 01 to 11",
-            )
-        given[one] = value
-    plane = given.get(flight, given.get("", 0.0))
-    if not given.keys() & {flight, ""} and high - low > _SEA_LEVEL_SPREAD_M:
-        plane = round(middle - options.height_above_ground, 1)
+    given = dict(text.rpartition("=")[::2] for text in options.plane_height or ())
+    text = given.get(flight, given.get("", ""))
+    with readable(f"--plane-height {text}", "is no height", kind=UsageError):
+        plane = float(text or "0")
+    if not text and high - low > _SEA_LEVEL_SPREAD_M:
+        plane = round(middle - _ABOVE_GROUND_M, 1)
         notes.append(
             f"heights vary from {low:.0f} to {high:.0f} m (5th to 95th percentile), so that they "
-            f"are likely above sea level: the ground was put at {plane:g} m, "
-            f"{options.height_above_ground:g} m below their median; if you know better, say "
-            f"--plane-height {flight}=METRES"
+            f"are likely above sea level: the ground was put at {plane:g} m, {_ABOVE_GROUND_M:g} m "
+            f"below their median; if you know better, say --plane-height {flight}=METRES"
         )
     below = int((heights <= plane).sum())
     if below:
@@ -264,13 +207,6 @@ def _plane_height(
             fix=f"give the height of the ground: --plane-height {flight}=METRES",
         )
     return plane
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def _flight_map(folder: Path, flight: str, notes: list[str]) -> Path:

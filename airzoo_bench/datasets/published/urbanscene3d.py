@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, UserError, first_of
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    CameraError,
+    UsageError,
+    first_of,
+    readable,
+)
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
@@ -40,8 +46,6 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.poses import Poses
-
-__all__ = ["URBANSCENE3D", "UrbanScene3DOptions"]
 
 _COORDINATES = "coordinates.pt"
 _LAYOUT = (
@@ -174,10 +178,7 @@ def _moved(photos: PosedPhotos, path: Path) -> Poses:
             expected="four lines of four numbers; the last is 0 0 0 1",
         )
     moved = similarity_of(matrix, path).apply_poses(photos.poses)
-    try:
-        return Poses.from_centres(moved.rotation, moved.centres, photos.names)
-    except UserError as error:
-        raise error.inside("--transform") from error
+    return Poses.from_centres(moved.rotation, moved.centres, photos.names)
 
 
 def _mega_nerf_photos(folder: Path) -> dict[str, Path]:
@@ -198,11 +199,11 @@ def _read_mega_nerf(
     folder: Path, photos: Mapping[str, Path], names: tuple[str, ...], progress: Progress
 ) -> PosedPhotos:
     """Read the cameras and poses of some photos, in metres and the axes of the COLMAP model."""
-    origin, scale = _arrays(folder / _COORDINATES, {"origin_drb": (3,), "pose_scale_factor": ()})
+    origin, scale = _arrays(folder / _COORDINATES, origin_drb=(3,), pose_scale_factor=())
     matrices, sizes, to_world = [], [], []
     for name in progress(names, folder.name, len(names)):
-        wanted = {"W": (), "H": (), "intrinsics": (4,), "c2w": (3, 4)}
-        width, height, (fx, fy, cx, cy), pose = _arrays(photos[name], wanted)
+        stated = _arrays(photos[name], W=(), H=(), intrinsics=(4,), c2w=(3, 4))
+        width, height, (fx, fy, cx, cy), pose = stated
         size = photo_size(folder / name)
         if (int(width), int(height)) != size:
             raise CameraError(
@@ -213,11 +214,12 @@ def _read_mega_nerf(
         sizes.append(size)
         to_world.append(pose)
         matrices.append(((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)))
-    axes, side = np.array(to_world), np.array(sizes)
+    axes = np.array(to_world)
     centres: Floats = (axes[:, :, 3] * scale + origin) @ _TO_COLMAP.T
     rotations: Floats = np.swapaxes(_TO_COLMAP @ axes[:, :, :3] * _TO_OPENCV, 1, 2)
     try:
-        cameras = Cameras.from_matrices(matrices, side[:, 0], side[:, 1], names=names)
+        width, height = np.array(sizes).T
+        cameras = Cameras.from_matrices(matrices, width, height, names=names)
         posed = PosedPhotos(names, cameras, Poses.from_centres(rotations, centres, names))
     except CameraError as error:
         raise error.inside(folder) from error
@@ -225,21 +227,15 @@ def _read_mega_nerf(
     return posed
 
 
-def _arrays(path: Path, wanted: Mapping[str, tuple[int, ...]]) -> list[NDArray[np.float64]]:
-    """Return tensors of a file as numbers of these shapes; a number in a row of one is a number."""
-    stated, found = read_tensors(path), []
-    for key, shape in wanted.items():
-        value = np.asarray(stated.get(key, "nothing"))
-        if shape == () and value.size == 1:
-            value = value.reshape(())
-        if value.dtype.kind not in "fiu" or value.shape != shape or not np.isfinite(value).all():
-            raise BenchmarkError(
-                f"{key!r} is {value.dtype} of shape {value.shape}",
-                where=path,
-                expected=f"finite numbers of shape {shape}, as Mega-NeRF's README names them",
-            )
-        found.append(value.astype(np.float64))
-    return found
+def _arrays(path: Path, **shapes: tuple[int, ...]) -> list[NDArray[np.float64]]:
+    """Return tensors of a file as numbers of these shapes."""
+    expected = f"tensors {', '.join(shapes)}, as Mega-NeRF's README names them"
+    with readable(path, "cannot be read", kind=BenchmarkError, expected=expected):
+        stated = read_tensors(path)
+        return [
+            np.asarray(stated[key]).astype(np.float64).reshape(shape)
+            for key, shape in shapes.items()
+        ]
 
 
 URBANSCENE3D = UrbanScene3D()

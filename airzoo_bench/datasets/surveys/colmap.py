@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
@@ -32,9 +32,7 @@ from airzoo_bench.geometry.poses import check_rotations
 from airzoo_bench.reconstruction.alignment import PosedCameras, RansacSettings, align
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 
-__all__ = ["COLMAP", "ColmapOptions", "similarity_of"]
-
-_LEAST_AGREEING = 0.5
+_INLIER_M, _LEAST_AGREEING = 5.0, 0.5
 _LEAST_POSITIONS = 4  # three are always met
 _TOLERANCE = 1e-4
 
@@ -57,10 +55,6 @@ class ColmapOptions(SurveyOptions):
     from_exif: Annotated[
         bool, Option("from-exif", "Bring the model to the positions that its photos state.")
     ] = False
-    inlier_m: Annotated[
-        float,
-        Option("inlier-m", "Positions that fit to better than this place the model.", least=1e-3),
-    ] = 5.0
 
 
 class ColmapModels(Survey[ColmapOptions]):
@@ -73,22 +67,11 @@ class ColmapModels(Survey[ColmapOptions]):
 
     def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the model, and place it."""
-        images = options.images or Path()
+        images, source = options.images or Path(), options.source
         sizes = photo_sizes(images, progress)
-        photos, notes, accuracy = _placed(options, images, read_poses(options.source, sizes))
-        return posed_scene(
-            options,
-            scene,
-            images,
-            sizes,
-            photos,
-            options.source,
-            progress,
-            dom=options.dom,
-            dsm=options.dsm,
-            notes=notes,
-            accuracy_m=accuracy,
-        )
+        photos, notes, left = _placed(options, images, read_poses(source, sizes))
+        parts = (scene, images, sizes, photos, source, progress)
+        return posed_scene(options, *parts, notes=notes, truth_accuracy_m=left)
 
 
 def _placed(
@@ -96,28 +79,26 @@ def _placed(
 ) -> tuple[PosedPhotos, tuple[str, ...], float | None]:
     """Bring the photos to a projected CRS; return notes too, and what remains of the fit."""
     stated, file = stated_crs(options), options.georeference
-    if file is not None and options.from_exif:
-        raise UsageError("--georeference and --from-exif exclude each other")
-    if file is None and not options.from_exif and stated is None:
+    ways = [file is not None, options.from_exif]
+    if all(ways) or not (any(ways) or stated is not None):
         raise UsageError(
-            "where the model is, is not known",
+            "where the model is, is not known, or said twice",
             where=options.source,
-            fix="give --from-exif, or --georeference FILE, or --crs if the model is in it",
+            fix="give --from-exif, or --georeference FILE, or --crs alone if the model is in it",
         )
     crs = stated or map_crs(options.dsm, options.dom)
     photos = replace(photos, crs=crs.to_string())
-    if file is None and not options.from_exif:
+    if not any(ways):
         return photos, (), None
     matrix = None if file is None else read_matrix(file)
     if file is not None and matrix is not None:
         poses = similarity_of(matrix, file).apply_poses(photos.poses)
         return replace(photos, poses=poses), (), None
-    places = (
-        _exif_positions(images, photos, crs)
-        if file is None
-        else _named_positions(file, photos.names)
-    )
-    transform, notes, left = _fitted(photos, places, options.inlier_m, file or images)
+    if file is None:
+        places = _exif_positions(images, photos, crs)
+    else:
+        places = _named_positions(file, photos.names)
+    transform, notes, left = _fitted(photos, places, file or images)
     return replace(photos, poses=transform.apply_poses(photos.poses)), notes, left
 
 
@@ -150,40 +131,32 @@ def _exif_positions(images: Path, photos: PosedPhotos, crs: CRS) -> Places:
 def _named_positions(path: Path, names: Sequence[str]) -> Places:
     """Read lines of name, x, y, z, as COLMAP's model_aligner takes them."""
     rows: dict[str, list[float]] = {}
-    lines = (line.strip() for line in read_native_text(path).splitlines())
-    for line in (line for line in lines if line and not line.startswith("#")):
-        name, *numbers = line.replace(",", " ").rsplit(None, 3)
-        try:
-            place = [float(number) for number in numbers]
-        except ValueError:
-            place = []
-        if len(place) != 3 or not np.isfinite(place).all() or name in rows:
-            raise BenchmarkError(
-                f"holds the line {line[:60]!r}",
-                where=path,
-                expected="a 4 x 4 matrix, or lines of name, x, y, z, each name once",
-            )
-        rows[name] = place
+    expected = "a 4 x 4 matrix, or lines of name, x, y, z"
+    text = read_native_text(path)
+    with readable(path, "cannot be read", kind=BenchmarkError, expected=expected):
+        for line in map(str.strip, text.splitlines()):
+            if line and not line.startswith("#"):
+                name, x, y, z = line.replace(",", " ").rsplit(None, 3)
+                rows[name] = [float(x), float(y), float(z)]
     return {photo: rows[name] for name, photo in match_names(rows, names, path).items()}
 
 
 def _fitted(
-    photos: PosedPhotos, places: Places, limit_m: float, where: Path
+    photos: PosedPhotos, places: Places, where: Path
 ) -> tuple[Similarity, tuple[str, ...], float | None]:
     """Fit the model to positions; return notes too, and what remains (root mean square)."""
-    ransac = RansacSettings(inlier_limit=limit_m)
     model = PosedCameras(photos.names, photos.poses.centres, photos.poses.rotation)
     truth = PosedCameras(tuple(places), np.array(list(places.values())).reshape(-1, 3))
     fault = BenchmarkError(
-        f"{counted(len(places), 'position')} do not place the model to {limit_m:g} m",
+        f"{counted(len(places), 'position')} do not place the model to {_INLIER_M:g} m",
         where=where,
         expected=f"at least {_LEAST_POSITIONS} that span an area, half of which agree",
-        fix="look at the positions, give a larger --inlier-m, or a 4 x 4 matrix (--georeference)",
+        fix="look at the positions, or give a 4 x 4 matrix (--georeference)",
     )
     if len(places) < _LEAST_POSITIONS:
         raise fault
     try:
-        found = align("sim3", model, truth, ransac)
+        found = align("sim3", model, truth, RansacSettings(inlier_limit=_INLIER_M))
     except AlignmentError as error:
         raise fault from error
     left = found.inlier_centres

@@ -9,6 +9,7 @@ CRS by ``opensfm/geocoords_transformation.txt``. Newer versions move that file t
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -17,12 +18,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pyproj import CRS
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.errors import BenchmarkError, CameraError, UserError, counted, first_of
+from airzoo_bench.core.errors import (
+    BenchmarkError,
+    CameraError,
+    UserError,
+    counted,
+    first_of,
+    readable,
+)
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
@@ -36,8 +43,6 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-
-__all__ = ["ODM", "OdmOptions"]
 
 _ORTHOPHOTO = Path("odm_orthophoto/odm_orthophoto.tif")
 _SURFACE = Path("odm_dem/dsm.tif")
@@ -76,10 +81,11 @@ class OdmProjects(Survey[OdmOptions]):
         folders = _parts(project)
         crs, sizes = _same_crs(folders), photo_sizes(images, progress)
         photos, notes, apart = _joined([_read_part(f) for f in folders], sizes, crs)
-        left = _control_points(project, notes)
-        surface = project / _SURFACE
-        dsm = options.dsm or (surface if surface.is_file() else None)
-        lacking = [] if options.dom or (project / _ORTHOPHOTO).is_file() else [_ORTHOPHOTO]
+        left = _control_points(project / _STATISTICS, notes)
+        dom, dsm = options.dom or project / _ORTHOPHOTO, options.dsm
+        if dsm is None and (project / _SURFACE).is_file():
+            dsm = project / _SURFACE
+        lacking = [] if dom.is_file() else [_ORTHOPHOTO]
         lacking += [_SURFACE] * (dsm is None and options.plane_height is None)
         if lacking:
             raise BenchmarkError(
@@ -90,20 +96,16 @@ class OdmProjects(Survey[OdmOptions]):
         cloud = next((project / path for path in _CLOUDS if (project / path).is_file()), None)
         if cloud is not None and options.cloud is None:
             notes.append(f"it serves reconstruction too with its own cloud: --cloud {cloud}")
+        read_from = (images, sizes, photos, folders[0] / _RECONSTRUCTION, progress)
         accuracy = round(max(apart, left), 4) or None
-        dom, poses_from = options.dom or project / _ORTHOPHOTO, folders[0] / _RECONSTRUCTION
-        photos_of = (images, sizes, photos, poses_from)
-        return posed_scene(
-            options, scene, *photos_of, progress, dom=dom, dsm=dsm, notes=notes, accuracy_m=accuracy
-        )
+        parts: dict[str, Any] = {"dom": dom, "dsm": dsm, "notes": notes}
+        return posed_scene(options, scene, *read_from, truth_accuracy_m=accuracy, **parts)
 
 
 def _parts(project: Path) -> list[Path]:
     """Return the folders with a reconstruction: the project's own, or those of its submodels."""
-    if (project / _RECONSTRUCTION).is_file():
-        return [project]
     submodels = sorted((project / "submodels").glob("submodel_*"))
-    found = [folder for folder in submodels if (folder / _RECONSTRUCTION).is_file()]
+    found = [one for one in (project, *submodels) if (one / _RECONSTRUCTION).is_file()]
     if not found:
         raise BenchmarkError(
             "is no project of OpenDroneMap",
@@ -111,7 +113,7 @@ def _parts(project: Path) -> list[Path]:
             expected=f"{_RECONSTRUCTION}, there or in submodels/submodel_*",
             fix="name the project's own folder",
         )
-    return found
+    return found[:1] if found[0] == project else found
 
 
 def _same_crs(folders: Sequence[Path]) -> CRS:
@@ -127,10 +129,9 @@ def _same_crs(folders: Sequence[Path]) -> CRS:
     if first is None or not all(same_plane(first, other) for other in stated.values()):
         each = "; ".join(f"{path}: {describe_crs(found)}" for path, found in stated.items())
         raise BenchmarkError(
-            f"its files state different CRS: {each}" if each else "states no CRS",
+            f"its files state different CRS, or none: {each or 'none'}",
             where=folders[0],
             expected=f"{_COORDS}, {_PROJ} or {_ORTHOPHOTO}, in one CRS",
-            fix="make a benchmark of each submodel" if each else None,
         )
     return next((crs for crs in stated.values() if crs.to_epsg() is not None), first)
 
@@ -149,66 +150,24 @@ def _text(path: Path) -> str:
     return read_text(path, BenchmarkError, "file of OpenDroneMap", _LIMIT_BYTES)
 
 
-_Number = Annotated[float, Field(allow_inf_nan=False)]
-_Row = tuple[_Number, _Number, _Number]
-
-
-class _Shot(BaseModel):
-    camera: str
-    rotation: _Row
-    translation: _Row
-
-
-class _Reconstruction(BaseModel):
-    cameras: dict[str, dict[str, Any]]
-    shots: dict[str, _Shot]
-
-
-class _Errors(BaseModel):
-    x: _Number = 0.0
-    y: _Number = 0.0
-    z: _Number = 0.0
-
-
-class _ControlPoints(BaseModel):
-    error: _Errors | None = None
-
-
-class _Statistics(BaseModel):
-    gcp_errors: _ControlPoints = _ControlPoints()
-
-
-def _json(path: Path, kind: Any) -> Any:
-    """Read a JSON file of a project as `kind`, a type that pydantic knows."""
-    try:
-        return TypeAdapter(kind).validate_json(_text(path))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise BenchmarkError(
-            f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}",
-            where=path,
-            expected="as OpenDroneMap writes it",
-            fix="copy the project again",
-        ) from error
-
-
 @dataclass(frozen=True, eq=False)
 class _Part:
     """The N photos of a project, or a submodel of it: file names, poses, OpenSfM's cameras."""
 
     path: Path
-    names: tuple[str, ...]
+    names: Sequence[str]
     poses: Poses
-    cameras: tuple[Mapping[str, Any], ...]
+    cameras: Sequence[Mapping[str, Any]]
 
 
 def _read_part(folder: Path) -> _Part:
     """Read the shots of a project or submodel, and take their world to the projected CRS."""
     path, matrix = folder / _RECONSTRUCTION, np.eye(4)
+    has_topocentric = (folder / _TOPOCENTRIC).is_file()
     if (folder / _TRANSFORMATION).is_file():
-        path = folder / _TOPOCENTRIC if (folder / _TOPOCENTRIC).is_file() else path
+        path = folder / _TOPOCENTRIC if has_topocentric else path
         matrix = _numbers(folder / _TRANSFORMATION, slice(None), (4, 4))
-    elif (folder / _TOPOCENTRIC).is_file() and (folder / _COORDS).is_file():
+    elif has_topocentric and (folder / _COORDS).is_file():
         matrix[:2, 3] = _numbers(folder / _COORDS, slice(1, 2), (1, 2))[0]
     else:
         raise BenchmarkError(
@@ -216,36 +175,30 @@ def _read_part(folder: Path) -> _Part:
             where=folder,
             expected=f"{_TRANSFORMATION}; or, of newer versions, {_TOPOCENTRIC} and {_COORDS}",
         )
-    every: dict[str, tuple[_Shot, Mapping[str, Any]]] = {}
-    for part in _json(path, list[_Reconstruction]):
-        for name, shot in part.shots.items():
-            if shot.camera in part.cameras:
-                every.setdefault(name, (shot, part.cameras[shot.camera]))
-    if not every:
-        raise BenchmarkError("has no shot", where=path, expected="photos with a pose")
-    shots = [shot for shot, _ in every.values()]
-    rotation: Floats = Rotation.from_rotvec([shot.rotation for shot in shots]).as_matrix()
-    translation = np.array([shot.translation for shot in shots])
+    every: dict[str, tuple[Any, Mapping[str, Any]]] = {}
+    text, expected = _text(path), "photos with a pose, as OpenDroneMap writes it"
+    with readable(path, "cannot be read", kind=BenchmarkError, expected=expected):
+        for part in json.loads(text):
+            for name, shot in part["shots"].items():
+                if shot["camera"] in part["cameras"]:
+                    every.setdefault(name, (shot, part["cameras"][shot["camera"]]))
+        shots = [shot for shot, _ in every.values()]
+        rotation = Rotation.from_rotvec([shot["rotation"] for shot in shots]).as_matrix()
+        translation = np.array([shot["translation"] for shot in shots], np.float64)
     local = Poses.from_translations(rotation, translation, list(every))
     # The matrix hardly shears: C' = A C + b, and rotations turn by A's polar factor.
     linear, offset = matrix[:3, :3], matrix[:3, 3]
     turn, _ = polar(linear)
     centres = np.einsum("ij,nj->ni", linear, local.centres) + offset
     placed = Poses(rotation=local.rotation @ turn.T, centres=centres)
-    return _Part(path, tuple(every), placed, tuple(camera for _, camera in every.values()))
+    return _Part(path, list(every), placed, [camera for _, camera in every.values()])
 
 
 def _numbers(path: Path, lines: slice, shape: tuple[int, int]) -> Floats:
-    rows = [line.split() for line in _text(path).splitlines()[lines] if line.strip()]
-    try:
-        values = np.array([row[: shape[1]] for row in rows], dtype=np.float64)
-    except ValueError:
-        values = np.empty(0)
-    if values.shape != shape or not np.isfinite(values).all():
-        raise BenchmarkError(
-            "holds other numbers", where=path, expected=f"{shape[0]} lines of {shape[1]} numbers"
-        )
-    return values
+    text, expected = _text(path), f"{shape[0]} lines of {shape[1]} numbers"
+    with readable(path, "holds other numbers", kind=BenchmarkError, expected=expected):
+        rows = [line.split()[: shape[1]] for line in text.splitlines()[lines] if line.strip()]
+        return np.array(rows, dtype=np.float64).reshape(shape)
 
 
 def _lens(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> Lens:
@@ -296,13 +249,10 @@ def _joined(
     notes = [f"its {len(parts)} submodels are one scene"] if len(parts) > 1 else []
     apart = 0.0
     if differences:
-        away = np.abs(np.array(differences))
-        level, up = np.median(np.hypot(away[:, 0], away[:, 1])), np.median(away[:, 2])
-        apart = float(np.median(np.linalg.norm(away, axis=1)))
+        apart = float(np.median(np.linalg.norm(differences, axis=1)))
         notes.append(
-            f"{counted(len(away), 'photo')} of two submodels: their two poses differ by "
-            f"{level:.2f} m in plan and {up:.2f} m in height (medians), and the first submodel's "
-            "is taken: no truth is better than that"
+            f"{counted(len(differences), 'photo')} of two submodels: their two poses differ by "
+            f"{apart:.2f} m (median), and the first submodel's is taken"
         )
     absent = [name for name in first if name not in meant]
     if absent:
@@ -318,18 +268,18 @@ def _joined(
     return PosedPhotos(names, cameras, poses, crs.to_string()), notes, apart
 
 
-def _control_points(project: Path, notes: list[str]) -> float:
+def _control_points(path: Path, notes: list[str]) -> float:
     """Return what remains at ground control points in metres, 0 without any, and say it."""
-    path = project / _STATISTICS
-    errors = _json(path, _Statistics).gcp_errors.error if path.is_file() else None
-    if errors is None:
-        return 0.0
-    level = math.hypot(errors.x, errors.y)
-    notes.append(
-        f"at ground control points {level:.3f} m remain in plan and {errors.z:.3f} m in height "
-        "(root mean square): no truth is better than that"
-    )
-    return math.hypot(level, errors.z)
+    text = _text(path) if path.is_file() else "{}"
+    with readable(path, "cannot be read", kind=BenchmarkError):
+        errors = json.loads(text).get("gcp_errors", {}).get("error") or {}
+        level, up = math.hypot(errors.get("x", 0.0), errors.get("y", 0.0)), errors.get("z", 0.0)
+    if errors:
+        notes.append(
+            f"at ground control points {level:.3f} m remain in plan and {up:.3f} m in height (root "
+            "mean square): no truth is better than that"
+        )
+    return math.hypot(level, up)
 
 
 ODM = OdmProjects()

@@ -15,8 +15,6 @@ from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.surveys.survey import SceneOptions, Survey, posed_scene
 
-__all__ = ["PHOTOS", "PhotoOptions"]
-
 
 @dataclass(frozen=True)
 class PhotoOptions(SceneOptions):
@@ -37,27 +35,18 @@ class Photos(Survey[PhotoOptions]):
 
     def read(self, options: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
         """Read the poses of own photos, and what the photos' metadata say."""
-        sizes = photo_sizes(options.images, progress)
-        photos = read_poses(options.poses, sizes)
+        images, poses = options.images, options.poses
+        sizes = photo_sizes(images, progress)
+        photos, crs_from = read_poses(poses, sizes), f"{poses}, key 'crs'"
         if options.crs is None and photos.crs is None:
             raise UsageError(
                 "the CRS of the poses is not known",
-                where=options.poses,
+                where=poses,
                 expected="a projected CRS in metres",
                 fix="add the key 'crs' to the file, or give --crs EPSG:...",
             )
-        return posed_scene(
-            options,
-            scene,
-            options.images,
-            sizes,
-            photos,
-            options.poses,
-            progress,
-            dom=options.dom,
-            dsm=options.dsm,
-            crs_from=f"{options.poses}, key 'crs'",
-        )
+        parts = (scene, images, sizes, photos, poses, progress)
+        return posed_scene(options, *parts, crs_from=crs_from)
 
 
 PHOTOS = Photos()

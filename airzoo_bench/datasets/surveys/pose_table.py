@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pyproj import CRS
@@ -39,8 +39,6 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import describe_crs, from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
 
-__all__ = ["POSES", "PoseTableOptions"]
-
 # What programs call a column, see `tables.plain`.
 _POSE: Mapping[str, tuple[str, ...]] = {
     "lat": ("lat", "latitude", "gpslatitude"),
@@ -68,7 +66,7 @@ _OTHERS: Mapping[str, tuple[str, ...]] = {
 _YAW, _OMEGA = ("yaw", "pitch", "roll"), ("omega", "phi", "kappa")
 # Units in brackets in which no column can be; others, such as (WGS84), are passed over.
 _OTHER_UNITS = re.compile(
-    r"[\[(]\s*(gon|grad|mil|ft|feet|foot|us ?ft|yd|km|cm|mm)\w*\s*[\])]", re.I
+    r"[\[(]\s*(rad|gon|grad|mil|ft|feet|foot|us ?ft|yd|km|cm|mm)\w*\s*[\])]", re.I
 )
 _MOST_OFF_NADIR_DEG, _OBLIQUE_DEG = 65.0, -20.0
 _EXPECTED = (
@@ -92,13 +90,6 @@ class PoseTableOptions(SurveyOptions):
         Convention | None,
         Option("angles", "What the angles mean (default: what the columns' names tell)."),
     ] = None
-    angle_unit: Annotated[
-        Literal["degrees", "radians"] | None, Option("angle-unit", "Default: degrees.")
-    ] = None
-    north: Annotated[
-        Literal["true", "grid"] | None,
-        Option("north", "What angles are relative to (default: yaw true north, kappa the grid's)."),
-    ] = None
 
 
 class PoseTables(Survey[PoseTableOptions]):
@@ -116,26 +107,17 @@ class PoseTables(Survey[PoseTableOptions]):
         table, notes = _read(path)
         found = match_names(table.texts("image"), sizes, path)
         rows = _whole_rows(table, found, notes)
-        names = tuple(found[table.texts("image")[row]] for row in rows)
+        names = [found[table.texts("image")[row]] for row in rows]
         crs = stated_crs(options) or map_crs(options.dsm, options.dom)
         lonlat, centres = _positions(table, rows, crs, stated=options.crs is not None)
-        rotations = _rotations(table, rows, options, grid_convergence_deg(crs, lonlat), notes)
-        cameras = _cameras(table, rows, names, images, sizes, options.camera, notes)
-        poses = Poses.from_centres(rotations, centres, names)
-        photos = PosedPhotos(names, cameras, poses, crs.to_string())
-        photos = photos.take([int(row) for row in np.argsort(np.array(names))])
-        return posed_scene(
-            options,
-            scene,
-            images,
-            sizes,
-            photos,
-            path,
-            progress,
-            dom=options.dom,
-            dsm=options.dsm,
-            notes=notes,
+        rotations = _rotations(
+            table, rows, options.angles, grid_convergence_deg(crs, lonlat), notes
         )
+        cameras = _cameras(table, rows, names, images, sizes, options.camera)
+        poses = Poses.from_centres(rotations, centres, names)
+        photos = PosedPhotos(tuple(names), cameras, poses, crs.to_string())
+        photos = photos.take(np.argsort(np.array(names)).tolist())
+        return posed_scene(options, scene, images, sizes, photos, path, progress, notes=notes)
 
 
 def _read(path: Path) -> tuple[Table, list[str]]:
@@ -148,17 +130,14 @@ def _read(path: Path) -> tuple[Table, list[str]]:
     estimated = "height" in has and ({"x", "y"} <= has or {"lat", "lon"} <= has)
     columns = {**(found if estimated else _POSE), **_OTHERS}
     table = read_table(path, columns, optional=set(columns), blanks=True)
-    placed = table.has("lat", "lon") or table.has("x", "y")
-    turned = table.has(*_YAW) or table.has(*_OMEGA)
     odd = [name for name in table.header.values() if _OTHER_UNITS.search(name)]
-    if not (table.has("image", "height") and placed and turned) or odd:
+    needed = table.has("image", "height", *_place_columns(table), *_angle_columns(table))
+    if odd or not needed:
         raise BenchmarkError(
-            f"columns in other units: {', '.join(map(repr, odd))}"
-            if odd
-            else f"its columns are {', '.join(table.names)[:300]!r}, which name no pose",
+            f"its columns are {', '.join(table.names)[:300]!r}, which name no pose, or other units",
             where=path,
             expected=_EXPECTED,
-            fix="name the columns so, of metres and of degrees or radians",
+            fix="name the columns so, of metres and degrees",
         )
     table.require_unique("image")
     what = "poses that the program found" if estimated else "poses"
@@ -196,28 +175,23 @@ def _positions(
     """Return longitude and latitude, and centres in the CRS."""
     columns = _place_columns(table)
     pair = np.stack([table.numbers(column, empty=True)[rows] for column in columns], axis=-1)
-    header = " and ".join(table.header[column] for column in columns)
     on_earth = bool((np.abs(pair) <= (180.0, 90.0)).all())
     # Metashape writes X/Longitude, and then X_est, for metres as for degrees.
     names_lon = any("lon" in name.casefold() for name in table.names)
+    lonlat = xy = np.full_like(pair, np.nan)
     if on_earth and (columns == ("lon", "lat") or names_lon):
         lonlat, xy = pair, from_lonlat(crs, pair)
     elif columns == ("x", "y") and stated:
         lonlat, xy = to_lonlat(crs, pair), pair
-    else:
+    if not np.isfinite(np.column_stack((xy, lonlat))).all():
+        header = " and ".join(table.header[column] for column in columns)
         raise UsageError(
             f"the columns {header} hold {pair[0, 0]:.10g} and {pair[0, 1]:.10g}, whose CRS is not "
-            "known",
+            f"known, or are beyond {describe_crs(crs)}",
             where=table.path,
             expected="degrees, at most 180 and 90 in size, or eastings and northings of --crs",
             fix="look whether they are the wrong way round; name the columns easting and northing, "
-            f"and give --crs, such as that of the map if they are in {describe_crs(crs)}",
-        )
-    beyond = ~np.isfinite(np.column_stack((xy, lonlat))).all(axis=1)
-    if beyond.any():
-        names = [table.texts("image")[rows[i]] for i in np.flatnonzero(beyond).tolist()]
-        raise BenchmarkError(
-            f"positions beyond {describe_crs(crs)}: {first_of(names, len(rows))}", where=table.path
+            "and give --crs",
         )
     return lonlat, np.column_stack((xy, table.numbers("height", empty=True)[rows]))
 
@@ -225,19 +199,29 @@ def _positions(
 def _rotations(
     table: Table,
     rows: Sequence[int],
-    options: PoseTableOptions,
+    wanted: Convention | None,
     convergence_deg: Floats,
     notes: list[str],
 ) -> Floats:
     """Return the rotations of some rows, and note how they were read."""
-    convention = _convention(table, options.angles)
-    degrees = _degrees(table, rows, convention, options.angle_unit)
-    north = options.north or ("grid" if convention == "omega-phi-kappa" else "true")
+    convention, photogrammetric = _convention(table, wanted), table.has(*_OMEGA)
+    columns = _angle_columns(table)
+    angles = np.column_stack([table.numbers(c, -360, 360, empty=True)[rows] for c in columns])
+    heading = angles[:, 2] if photogrammetric else angles[:, 0]
+    off = np.abs(angles[:, 1]).max() > 0.5 if convention == "gimbal" else np.abs(heading).max() > 1
+    if np.abs(angles).max() <= 2.0 * math.pi and off:
+        raise BenchmarkError(
+            f"{', '.join(table.header[column] for column in columns)} look like radians",
+            where=table.path,
+            expected="degrees",
+            fix="multiply them by 57.29578",
+        )
+    north = "the grid's" if photogrammetric else "true"
     notes.append(f"angles are read as {convention}, relative to {north} north")
-    convergence = convergence_deg if north == "true" else 0.0
-    rotations = attitudes_to_rotations(convention, degrees, convergence_deg=convergence)
-    if options.angles is None:
-        _check_down(table, rotations, float(np.median(degrees[:, 1])), convention)
+    convergence = 0.0 if photogrammetric else convergence_deg
+    rotations = attitudes_to_rotations(convention, angles, convergence_deg=convergence)
+    if wanted is None:
+        _check_down(table, rotations, float(np.median(angles[:, 1])), convention)
     return rotations
 
 
@@ -253,9 +237,7 @@ def _convention(table: Table, wanted: Convention | None) -> Convention:
     found = wanted or by_name
     if found is None or (found == "omega-phi-kappa") != table.has(*_OMEGA):
         raise UsageError(
-            f"--angles {wanted} does not go with the columns {', '.join(_angle_columns(table))}"
-            if wanted
-            else "what yaw, pitch and roll mean is not known",
+            f"what {', '.join(_angle_columns(table))} mean is not known",
             where=table.path,
             expected="columns such as GimbalYawDegree (gimbal), or a table as Metashape or Pix4D "
             "write it",
@@ -263,23 +245,6 @@ def _convention(table: Table, wanted: Convention | None) -> Convention:
             "airframe if it is 0 there",
         )
     return found
-
-
-def _degrees(table: Table, rows: Sequence[int], convention: Convention, unit: str | None) -> Floats:
-    columns = _angle_columns(table)
-    values = np.column_stack([table.numbers(c, -1e4, 1e4, empty=True)[rows] for c in columns])
-    names, most = ", ".join(table.header[column] for column in columns), float(np.abs(values).max())
-    heading = values[:, 2] if convention == "omega-phi-kappa" else values[:, 0]
-    off = np.abs(values[:, 1]).max() > 0.5 if convention == "gimbal" else np.abs(heading).max() > 1
-    likely = "rad" in names.casefold() or (most <= 2.0 * math.pi and off)
-    if (unit is None and (likely or most > 360.5)) or (unit == "radians" and most > 2.0 * math.pi):
-        raise BenchmarkError(
-            f"{names} go to {most:.6g}: they are no {unit or 'degrees'}, or may be none",
-            where=table.path,
-            expected="degrees, at most 360, or radians, at most 2 pi, said by --angle-unit",
-            fix="--angle-unit radians, or --angle-unit degrees if they are; multiply gon by 0.9",
-        )
-    return np.degrees(values) if unit == "radians" else values
 
 
 def _check_down(table: Table, rotations: Floats, pitch: float, convention: str) -> None:
@@ -306,26 +271,22 @@ def _cameras(
     images: Path,
     sizes: Mapping[str, tuple[int, int]],
     camera: Path | None,
-    notes: list[str],
 ) -> Cameras:
-    columns = [key for key in LENS_KEYS if table.has(key)]
+    columns = {key: table.numbers(key, empty=True)[rows] for key in LENS_KEYS if table.has(key)}
     if (camera is None) == (not columns):
         raise UsageError(
-            f"cameras are given twice: by --camera and the columns {', '.join(columns)}"
-            if columns
-            else "no camera is given",
+            "no camera is given, or two: by --camera and by columns",
             where=table.path,
             expected="--camera FILE, or columns such as fx, or focal_mm and sensor_mm, or fov_deg",
         )
-    where = camera or table.path
     if camera is not None:
         values = dict.fromkeys(names, read_camera_file(camera))
     else:
-        parts = {key: table.numbers(key, empty=True)[rows] for key in columns}
         values = {
-            name: {key: float(part[i]) for key, part in parts.items() if not np.isnan(part[i])}
+            name: {key: float(part[i]) for key, part in columns.items() if not np.isnan(part[i])}
             for i, name in enumerate(names)
         }
+    where = camera or table.path
     lenses = [lens_of(values[name], sizes[name], where) for name in names]
     check_focal_lengths(images, values, sizes, where)
     return cameras_of_lenses(lenses, names, sizes)

@@ -15,7 +15,7 @@ from airzoo_bench.core.errors import CameraError, UsageError, UserError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.content import check_names, metric_crs
+from airzoo_bench.datasets.content import metric_crs
 from airzoo_bench.datasets.dataset import Dataset, path_options
 from airzoo_bench.datasets.metadata import PhotoPrior, metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
@@ -30,15 +30,11 @@ from airzoo_bench.geometry.vertical import (
     stated_heights_crs,
     vertical_m,
 )
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.retrieval.settings import RetrievalProtocol
-
-__all__ = ["SceneOptions", "Survey", "SurveyOptions", "posed_scene", "surface_altitudes"]
+from airzoo_bench.protocol.lookup import find_protocol, protocol_for
 
 _LONGEST_NAME = 48  # of which more names are made
 _SAME_M = 1e-6  # one vertical datum in two units
+_TRACKS = ("retrieval", "matching", "reconstruction")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,14 +68,9 @@ class SceneOptions:
         Option("truth-accuracy", "Standard error of the positions, in m.", least=0.001, most=100),
     ] = None
     protocol: Annotated[
-        str, Option("protocol", "Retrieval protocol to start from, a name or .toml file.")
-    ] = "photos-retrieval"
-    matching_protocol: Annotated[
-        str, Option("matching-protocol", "Matching protocol to start from.")
-    ] = "photos-matching"
-    reconstruction_protocol: Annotated[
-        str, Option("reconstruction-protocol", "Reconstruction protocol to start from.")
-    ] = "photos-reconstruction"
+        list[str] | None,
+        Option("protocol", "Protocol to start from, a name or .toml file; repeat it by track."),
+    ] = None
     tile_size: Annotated[
         list[int] | None, Option("tile-size", "Side of a tile in map pixels; repeat it.")
     ] = None
@@ -130,25 +121,21 @@ class Survey(Dataset[OptionsT]):
 
     def scenes(self, options: Any) -> Mapping[str, Sequence[Path]]:
         """Return the one scene, called like the benchmark, if all that it needs was given."""
-        lacking = [field for field in self.needs if getattr(options, field) is None]
-        if lacking:
-            raise UsageError(f"--{lacking[0]} must be given")
+        lacking = [f"--{field}" for field in self.needs if getattr(options, field) is None]
         if self.needs_ground and options.dsm is None and options.plane_height is None:
-            raise UsageError(
-                "the height of the ground is not known",
-                expected="a surface model (--dsm), or the ground as a plane (--plane-height)",
-            )
+            lacking.append("--dsm (a surface model), or --plane-height")
+        if lacking:
+            raise UsageError(f"{' and '.join(lacking)} must be given")
         return {self.benchmark(options): path_options(options)}
 
     def benchmark_protocols(self, options: Any, root: Path) -> BenchmarkProtocols:
         """Return the protocols of own photos, as changed by the options."""
-        name = self.benchmark(options)
-        retrieval = protocol_of_track(options.protocol, root, RetrievalProtocol)
-        matching = protocol_of_track(options.matching_protocol, root, MatchingProtocol)
-        reconstruction = protocol_of_track(
-            options.reconstruction_protocol, root, ReconstructionProtocol
-        )
-        truth, sizes = retrieval.map_rules()[1], tuple(options.tile_size or ())
+        named = [find_protocol(one, root) for one in options.protocol or ()]
+        given: dict[str, Any] = {one.track: one for one in named}
+        bases: list[Any] = [
+            given.get(track) or find_protocol(f"photos-{track}", root) for track in _TRACKS
+        ]
+        truth, sizes = bases[0].map_rules()[1], tuple(options.tile_size or ())
         rule, above = options.rule or truth.rule, options.iou_above
         if above is None and rule == "iou":
             above = truth.iou_above
@@ -156,12 +143,9 @@ class Survey(Dataset[OptionsT]):
             "gallery": {"tile_sizes_px": sizes} if sizes else {},
             "ground_truth": {"rule": rule, "iou_above": above},
         }
+        name = self.benchmark(options)
         return BenchmarkProtocols(
-            (
-                protocol_for(retrieval, name, changes),
-                protocol_for(matching, name, {}),
-                protocol_for(reconstruction, name, {}),
-            )
+            tuple(protocol_for(one, name, changes if one is bases[0] else {}) for one in bases)
         )
 
 
@@ -172,9 +156,7 @@ def stated_crs(options: SceneOptions) -> CRS | None:
 
 def map_crs(dsm: Path | None, dom: Path | None) -> CRS:
     """Return the projected CRS of the surface model, or of the map where there is none."""
-    path = dsm or dom
-    if path is None:
-        raise UsageError("no map is given", fix="give --dom and --dsm")
+    path = dsm or dom or Path()
     crs = horizontal_crs(open_info(path).crs)
     if not crs.is_projected:
         raise CameraError(
@@ -186,7 +168,7 @@ def map_crs(dsm: Path | None, dom: Path | None) -> CRS:
 
 
 def posed_scene(
-    options: SceneOptions,
+    options: Any,
     scene: str,
     images: Path,
     sizes: Mapping[str, tuple[int, int]],
@@ -194,28 +176,28 @@ def posed_scene(
     poses_from: Path,
     progress: Progress,
     *,
-    dom: Path | None,
-    dsm: Path | None,
-    notes: Sequence[str] = (),
-    accuracy_m: float | None = None,
     crs_from: str = "",
+    **parts: Any,
 ) -> NativeScene:
     """Make the scene of posed photos, its priors from the photos' metadata and ``--priors``.
 
-    `sizes` are of every photo below `images`; `poses_from` and `crs_from` are for messages.
+    `sizes` are of every photo below `images`; `poses_from` and `crs_from` are for messages, `parts`
+    go before those of the options.
     """
-    check_names(photos.names, images)
     check_centred(photos, poses_from)
     stated = options.crs or photos.crs or ""
     place = f"--crs {options.crs}" if options.crs else crs_from or str(poses_from)
-    crs, dsm_vertical = metric_crs(stated, place).to_string(), options.dsm_vertical_crs
-    centres, converted = surface_centres(
-        photos.poses.centres, stated, crs, options.vertical_crs, dsm, dsm_vertical, place
+    crs, surface = metric_crs(stated, place).to_string(), surface_crs(options, parts.get("dsm"))
+    centres, converted = _surface_centres(
+        options, photos.poses.centres, stated, crs, surface, place
     )
     metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
-    metadata, more = surface_altitudes(
-        metadata, options.priors_vertical_crs, "--priors-vertical", dsm, dsm_vertical
+    metadata, more = change_altitudes(
+        metadata, options.priors_vertical_crs, "--priors-vertical", surface
     )
+    named = {"dom": options.dom, "dsm": options.dsm, "cloud": options.cloud, **parts}
+    named["truth_accuracy_m"] = options.truth_accuracy or parts.get("truth_accuracy_m")
+    named["notes"] = (*parts.get("notes", ()), *converted, *more)
     return NativeScene(
         scene,
         images,
@@ -223,39 +205,33 @@ def posed_scene(
         photos.cameras,
         replace(photos.poses, centres=centres),
         crs,
-        dom=dom,
-        dsm=dsm,
-        cloud=options.cloud,
         plane_height_m=options.plane_height,
         priors=metadata_priors(metadata, crs),
         metadata=metadata,
         unposed=tuple(sorted(set(sizes) - set(photos.names))),
-        notes=(*notes, *converted, *more),
-        truth_accuracy_m=options.truth_accuracy or accuracy_m,
         poses_from=poses_from,
         crs_from=place,
+        **named,
     )
 
 
-def surface_centres(
+def _surface_centres(
+    options: SceneOptions,
     centres: Floats,
     named: str,
     crs: str,
-    vertical: str | None,
-    dsm: Path | None,
-    dsm_vertical: str | None,
+    surface: CRS | None,
     place: str,
 ) -> tuple[Floats, tuple[str, ...]]:
     """Return camera centres in metres, with heights as the surface model has them, and a note.
 
-    Centres are in the CRS `named`, of which `crs` is the horizontal part, and heights in its
-    vertical CRS or in `vertical`; `place` is what states the CRS, for messages.
+    Centres are in the CRS `named`, of which `crs` is the horizontal part; `place` states it.
     """
+    vertical = options.vertical_crs
     where = f"--vertical-crs {vertical}" if vertical else f"{place}, heights of {named}"
-    stated = _named(vertical, where) if vertical else stated_heights_crs(CRS(named))
+    stated = _named_heights(vertical, where) if vertical else stated_heights_crs(CRS(named))
     unit = vertical_m(CRS.from_user_input(vertical or named)) or 1.0
     in_metres: Floats = centres * (1.0, 1.0, unit)
-    surface = _of_surface(dsm, dsm_vertical)
     if stated is None or (vertical is None and surface is None):
         return in_metres, ()
     lonlat, what = to_lonlat(crs, in_metres[:, :2]), "heights of the poses"
@@ -263,12 +239,11 @@ def surface_centres(
     return np.column_stack((in_metres[:, :2], heights)), note
 
 
-def surface_altitudes(
+def change_altitudes(
     metadata: dict[str, PhotoPrior],
     named: str | None,
     option: str,
-    dsm: Path | None,
-    dsm_vertical: str | None,
+    surface: CRS | None,
     what: str = "altitudes of the photos",
 ) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
     """Return priors with altitudes as the surface model has heights, and a note."""
@@ -276,8 +251,8 @@ def surface_altitudes(
         return metadata, ()
     rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
     values = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    place, surface = f"{option} {named}", _of_surface(dsm, dsm_vertical)
-    source = _named(named, place)
+    place = f"{option} {named}"
+    source = _named_heights(named, place)
     heights, note = _changed(values[:, 2], values[:, :2], source, surface, place, what)
     found = {
         name: prior if prior.altitude_m is None else replace(prior, altitude_m=float(height))
@@ -286,14 +261,15 @@ def surface_altitudes(
     return found, note
 
 
-def _of_surface(dsm: Path | None, named: str | None) -> CRS | None:
+def surface_crs(options: SceneOptions, dsm: Path | None = None) -> CRS | None:
     """Return the vertical CRS of a surface model: the one named, else its own compound CRS's."""
+    named, dsm = options.dsm_vertical_crs, dsm or options.dsm
     if named is None:
         return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
-    return _named(named, f"--dsm-vertical {named}")
+    return _named_heights(named, f"--dsm-vertical {named}")
 
 
-def _named(named: str, option: str) -> CRS:
+def _named_heights(named: str, option: str) -> CRS:
     try:
         return heights_crs(named)
     except UserError as error:

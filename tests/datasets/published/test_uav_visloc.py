@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -78,19 +77,6 @@ def test_a_footprint_by_hand(root: Path) -> None:
     assert corner[0] > lon
     assert corner[1] < lat
     np.testing.assert_allclose([east, north], [224.86, 75.99], atol=0.1)
-
-
-@pytest.mark.parametrize(
-    ("options", "phi"),
-    [
-        ({"heading": "east-north-positive"}, 90.0 - 165.0),
-        ({"heading": "counter-clockwise"}, -165.0),
-        ({"heading_column": "Phi2"}, 168.0),
-    ],
-)
-def test_headings_by_name(root: Path, options: dict[str, Any], phi: float) -> None:
-    expected = anchors((*FLIGHTS["01"].photos[0][:3], phi))
-    assert geodesic_distance_m(footprints(read(root, "01", **options))[0], expected).max() < 0.3
 
 
 def exact(folder: Path) -> dict[str, dict[str, list[str]]]:

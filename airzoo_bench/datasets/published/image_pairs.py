@@ -1,34 +1,39 @@
-"""Benchmarks of images in a folder a class: University-1652, SUES-200, DenseUAV.
+"""Benchmarks of images that state their pairs: University-1652, SUES-200, DenseUAV, GTA-UAV.
 
 A scene is a direction, drone-to-satellite or satellite-to-drone: images of a view ask, those of the
-other are the gallery, and images of one class answer each other.
+other are the gallery. In folders of classes, images of one class answer each other; GTA-UAV lists
+drone images and tiles of a game's map that overlap.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, first_of
+from airzoo_bench.core.errors import BenchmarkError, first_of, readable
+from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.published.places import find_home, missing, published_scenes
+from airzoo_bench.datasets.published.places import (
+    find_home,
+    folders_in,
+    missing,
+    published_scenes,
+)
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
-from airzoo_bench.retrieval.stated_truth import ImageSet, pairs_of_labels
+from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs, pairs_of_labels
 
-__all__ = ["DENSEUAV", "DIRECTIONS", "SUES_200", "UNIVERSITY_1652", "ClassFolders"]
-
-DIRECTIONS = ("drone-to-satellite", "satellite-to-drone")
-"""Which view asks, and which is the gallery."""
-
+_DIRECTIONS = ("drone-to-satellite", "satellite-to-drone")
 _SUFFIXES = (*PHOTO_SUFFIXES, ".ppm", ".bmp", ".pgm", ".webp")  # those of torchvision
 _HEIGHTS = ("150", "200", "250", "300")
 _FOLDERS = ("query_drone", "gallery_satellite", "query_satellite", "gallery_drone")
@@ -96,11 +101,8 @@ class ClassFolders(Dataset[SourceOptions]):
         answered = set(labels[1]) if positions is None else set(labels[1]) & set(positions)
         lacking = sorted(set(labels[0]) - answered, key=int)
         if lacking:
-            raise missing(
-                f"lacks classes of {asked.name}: {first_of(lacking)}",
-                given,
-                "every class of the queries, with its position where the benchmark has them",
-            )
+            what = f"lacks classes of {asked.name}: {first_of(lacking)}"
+            raise missing(what, given, "every class of the queries, and its position if there are")
         return ImageScene(
             scene,
             _image_set(queries, positions),
@@ -108,7 +110,7 @@ class ClassFolders(Dataset[SourceOptions]):
             asked,
             given,
             pairs_of_labels(*labels),
-            self.gallery_sizes[scene.endswith(DIRECTIONS[1])],
+            self.gallery_sizes[scene.endswith(_DIRECTIONS[1])],
             notes,
         )
 
@@ -120,23 +122,22 @@ class ClassFolders(Dataset[SourceOptions]):
 def class_images(folder: Path, below: str = "") -> list[ClassImage]:
     """List the images of all class folders, or of a folder in each, sorted by class and name."""
     layout = f"a folder a class, named by a whole number, with images ending in {_SUFFIXES}"
-    inside = sorted(path for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
     found: list[ClassImage] = []
-    for home in (path for path in inside if not path.name.startswith((".", "__"))):
+    for home in (path for path in folders_in(folder) if not path.name.startswith((".", "__"))):
         files = sorted((home / below).iterdir()) if (home / below).is_dir() else []
-        images = [
-            file for file in files if file.suffix.lower() in _SUFFIXES and file.name[0] != "."
-        ]
-        if not (home.name.isascii() and home.name.isdigit()) or not images:
+        images = [one for one in files if one.suffix.lower() in _SUFFIXES and one.name[0] != "."]
+        if not re.fullmatch("[0-9]+", home.name) or not images:
             raise missing(f"{home.name!r} is no class with images", home / below, layout)
-        label = str(int(home.name))
         found += [
-            ClassImage(label, f"{home.name}/{one.stem}", one.relative_to(folder).as_posix())
+            ClassImage(
+                str(int(home.name)),
+                f"{home.name}/{one.stem}",
+                one.relative_to(folder).as_posix(),
+            )
             for one in images
         ]
     if not found:
-        fix = "unpack it there, or choose scenes that are there with --scene"
-        raise missing("holds no class folder", folder, layout, fix)
+        raise missing("holds no class folder", folder, layout, "unpack it there")
     return found
 
 
@@ -154,7 +155,7 @@ class University1652(ClassFolders):
 
     name = "university-1652"
     about = about_of("university-1652")
-    protocols = tuple(f"university-1652-{direction}" for direction in DIRECTIONS)
+    protocols = tuple(f"university-1652-{direction}" for direction in _DIRECTIONS)
     gallery_sizes = (951, 51_355)
 
 
@@ -163,7 +164,7 @@ class Sues200(ClassFolders):
 
     name = "sues-200"
     about = about_of("sues-200")
-    protocols = tuple(f"sues-200-{direction}" for direction in DIRECTIONS)
+    protocols = tuple(f"sues-200-{direction}" for direction in _DIRECTIONS)
     gallery_sizes = (200, 10_000)
     places = ("Testing", "Dataset/Testing", "Datasets/Testing", "")
     layout = (
@@ -174,21 +175,18 @@ class Sues200(ClassFolders):
 
     def is_home(self, folder: Path) -> bool:
         """Return whether a folder holds the heights, or the two views."""
-        return any((folder / h / "query_drone").is_dir() for h in _HEIGHTS) or len(
-            _views(folder)
-        ) == len(DIRECTIONS)
+        split = any((folder / height / "query_drone").is_dir() for height in _HEIGHTS)
+        return split or len(_views(folder)) == len(_DIRECTIONS)
 
     def sets(self, home: Path, scene: str) -> list[tuple[Path, list[ClassImage]]]:
         """Return the folders of a height, or those of the views with the classes of the split."""
         height, asked, _, given = scene.split("-")
         views = _views(home)
-        if len(views) < len(DIRECTIONS):
+        if len(views) < len(_DIRECTIONS):
             return super().sets(home / height, scene)
         folders = [home / views[asked], home / views[given]]
         below = [height if view == "drone" else "" for view in (asked, given)]
-        queries, gallery = (
-            class_images(folder, part) for folder, part in zip(folders, below, strict=True)
-        )
+        queries, gallery = map(class_images, folders, below)
         if {image.label for image in queries} != {str(number) for number in range(1, 201)}:
             raise missing("lacks classes, or has others", folders[0], "the classes 0001 to 0200")
         tested = [image for image in queries if image.label not in _TRAINING]
@@ -197,7 +195,7 @@ class Sues200(ClassFolders):
 
 def _views(folder: Path) -> dict[str, str]:
     """Return the folders of the two views, by the words that are in their names."""
-    names = [path.name for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
+    names = [path.name for path in folders_in(folder)]
     found = {view: [n for n in names if view in n.lower()] for view in ("drone", "satellite")}
     return {view: few[0] for view, few in found.items() if len(few) == 1}
 
@@ -207,7 +205,7 @@ class DenseUav(ClassFolders):
 
     name = "denseuav"
     about = about_of("denseuav")
-    protocols = tuple(f"denseuav-{direction}" for direction in DIRECTIONS)
+    protocols = tuple(f"denseuav-{direction}" for direction in _DIRECTIONS)
     gallery_sizes = (18_198, 9_099)
     places = ("test",)
     layout = f"{_POSITIONS}, and {ClassFolders.layout}"
@@ -223,22 +221,138 @@ class DenseUav(ClassFolders):
         moved: dict[str, None] = {}
         for number, line in enumerate(read_native_text(path).splitlines(), start=1):
             match = _POSITION.match(line.replace("\\", "/"))
-            if match is None and line.strip():
-                raise BenchmarkError(
-                    f"is {line[:80]!r}",
-                    where=f"{path}, line {number}",
-                    expected="such as test/query_drone/000001/H80.JPG E120.387 N30.324 93.2",
-                    fix="download it again, or correct the line",
-                )
             if match is not None:
                 label, position = str(int(match[1])), (float(match[2]), float(match[3]))
                 if found.setdefault(label, position) != position:
                     moved[label] = None
                 found[label] = position
+            elif line.strip():
+                raise BenchmarkError(
+                    f"is {line[:80]!r}",
+                    where=f"{path}, line {number}",
+                    expected="such as test/query_drone/000001/H80.JPG E120.387 N30.324 93.2",
+                )
         said = f"classes whose lines in {_POSITIONS} differ, of which the last is taken: "
         return found, (said + first_of(moved),) if moved else ()
 
 
-UNIVERSITY_1652 = University1652()
-SUES_200 = Sues200()
-DENSEUAV = DenseUav()
+_AREAS = ("cross-area", "same-area")
+_LISTS = {area: f"{area}-drone2sate-test.json" for area in _AREAS}
+_LAYOUT = f"{', '.join(_LISTS.values())}, drone/images/ and satellite/"
+_TILES, _MOST_BYTES = 14_640, 1 << 30
+_MAP_PX, _TILE_PX, _GSD_M = 24_576, 256, 0.45
+_TILE_NAME = re.compile(r"(\d{1,2})_(\d{1,3})_(\d{1,5})_(\d{1,5})\.png", re.IGNORECASE)
+_NEAR_M = 0.01
+
+
+class _Drone(NamedTuple):
+    """A drone image: its file, place, the tiles that answer it, and all with their overlaps."""
+
+    name: str
+    image: str
+    place: Place
+    positive: frozenset[str]
+    weights: Mapping[str, float]
+    height_m: float
+    tiles: str  # the folder of all
+
+
+class GtaUav(Dataset[SourceOptions]):
+    """GTA-UAV; a scene is a test list in a direction."""
+
+    name = "gta-uav"
+    about = about_of("gta-uav")
+    protocols = tuple(f"gta-uav-{area}-{direction}" for area in _AREAS for direction in _DIRECTIONS)
+
+    def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
+        """Return both areas in both directions."""
+        home = _lists_home(options)
+        return {f"{area}-{direction}": [home] for area in _AREAS for direction in _DIRECTIONS}
+
+    def read(self, options: SourceOptions, scene: str, progress: Progress) -> ImageScene:
+        """Read the test list of an area, and turn it round for the way back."""
+        home = _lists_home(options)
+        drones = _read_drones(home / _LISTS[next(one for one in _AREAS if scene.startswith(one))])
+        folder, backwards = home / drones[0].tiles, scene.endswith(_DIRECTIONS[1])
+        there = {path.name: path.relative_to(folder).as_posix() for path in folder.rglob("*.png")}
+        stated = {tile for one in drones for tile in one.weights}
+        lacking = sorted(stated - there.keys())
+        lacking += [one.image for one in drones if not (home / one.image).is_file()]
+        odd = [name for name in there if not _TILE_NAME.fullmatch(name)]
+        if lacking or odd:
+            what = f"files of the list are missing, or are no tiles ({first_of(lacking + odd)})"
+            raise missing(what, home, f"{_LAYOUT} with tiles such as 4_0_6_13.png")
+        answers = {tile for one in drones for tile in one.positive}
+        names = sorted(answers if backwards else there)
+        row = {name: number for number, name in enumerate(names)}
+        centres = np.array([_tile_centre(name) for name in names])
+        tiles = ImageSet([Path(n).stem for n in names], [there[n] for n in names], centres)
+        heights = [one.height_m for one in drones]
+        images = ImageSet(
+            [Path(one.name).stem for one in drones],
+            [one.image for one in drones],
+            np.array([one.place for one in drones]),
+            conditions={} if backwards or np.isnan(heights).any() else {"height_m": heights},
+        )
+        pairs = [
+            (number, row[tile], tile in one.positive, weight)
+            for number, one in enumerate(drones)
+            for tile, weight in one.weights.items()
+            if tile in row
+        ]
+        drone, tile, positive, weight = (np.array(column) for column in zip(*pairs, strict=True))
+        if backwards:
+            found = StatedPairs(tile, drone, positive, weight)
+            return ImageScene(scene, tiles, images, folder, home, found)
+        found = StatedPairs(drone, tile, positive, weight)
+        return ImageScene(scene, images, tiles, home, folder, found, _TILES)
+
+
+def _lists_home(options: SourceOptions) -> Path:
+    def is_home(folder: Path) -> bool:
+        return any((folder / name).is_file() for name in _LISTS.values())
+
+    return find_home(options.source, is_home, _LAYOUT)
+
+
+def _read_drones(path: Path) -> list[_Drone]:
+    """Read the drone images of a list that a tile answers, sorted by name."""
+    text = read_text(path, BenchmarkError, "list of pairs", _MOST_BYTES)
+    fix = "download the lists again: it may be cut short, or of another map"
+    with readable(path, "is no list of GTA-UAV", kind=BenchmarkError, fix=fix):
+        drones = [_drone(entry) for entry in json.loads(text.removeprefix("\ufeff"))]
+        found = sorted((one for one in drones if one.positive), key=lambda one: one.name)
+        if not found:
+            raise ValueError("no entry has a positive tile")
+    return found
+
+
+def _drone(entry: Mapping[str, Any]) -> _Drone:
+    weights: dict[str, float] = {}
+    for kind in ("pair_pos", "pair_pos_semipos"):
+        lists = (entry[f"{kind}_sate_{part}_list"] for part in ("img", "weight", "loc_x_y"))
+        for tile, weight, place in zip(*lists, strict=True):
+            if math.dist(place, _tile_centre(tile)) > _NEAR_M:
+                raise ValueError(f"tile {tile} is at {place}, which is not what its name says")
+            weights[tile] = float(weight)
+    height = (entry.get("drone_metadata") or {}).get("height", math.nan)
+    image = f"{entry['drone_img_dir']}/{entry['drone_img_name']}"
+    if any(".." in Path(name).parts for name in (image, entry["sate_img_dir"])):
+        raise ValueError(f"{image!r} leads out of the benchmark")
+    x, y = map(float, entry["drone_loc_x_y"])
+    positive = frozenset(entry["pair_pos_sate_img_list"])
+    height_m = round(float(height), 3)
+    return _Drone(
+        entry["drone_img_name"], image, (x, y), positive, weights, height_m, entry["sate_img_dir"]
+    )
+
+
+def _tile_centre(name: str) -> Place:
+    """Return where the centre of a tile is, in metres, by its name ``zoom_offset_x_y.png``."""
+    zoom, offset, x, y = map(int, Path(name).stem.split("_"))
+    side = _MAP_PX / 2**zoom
+    east, south = (side * (index + 1 / 2 + offset / _TILE_PX) * _GSD_M for index in (x, y))
+    return east, south
+
+
+UNIVERSITY_1652, SUES_200, DENSEUAV, GTA_UAV = University1652(), Sues200(), DenseUav(), GtaUav()
