@@ -1,4 +1,4 @@
-"""What a dataset says of itself."""
+"""The description of a dataset, in a TOML file."""
 
 from __future__ import annotations
 

@@ -31,14 +31,12 @@ _MOST_RATIO = 1.3  # between two focal lengths of one camera
 def read_camera_file(path: Path) -> dict[str, float]:
     """Read a camera from JSON: an object of numbers."""
     text, known = read_text(path, BenchmarkError, "camera file"), [*LENS_KEYS, "width", "height"]
-    values: dict[str, Any] = {}
     with readable(path, "no camera as JSON", kind=BenchmarkError, expected=_EXPECTED):
-        values |= unambiguous_json(text)
+        values: dict[str, Any] = unambiguous_json(text)
         strange = next((key for key in values if key not in known), None)
         if strange is not None:
             raise ValueError(f"unknown key {strange[:40]!r}{nearest(strange, known)}")
-        values = {key: float(value) for key, value in values.items()}
-    return values
+        return {key: float(value) for key, value in values.items()}
 
 
 def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -> Lens:

@@ -258,7 +258,7 @@ class _Run:
         keys = partial(scene_keys, source, self.protocols, self.settings)
         self.keys = with_progress(keys, "looking through the source", progress)
         self.staging.mkdir(parents=True, exist_ok=True)
-        made = self._taken()
+        made = self._take_finished()
         scenes = [scene for scene in source.scenes if scene not in made]
         found = self.settings.engine.map(
             _task, scenes, shared=self, stage="scenes", name="scene {}".format
@@ -277,7 +277,7 @@ class _Run:
         # As they come in the protocols, whichever were there before.
         self.records = {scene: made[scene] for scene in source.scenes if scene in made}
 
-    def _taken(self) -> dict[str, Record]:
+    def _take_finished(self) -> dict[str, Record]:
         """Take the scenes that nothing has changed for since they were finished."""
         places = [self.staging / scene for scene in self.source.scenes]
         if not self.settings.replace:
