@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.datasets.mini.build import build_world, digest
-from airzoo_bench.datasets.mini.model import REGIONS
+from airzoo_bench.datasets.mini.world import REGIONS
 
 CHECKSUMS = Path(__file__).resolve().parents[1] / "tests/datasets/mini/checksums.json"
 

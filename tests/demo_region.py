@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.build import build_world
+from airzoo_bench.datasets.mini.dataset import SURVEY, mini_photos, scene_content, seen_surface
 from airzoo_bench.datasets.mini.frames import FrameList, render_frames
-from airzoo_bench.datasets.mini.model import CRS, World
-from airzoo_bench.datasets.mini.prepare import SURVEY, mini_photos, scene_content, seen_surface
 from airzoo_bench.datasets.mini.renderer import default_camera
-from airzoo_bench.datasets.mini.store import save_world
+from airzoo_bench.datasets.mini.world import CRS, World, save_world
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 

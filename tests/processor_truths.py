@@ -15,10 +15,9 @@ import numpy as np
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.files import DATA_VARIABLE
-from airzoo_bench.datasets.mini import prepare as airzoo_mini
-from airzoo_bench.datasets.mini.model import REGIONS, Region
-from airzoo_bench.datasets.mini.prepare import mini_photos
-from airzoo_bench.datasets.mini.store import write_raster
+from airzoo_bench.datasets.mini import dataset as airzoo_mini
+from airzoo_bench.datasets.mini.dataset import mini_photos
+from airzoo_bench.datasets.mini.world import REGIONS, Region, write_raster
 from airzoo_bench.datasets.truths import build_truths
 from airzoo_bench.geometry.poses import depth_to_points
 from airzoo_bench.matching.truth import read_truth as read_matching

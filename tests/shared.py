@@ -17,7 +17,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 
     The others wait, and the next one makes it where that fails.
     """
-    from airzoo_bench.datasets.mini.store import sole_maker
+    from airzoo_bench.datasets.mini.world import sole_maker
 
     base = factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"shared-{name}"

@@ -43,8 +43,8 @@ def _group() -> None:
 def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
     """Make the world, and say where its maps lie (orthophoto, surface model, satellite mosaic)."""
     from airzoo_bench.core.files import data_root
-    from airzoo_bench.datasets.mini.model import REGIONS
-    from airzoo_bench.datasets.mini.prepare import make_worlds
+    from airzoo_bench.datasets.mini.dataset import make_worlds
+    from airzoo_bench.datasets.mini.world import REGIONS
 
     regions = list(REGIONS.values())
     folders = make_worlds(regions, data_root(), seed, Processes(jobs), progress)
@@ -73,11 +73,10 @@ def render(
     """
     from airzoo_bench.core.files import data_root
     from airzoo_bench.datasets.mini import flights
+    from airzoo_bench.datasets.mini.dataset import make_worlds
     from airzoo_bench.datasets.mini.frames import FrameList, render_frames
-    from airzoo_bench.datasets.mini.model import REGIONS
-    from airzoo_bench.datasets.mini.prepare import make_worlds
     from airzoo_bench.datasets.mini.renderer import default_camera
-    from airzoo_bench.datasets.mini.store import load_world
+    from airzoo_bench.datasets.mini.world import REGIONS, load_world
 
     (made,) = make_worlds([REGIONS[region]], data_root(), seed, progress=progress)
     camera = default_camera()

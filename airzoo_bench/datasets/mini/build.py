@@ -11,7 +11,7 @@ little off.
 from __future__ import annotations
 
 import hashlib
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,11 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.city import city_plan
 from airzoo_bench.datasets.mini.meshes import plan_mesh
-from airzoo_bench.datasets.mini.model import (
+from airzoo_bench.datasets.mini.noise import hash_of, textures
+from airzoo_bench.datasets.mini.painting import OLDER, SURVEY, Canvas
+from airzoo_bench.datasets.mini.plan import GRID_M, METAL, TILES, Colour, Plan, Raster, colours
+from airzoo_bench.datasets.mini.rural import rural_plan
+from airzoo_bench.datasets.mini.world import (
     OLDER_SUN,
     REGIONS,
     SIDE_M,
@@ -30,23 +34,10 @@ from airzoo_bench.datasets.mini.model import (
     Mesh,
     World,
 )
-from airzoo_bench.datasets.mini.noise import hash_of, textures
-from airzoo_bench.datasets.mini.painting import OLDER, SURVEY, Canvas
-from airzoo_bench.datasets.mini.plan import METAL, TILES, Colour, Plan, colours
-from airzoo_bench.datasets.mini.rasters import (
-    Layer,
-    canopies_on_top,
-    land_at,
-    lit,
-    share_below_top,
-    sun_cosine,
-    sunlit,
-    surface_heights,
-)
-from airzoo_bench.datasets.mini.rural import rural_plan
-from airzoo_bench.datasets.mini.shapes import Raster
-from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.geometry.arrays import Bools, Floats
 
+_Indices = NDArray[np.int64]
+_Singles = NDArray[np.float32]
 _Rgb = NDArray[np.uint8]
 
 _PLANS = {"city": city_plan, "rural": rural_plan}
@@ -59,6 +50,186 @@ _ABSENT, _REPAINTED = 4, 9  # percent of the buildings, cumulative
 # Where the mosaic shows what is elsewhere: metres east and north, 0.6 m in all.
 _OFFSET_M = (0.48, -0.36)
 
+_NOTHING = -1_000.0
+_BLOCK = 256  # triangles worked on at once
+# Heights of shadows are in integers of this many to the metre.
+_UNITS = 1024
+_BIAS, _SOFT = 200, 512
+_FAR_STEPS = 512
+
+
+class _Layer(NamedTuple):
+    """The topmost surface of one material at each pixel; arrays are (n, n)."""
+
+    height: _Singles  # `_NOTHING` where there is none
+    triangle: NDArray[np.int32]  # -1 where there is none
+    owner: NDArray[np.int32]
+
+    @classmethod
+    def from_mesh(cls, mesh: Mesh, raster: Raster, material: Material) -> _Layer:
+        """Look at the triangles of a material from above."""
+        height, triangle = _look_down(mesh, raster, mesh.material == material)
+        owner = np.where(triangle >= 0, mesh.owner[triangle], np.int32(-1))
+        return cls(height.astype(np.float32), triangle, owner)
+
+    def without(self, owners: Bools, where: Bools | bool = True) -> _Layer:
+        """Return the layer without some owners, given as a mask of all, at pixels `where`."""
+        hidden = (self.owner >= 0) & owners[self.owner] & where
+        blank = np.float32(_NOTHING), np.int32(-1), np.int32(-1)
+        return _Layer(*(np.where(hidden, b, part) for b, part in zip(blank, self, strict=True)))
+
+
+def _canopies_on_top(roofs: _Layer, canopies: _Layer) -> NDArray[np.int32]:
+    """Return triangles of canopies where no roof is above them, -1 elsewhere, (n, n)."""
+    return np.where(canopies.height > roofs.height, canopies.triangle, np.int32(-1))
+
+
+def _share_below_top(mesh: Mesh, owner: NDArray[np.int32], height: _Singles) -> _Singles:
+    """Return how far points are below the top of their canopy, as a share of its height."""
+    chosen = mesh.material == Material.CANOPY
+    owners = mesh.owner[chosen]
+    top = np.full(int(owners.max(initial=-1)) + 1, _NOTHING)
+    bottom = -top
+    for corner in range(3):
+        z = mesh.vertices[mesh.triangles[chosen, corner], 2]
+        np.maximum.at(top, owners, z)
+        np.minimum.at(bottom, owners, z)
+    share = (top[owner] - height) / np.maximum(top - bottom, 0.1)[owner]
+    return np.asarray(share.astype(np.float32))
+
+
+def _surface_heights(mesh: Mesh, land: Floats, raster: Raster) -> _Singles:
+    """Return the height of the highest surface at the pixel centres, in float64 until the end."""
+    top, _ = _look_down(mesh, raster, np.isin(mesh.material, (Material.ROOF, Material.CANOPY)))
+    return np.asarray(np.maximum(top, _land_at(land, raster)).astype(np.float32))
+
+
+def _look_down(mesh: Mesh, raster: Raster, chosen: Bools) -> tuple[Floats, NDArray[np.int32]]:
+    """Return height and number of the highest of the chosen triangles at each pixel centre."""
+    numbers = np.flatnonzero(chosen)
+    corners = mesh.vertices[mesh.triangles[numbers]]
+    normal = _normals(corners)
+    up = normal[:, 2] > 1e-9
+    numbers, corners, normal = numbers[up], corners[up], normal[up]
+    slope = -normal[:, :2] / normal[:, 2:]
+    height = np.full(raster.size * raster.size, _NOTHING)
+    triangle = np.full(raster.size * raster.size, -1, np.int32)
+    for start in range(0, len(numbers), _BLOCK):
+        part = corners[start : start + _BLOCK]
+        which, column, row = _pixels_in_boxes(part, raster)
+        x, y = (np.asarray((at + 0.5) * raster.pixel_m, np.float64) for at in (column, row))
+        inside = _inside(part[which], x, y)
+        which, x, y = which[inside], x[inside], y[inside]
+        pixel = ((raster.size - 1 - row) * raster.size + column)[inside]
+        rise, first = slope[start + which], part[which, 0]
+        z = first[:, 2] + rise[:, 0] * (x - first[:, 0]) + rise[:, 1] * (y - first[:, 1])
+        np.maximum.at(height, pixel, z)
+        best = z == height[pixel]
+        triangle[pixel[best]] = numbers[start + which[best]]
+    shape = (raster.size, raster.size)
+    return height.reshape(shape), triangle.reshape(shape)
+
+
+def _normals(corners: Floats) -> Floats:
+    # Not np.cross, whose order of operations is not promised.
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], 1)
+
+
+def _pixels_in_boxes(corners: Floats, raster: Raster) -> tuple[_Indices, _Indices, _Indices]:
+    """Return pairs of triangle and pixel (column, and row from the south) whose boxes meet."""
+    places = corners[..., :2] / raster.pixel_m
+    first = np.maximum(np.ceil(places.min(axis=1) - 0.5), 0).astype(np.int64)
+    last = np.minimum(np.floor(places.max(axis=1) - 0.5), raster.size - 1).astype(np.int64)
+    wide, tall = np.maximum(last - first + 1, 0).T
+    counts = wide * tall
+    which = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(which)) - (np.cumsum(counts) - counts)[which]
+    north, east = np.divmod(place, np.maximum(wide, 1)[which])
+    return which, first[which, 0] + east, first[which, 1] + north
+
+
+def _inside(corners: Floats, x: Floats, y: Floats) -> Bools:
+    inside = np.ones(x.shape, np.bool_)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        x0, y0 = corners[:, i, 0], corners[:, i, 1]
+        x1, y1 = corners[:, j, 0], corners[:, j, 1]
+        inside &= (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) >= -1e-9
+    return inside
+
+
+def _rises(heights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return how land rises to the east and north in the lower, then upper triangle of cells."""
+    east, north = heights[:, 1:] - heights[:, :-1], heights[1:] - heights[:-1]
+    return east[:-1], north[:, 1:], east[1:], north[:, :-1]
+
+
+def _spread(lower: NDArray[Any], upper: NDArray[Any], size: int) -> NDArray[Any]:
+    """Lay values of both triangles of cells (n, k or 1, n, k or 1) out as a map (size, size)."""
+    step = np.arange(size // lower.shape[0])
+    below = (step[None, :] >= step[:, None])[None, :, None, :]
+    return np.ascontiguousarray(np.where(below, lower, upper).reshape(size, size)[::-1])
+
+
+def _land_at(heights: Floats, raster: Raster) -> Floats:
+    """Return the height of the land's triangles at the pixel centres, first row in the north."""
+    per_cell = round(GRID_M / raster.pixel_m)
+    step = (np.arange(per_cell) + 0.5) / per_cell
+    east, north = step[None, None, None, :], step[None, :, None, None]
+    base = heights[:-1, :-1][:, None, :, None]
+    lower_x, lower_y, upper_x, upper_y = (rise[:, None, :, None] for rise in _rises(heights))
+    lower, upper = base + east * lower_x + north * lower_y, base + north * upper_y + east * upper_x
+    return _spread(lower, upper, raster.size)
+
+
+def _sun_cosine(
+    mesh: Mesh, land: Floats, light: Light, raster: Raster, *on_top: NDArray[np.int32]
+) -> _Singles:
+    """Return the cosine to the sun, at least 0, of the land and of triangles (n, n) on it."""
+    lower_x, lower_y, upper_x, upper_y = _rises(land)
+    lower, upper = (
+        _slope_cosine(x, y, light.direction)[:, None, :, None]
+        for x, y in ((lower_x, lower_y), (upper_x, upper_y))
+    )
+    cosine = _spread(lower, upper, raster.size)
+    x, y, z = _normals(mesh.vertices[mesh.triangles]).T
+    length = np.sqrt(x * x + y * y + z * z)
+    along = x * light.direction[0] + y * light.direction[1] + z * light.direction[2]
+    of_triangle = np.maximum(along / np.maximum(length, 1e-12), 0.0).astype(np.float32)
+    for triangle in on_top:
+        there = triangle >= 0
+        cosine[there] = of_triangle[triangle[there]]
+    return cosine
+
+
+def _slope_cosine(rise_x: Floats, rise_y: Floats, sun: tuple[float, float, float]) -> _Singles:
+    slope_x, slope_y = rise_x / GRID_M, rise_y / GRID_M
+    along = sun[2] - slope_x * sun[0] - slope_y * sun[1]
+    length = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+    return np.asarray(np.maximum(along / length, 0.0).astype(np.float32))
+
+
+def _sunlit(heights: NDArray[np.floating], light: Light, pixel_m: float) -> NDArray[np.uint8]:
+    """Return how much of the sun reaches each pixel of heights (n, n) in metres, 0 to 255."""
+    east, north, up = light.direction
+    size = len(heights)
+    drop = round(_UNITS * pixel_m * up / -north)
+    shift = np.floor(np.arange(size) * (east / north) + 0.5).astype(np.int64)
+    offsets = (shift - shift.min()).tolist()
+    low = np.floor(np.asarray(heights, np.float64) * _UNITS).astype(np.int32)
+    shadow = np.full((size, size + max(offsets)), -(1 << 29), np.int32)
+    for row, offset in enumerate(offsets):
+        shadow[row, offset : offset + size] = low[row]
+    steps = 1
+    while steps <= _FAR_STEPS:
+        np.maximum(shadow[:-steps], shadow[steps:] - drop * steps, out=shadow[:-steps])
+        steps *= 2
+    back = np.stack([shadow[row, offset : offset + size] for row, offset in enumerate(offsets)])
+    dark = np.clip((back - low - _BIAS) * 255 // _SOFT, 0, 255)
+    return np.asarray((255 - dark).astype(np.uint8))
+
 
 class _Maps:
     """A meshed plan as seen from above, painted and lit in either season."""
@@ -67,44 +238,48 @@ class _Maps:
         self.plan, self.mesh = plan, mesh
         self.raster = Raster(round(SIDE_M / _MAP_M), _MAP_M)
         self.textures = textures(plan.seed, self.raster.size)
-        self.land = land_at(plan.heights, self.raster).astype(np.float32)
+        self.land = _land_at(plan.heights, self.raster).astype(np.float32)
         self.roofs, self.canopies = (
-            Layer.from_mesh(mesh, self.raster, material)
+            _Layer.from_mesh(mesh, self.raster, material)
             for material in (Material.ROOF, Material.CANOPY)
         )
 
     def canvas(self, season: int) -> Canvas:
         """Return the land of a season."""
-        canvas = Canvas(self.plan, self.raster, self.textures, self.land, season)
-        canvas.paint_decals()
-        return canvas
+        return Canvas(self.plan, self.raster, self.textures, self.land, season)
 
     def cover(
         self,
         canvas: Canvas,
-        roofs: Layer,
+        roofs: _Layer,
         repainted: dict[int, Colour],
-        canopies: Layer,
+        canopies: _Layer,
         albedo: _Rgb,
     ) -> None:
         """Paint roofs, some in another colour, and canopies of albedo (trees, 3)."""
         for index, building in enumerate(self.plan.buildings):
             canvas.paint_roof(index, roofs.owner, repainted.get(index, building.roof_colour))
-        there = canopies_on_top(roofs, canopies) >= 0
+        there = _canopies_on_top(roofs, canopies) >= 0
         owner = canopies.owner[there]
         leaves = self.textures.fine[there].astype(np.int32) * 40
         leaves += self.textures.middle[there].astype(np.int32) * 14
-        below = share_below_top(self.mesh, owner, canopies.height[there])
+        below = _share_below_top(self.mesh, owner, canopies.height[there])
         light = (leaves >> 6) - (below * 34).astype(np.int32)
         values = albedo[owner].astype(np.int32) + ((light[:, None] * np.array([8, 8, 6])) >> 3)
         canvas.rgb[there] = np.clip(values, 0, 255).astype(np.uint8)
 
-    def in_light(self, albedo: _Rgb, roofs: Layer, canopies: Layer, light: Light) -> _Rgb:
-        """Return a map (n, n, 3) of albedo in light and shadow."""
+    def in_light(self, albedo: _Rgb, roofs: _Layer, canopies: _Layer, light: Light) -> _Rgb:
+        """Return a map (n, n, 3) of albedo in light and shadow, see `world.Light`."""
         heights = np.maximum(np.maximum(roofs.height, canopies.height), self.land)
-        on_top = roofs.triangle, canopies_on_top(roofs, canopies)
-        cosine = sun_cosine(self.mesh, self.plan.heights, light, self.raster, *on_top)
-        return lit(albedo, cosine, sunlit(heights, light, self.raster.pixel_m), light)
+        on_top = roofs.triangle, _canopies_on_top(roofs, canopies)
+        cosine = _sun_cosine(self.mesh, self.plan.heights, light, self.raster, *on_top)
+        visible = _sunlit(heights, light, self.raster.pixel_m).astype(np.float32)
+        sun, result = cosine * (visible * np.float32(1 / 255)), np.empty_like(albedo)
+        for channel in range(3):
+            factor = sun * np.float32(light.sun[channel]) + np.float32(light.sky[channel])
+            bright = factor * albedo[..., channel] + np.float32(0.5)
+            result[..., channel] = np.minimum(bright, np.float32(255)).astype(np.uint8)
+        return result
 
     def older_mosaic(self, albedo: _Rgb) -> _Rgb:
         """Paint, light, shift and blur the older mosaic (m, m, 3), at 0.3 m."""
@@ -119,7 +294,7 @@ class _Maps:
 
 
 def build_world(region: str, seed: int) -> World:
-    """Make one region of `model.REGIONS`; another seed makes another place of the same kind."""
+    """Make one region of `world.REGIONS`; another seed makes another place of the same kind."""
     if region not in _PLANS:
         expected = f"one of {', '.join(sorted(REGIONS))}"
         raise UsageError("unknown region", where=region, expected=expected)
@@ -141,7 +316,7 @@ def build_world(region: str, seed: int) -> World:
         ground_albedo=ground,
         top_albedo=canvas.rgb,
         water=water,
-        dsm=surface_heights(mesh, plan.heights, Raster(round(SIDE_M / _DSM_M), _DSM_M)),
+        dsm=_surface_heights(mesh, plan.heights, Raster(round(SIDE_M / _DSM_M), _DSM_M)),
         dom=maps.in_light(canvas.rgb, maps.roofs, maps.canopies, SURVEY_SUN),
         satellite=maps.older_mosaic(leaves),
     )

@@ -8,23 +8,27 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.model import SIDE_M
 from airzoo_bench.datasets.mini.noise import Dice, direction
-from airzoo_bench.datasets.mini.plan import LAND_X, LAND_Y, Plan, blended, rolling
-from airzoo_bench.datasets.mini.shapes import (
+from airzoo_bench.datasets.mini.plan import (
+    LAND_X,
+    LAND_Y,
     Ellipse,
     Frame,
     Line,
+    Plan,
     Point,
     Rect,
     Shape,
     Stroke,
     bend,
+    blended,
     distance,
     distance_to_line,
     line_height,
+    rolling,
     steps,
 )
+from airzoo_bench.datasets.mini.world import SIDE_M
 from airzoo_bench.geometry.arrays import Floats
 
 _STREAM = 11

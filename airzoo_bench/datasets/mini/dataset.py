@@ -1,20 +1,221 @@
-"""AirZoo-Mini as a dataset: the options of `prepare airzoo-mini`."""
+"""``prepare airzoo-mini``: the world that is made on the spot becomes a benchmark folder.
+
+Two flights go over each region. The survey is flown on one day and serves reconstruction; the
+barrel roll goes through every weather and time of day, so that retrieval and matching can be broken
+down by condition.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airzoo_bench.benchmark.queries import SceneInputs, photo_id, photo_table
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import read_text
+from airzoo_bench.core.progress import Progress, silent, with_progress
 from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.mini.noise import keyed
-from airzoo_bench.datasets.mini.prepare import mini_protocols, prepare_airzoo_mini
+from airzoo_bench.datasets.folder import write_benchmark
+from airzoo_bench.datasets.mini.build import build_world
+from airzoo_bench.datasets.mini.flights import Airspace, barrel_roll, key_frames, survey
+from airzoo_bench.datasets.mini.frames import (
+    IMAGE_SUFFIX,
+    FrameList,
+    frame_paths,
+    read_depth,
+    render_frames,
+)
+from airzoo_bench.datasets.mini.noise import derived, is_keyed, keyed, noisy_priors, seed_of, words
+from airzoo_bench.datasets.mini.renderer import default_camera
+from airzoo_bench.datasets.mini.weather import TIMES, WEATHERS
+from airzoo_bench.datasets.mini.world import CRS, REGIONS, Region, ensure_world, load_world
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
+from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.formats.clouds.cloud import Cloud
+from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.geometry.heightfield import median_height
+from airzoo_bench.geometry.poses import Poses, depth_to_points
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
+
+SURVEY, ROLL = "survey", "roll"
+
+_SURVEY_SIDE_M, _SURVEY_SPACING_M = 100.0, 50.0
+_SURVEY_OVERLAP, _ROLL_OVERLAP = 0.55, 0.25
+_ROLL_PHOTOS = 30  # each of the 15 conditions twice
+
+_CLOUD_DECIMALS = 4
+# The voxels of the protocol: exact depth then gives the true points themselves.
+_CLOUD_VOXEL_M = 0.5
+
+
+def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> FrameList:
+    """Plan the photos of a region, above its surface model (H, W)."""
+    own = derived(seed, f"photos of {region.name}")
+    camera = default_camera()
+    airspace = Airspace.over(region, dsm)
+    surveyed = _survey(airspace, own)
+    surveyed = surveyed.take(key_frames(surveyed, camera, airspace.ground_m, _SURVEY_OVERLAP))
+    rolled = barrel_roll(airspace, derived(own, "barrel roll"))
+    keys = key_frames(rolled, camera, airspace.ground_m, _ROLL_OVERLAP)
+    number = min(len(keys), _ROLL_PHOTOS)
+    flights = {SURVEY: surveyed, ROLL: rolled.take(keys[np.arange(number) * len(keys) // number])}
+    every = [(weather, time) for time in TIMES for weather in WEATHERS]
+    # 7 has no factor in common with 15: all come by in an order that mixes them.
+    turns = [every[(7 * row + seed) % len(every)] for row in range(number)]
+    names = [f"{name}_{row:04d}" for name, poses in flights.items() for row in range(len(poses))]
+    if is_keyed(own):
+        order = sorted(range(number), key=partial(seed_of, own, "conditions"))
+        turns = [turns[row] for row in order]
+        # Photos lie off the line of their flight, each by itself, as far as GPS is off.
+        for name, poses in flights.items():
+            places = [f"{name} {row}" for row in range(len(poses))]
+            flights[name] = noisy_priors(places, poses, derived(own, "gusts"))
+        names = [f"{seed_of(own, name):016x}" for name in names]
+    weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
+    return FrameList(
+        names=tuple(names),
+        camera=camera,
+        # Photos are taken from where the truth will say, to the last bit.
+        poses=Poses(
+            rotation=np.concatenate([poses.rotation for poses in flights.values()]),
+            centres=np.concatenate([poses.centres for poses in flights.values()]),
+        ).rounded(),
+        weather=weather,
+        time_of_day=time,
+        seed=derived(own, "noise"),
+        sequence=tuple(name for name, poses in flights.items() for _ in range(len(poses))),
+    )
+
+
+def _survey(airspace: Airspace, seed: int) -> Poses:
+    flown = partial(survey, airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
+    if not is_keyed(seed):
+        return flown()
+    turn, east, north = (words(derived(seed, "survey"), 3) >> np.uint64(11)) * 2.0**-53
+    shift = (float((east - 0.5) * _SURVEY_SIDE_M), float((north - 0.5) * _SURVEY_SIDE_M))
+    return flown(turn_deg=float(360.0 * turn), shift_m=shift)
+
+
+def seen_surface(photos: FrameList, folder: Path, progress: Progress = silent) -> Cloud:
+    """Return every surface that photos of the survey see, from exact depth, a point a voxel."""
+    grid = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
+    rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
+    for row in progress(rows, "true cloud", len(rows)):
+        depth = read_depth(frame_paths(folder, photos.names[row])[1])
+        grid.add(depth_to_points(depth, depth > 0, photos.camera, photos.poses.take(row)))
+    return Cloud(np.round(grid.points(), _CLOUD_DECIMALS) + 0.0)
+
+
+def mini_protocols(seed: int) -> BenchmarkProtocols:
+    """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
+    tracks = ("retrieval", "matching", "reconstruction")
+    shipped = BenchmarkProtocols.named([f"airzoo-mini-{track}" for track in tracks], Path())
+    return BenchmarkProtocols(tuple(_seeded(one, seed) for one in shipped.every))
+
+
+def _seeded(protocol: Protocol, seed: int) -> Protocol:
+    if seed == 0:
+        return protocol
+    which, said = ("sealed", "sealed edition") if is_keyed(seed) else (str(seed), f"seed {seed}")
+    name = f"{protocol.benchmark}-{which}"
+    changes = {"name": f"{name}-{protocol.track}", "benchmark": name}
+    return protocol.model_copy(update=changes | {"title": f"{protocol.title}, {said}"})
+
+
+def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
+    """Make worlds, fly over them, take photos and work out the truth of every track."""
+    protocols = mini_protocols(seed)
+    regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
+    own = derived(seed, "worlds")
+    worlds = make_worlds(regions, settings.root, own, settings.engine, settings.progress)
+    scenes = [
+        _scene(region, world, seed, protocols, settings)
+        for region, world in zip(regions, worlds, strict=True)
+    ]
+    return write_benchmark(scenes, protocols, settings)
+
+
+def make_worlds(
+    regions: Sequence[Region],
+    root: Path,
+    seed: int,
+    engine: Engine = HERE,
+    progress: Progress = silent,
+) -> list[Path]:
+    """Make worlds of regions below the data root where they are not yet; return their folders."""
+    worlds = engine.map(
+        _make_world, regions, shared=(root, seed), stage="worlds", name=lambda region: region.name
+    )
+    return list(progress(worlds, "worlds", len(regions)))
+
+
+def _make_world(shared: tuple[Path, int], region: Region) -> Path:
+    root, seed = shared
+    return ensure_world(region, seed, root, build_world)
+
+
+def _scene(
+    region: Region,
+    world: Path,
+    seed: int,
+    protocols: BenchmarkProtocols,
+    settings: PrepareSettings,
+) -> SceneContent:
+    """Take the photos of a region, and make the truth of all tracks."""
+    photos, progress = mini_photos(region, load_world(world).dsm, seed), settings.progress
+    rendered = world.with_name(f"{world.name}-frames")
+    render_frames(photos, world, rendered, engine=settings.engine, progress=progress)
+    cloud = rendered / "cloud.ply"
+    write_ply(cloud, seen_surface(photos, rendered, progress))
+    files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
+    files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
+    make = partial(scene_content, region, photos, files, seed, protocols)
+    return with_progress(make, f"{region.name}: truth", progress)
+
+
+def scene_content(
+    region: Region,
+    photos: FrameList,
+    files: Mapping[str, Path],
+    seed: int,
+    protocols: BenchmarkProtocols,
+) -> SceneContent:
+    """Make the truth of a region's photos; those of the survey serve reconstruction."""
+    inputs = scene_inputs(region, photos, files, seed)
+    surveyed = inputs.photos["sequence"] == SURVEY
+    truths = build_truths(inputs, protocols, files["cloud"], surveyed)
+    return SceneContent(inputs, truths, files)
+
+
+def scene_inputs(
+    region: Region, photos: FrameList, files: Mapping[str, Path], seed: int
+) -> SceneInputs:
+    """Lay out a region's photos with their priors and conditions, and open its maps."""
+    images = tuple(f"{name}{IMAGE_SUFFIX}" for name in photos.names)
+    plane = median_height(files["dsm"])
+    ids = [photo_id(region.name, image) for image in images]
+    priors = noisy_priors(ids, photos.poses, derived(seed, f"priors of {region.name}"))
+    cameras = photos.camera.take(np.zeros(len(photos), dtype=np.int64))
+    table = photo_table(region.name, images, cameras, photos.poses, priors, plane)
+    columns = ("weather", "time_of_day", "sequence")
+    conditions = {name: getattr(photos, name) for name in columns}
+    table = table.join(pd.DataFrame(conditions, index=ids), on="id")
+    dom, gallery = open_info(files["dom"]), open_info(files["gallery"])
+    return SceneInputs(region.name, table, CRS, dom, files["dsm"], plane, gallery=gallery)
 
 
 @dataclass(frozen=True)
@@ -71,7 +272,7 @@ class AirZooMini(Dataset[MiniOptions]):
         return False
 
     def prepare(self, options: MiniOptions, settings: PrepareSettings) -> Prepared:
-        """Make the folder, see `mini.prepare.prepare_airzoo_mini`."""
+        """Make the folder, see `prepare_airzoo_mini`."""
         return prepare_airzoo_mini(options.source, settings)
 
 

@@ -2,7 +2,7 @@
 
 The barrel roll is the paper's ("Flight Trajectories Generation"): orbits around a scene centre
 joined by straight and S-shaped sweeps, while altitude, yaw and the gimbal's pitch go up and down.
-A flight is the poses of its frames, 30 a second, in `model.CRS`.
+A flight is the poses of its frames, 30 a second, in `world.CRS`.
 
 What a frame sees of the ground is its footprint on a level plane, as far as 400 m in depth along
 the optical axis: beyond, an oblique view goes on to the horizon. The overlap of two frames is the
@@ -21,8 +21,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.model import CRS, Region
 from airzoo_bench.datasets.mini.noise import words
+from airzoo_bench.datasets.mini.world import CRS, Region
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat

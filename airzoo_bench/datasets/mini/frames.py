@@ -22,11 +22,10 @@ from PIL import Image
 
 from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.datasets.mini.model import CRS
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.renderer import RENDERER_VERSION, Frame, Renderer
-from airzoo_bench.datasets.mini.store import load_world, world_key, world_region
 from airzoo_bench.datasets.mini.weather import conditions
+from airzoo_bench.datasets.mini.world import CRS, load_world, world_key, world_region
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
@@ -49,7 +48,7 @@ class FrameList:
 
     names: tuple[str, ...]  # each once; they become names of files
     camera: Cameras  # one for all
-    poses: Poses  # N, in `model.CRS`
+    poses: Poses  # N, in `world.CRS`
     weather: tuple[str, ...]  # see `weather.conditions`
     time_of_day: tuple[str, ...]
     seed: int = 0  # of the noise, together with each frame's name

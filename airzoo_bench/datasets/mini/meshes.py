@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airzoo_bench.datasets.mini.model import Material, Mesh
 from airzoo_bench.datasets.mini.noise import hash_of
 from airzoo_bench.datasets.mini.plan import GRID_M, Building, Plan
+from airzoo_bench.datasets.mini.world import Material, Mesh
 from airzoo_bench.geometry.arrays import Floats
 
 _Indices = NDArray[np.int64]

@@ -147,19 +147,9 @@ def value_noise(seed: int, stream: int, size: int, cell: int) -> NDArray[np.int3
     low, step = np.divmod(np.arange(size), cell)
     # 3t^2 - 2t^3 in units of 1/1024.
     weight = (1024 * step * step * (3 * cell - 2 * step) // cell**3).astype(np.int32)[:, None]
-    rows = _between(values[low], values[low + 1], weight)
-    columns = np.ascontiguousarray(rows.T)
-    return np.ascontiguousarray(_between(columns[low], columns[low + 1], weight).T)
-
-
-def _between(
-    low: NDArray[np.int32], high: NDArray[np.int32], weight: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    high = high - low
-    high *= weight
-    high >>= 10
-    high += low
-    return high
+    for _ in range(2):  # along rows, then columns
+        values = (values[low] + ((values[low + 1] - values[low]) * weight >> 10)).T
+    return np.ascontiguousarray(values)
 
 
 def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray[np.int32]:

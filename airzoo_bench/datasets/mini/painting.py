@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.datasets.mini.noise import Dice, Textures, hash_of
-from airzoo_bench.datasets.mini.plan import Building, Colour, Plan, colours
-from airzoo_bench.datasets.mini.shapes import Patch, Raster, line_height
+from airzoo_bench.datasets.mini.plan import (
+    Building,
+    Colour,
+    Patch,
+    Plan,
+    Raster,
+    colours,
+    line_height,
+)
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 SURVEY, OLDER = 1, 2
@@ -107,12 +114,12 @@ def _crops(season: int) -> list[tuple[Material, Material, float, float]]:
 
 
 class Canvas:
-    """A square raster over a plan, whose heights (n, n) are `land`, as it is being painted.
+    """A square raster over a plan in a season, whose heights (n, n) are `land`.
 
     Attributes
     ----------
     rgb : (n, n, 3) uint8
-        Black at first.
+        The plan's decals in order, except those of another season.
     water : (n, n) bool
         Whether the last that was painted is water.
     """
@@ -124,6 +131,7 @@ class Canvas:
         self.season, self.materials, self.crops = season, _materials(season), _crops(season)
         self.rgb = np.zeros((raster.size, raster.size, 3), np.uint8)
         self.water = np.zeros((raster.size, raster.size), np.bool_)
+        self._paint_decals()
 
     @cached_property
     def _north(self) -> Bools:
@@ -131,8 +139,7 @@ class Canvas:
         x, y = self.raster.centres(whole, whole)
         return y > line_height(x, self.plan.divide)
 
-    def paint_decals(self) -> None:
-        """Paint the plan's decals in order, except those of another season."""
+    def _paint_decals(self) -> None:
         for kind, shape, key, side, season in self.plan.decals:
             if season not in (0, self.season):
                 continue

@@ -9,31 +9,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.model import SIDE_M
 from airzoo_bench.datasets.mini.noise import Dice, direction
 from airzoo_bench.datasets.mini.plan import (
     GRID_M,
     LAND_X,
     LAND_Y,
-    Plan,
-    blended,
-    rolling,
-    smooth_share,
-)
-from airzoo_bench.datasets.mini.shapes import (
     Ellipse,
     Frame,
     Line,
+    Plan,
     Point,
     Polygon,
     Stroke,
     bend,
     between,
+    blended,
     distance,
     distance_to_line,
     edges,
+    rolling,
+    smooth_share,
     steps,
 )
+from airzoo_bench.datasets.mini.world import SIDE_M
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 _STREAM = 12

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.facades import Facades
-from airzoo_bench.datasets.mini.model import Material, World
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
-from airzoo_bench.datasets.mini.surfaces import Points, Texture, surroundings
+from airzoo_bench.datasets.mini.surfaces import Facades, Points, Texture, surroundings
 from airzoo_bench.datasets.mini.weather import Conditions, column, haze, sky_colour
+from airzoo_bench.datasets.mini.world import Material, World
 from airzoo_bench.geometry.arrays import Floats
 
 _LAMP = (1.0, 0.74, 0.42)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.model import SURVEY_SUN, Light
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
+from airzoo_bench.datasets.mini.world import SURVEY_SUN, Light
 
 Colour = tuple[float, float, float]
 _BLACK: Colour = (0.0, 0.0, 0.0)
@@ -51,40 +51,22 @@ def _direction(azimuth_deg: float, elevation_deg: float) -> Colour:
     return level * sin(azimuth), level * cos(azimuth), sin(elevation)
 
 
+_SUNSET = Light(_direction(278.0, 11.0), (1.15, 0.62, 0.30), (0.43, 0.41, 0.50))
+_MOONLIGHT = Light(_direction(140.0, 45.0), _BLACK, (0.21, 0.235, 0.32))
+# Light, zenith, horizon, glow, clouds, haze, shade, noise, lamps.
 _CLEAR = {
     "day": Conditions(
-        light=SURVEY_SUN,
-        zenith=(0.33, 0.52, 0.82),
-        horizon=(0.78, 0.85, 0.92),
-        glow=(0.25, 0.22, 0.16),
-        clouds=0.5,
-        haze_per_m=1 / 7000,
-        shade=0.15,
-        noise=1.6,
+        SURVEY_SUN, (0.33, 0.52, 0.82), (0.78, 0.85, 0.92), (0.25, 0.22, 0.16),
+        0.5, 1 / 7000, 0.15, 1.6,
     ),
     "sunset": Conditions(
-        light=Light(_direction(278.0, 11.0), (1.15, 0.62, 0.30), (0.43, 0.41, 0.50)),
-        zenith=(0.34, 0.40, 0.60),
-        horizon=(0.93, 0.68, 0.50),
-        glow=(0.55, 0.30, 0.10),
-        clouds=0.7,
-        haze_per_m=1 / 4500,
-        shade=0.4,
-        noise=2.4,
-        lamps=0.12,
+        _SUNSET, (0.34, 0.40, 0.60), (0.93, 0.68, 0.50), (0.55, 0.30, 0.10),
+        0.7, 1 / 4500, 0.4, 2.4, 0.12,
     ),
     "night": Conditions(
-        light=Light(_direction(140.0, 45.0), _BLACK, (0.21, 0.235, 0.32)),
-        zenith=(0.04, 0.05, 0.11),
-        horizon=(0.13, 0.12, 0.15),
-        glow=_BLACK,
-        clouds=0.3,
-        haze_per_m=1 / 6000,
-        shade=0.6,
-        noise=4.5,
-        lamps=1.0,
+        _MOONLIGHT, (0.04, 0.05, 0.11), (0.13, 0.12, 0.15), _BLACK, 0.3, 1 / 6000, 0.6, 4.5, 1.0
     ),
-}
+}  # fmt: skip
 
 # Brightness, tint and haze of grey skies, how much noisier they are, and what else they change.
 _GREY: dict[str, tuple[float, Colour, float, float, dict[str, Any]]] = {

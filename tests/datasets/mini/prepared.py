@@ -11,7 +11,7 @@ from PIL import Image
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
+from airzoo_bench.datasets.mini.dataset import prepare_airzoo_mini
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.arrays import Floats
 from tests.shared import made_once

@@ -11,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.model import (
+from airzoo_bench.datasets.mini.renderer import Raycaster
+from airzoo_bench.datasets.mini.world import (
     SURVEY_SUN,
     Buildings,
     Material,
@@ -19,7 +20,6 @@ from airzoo_bench.datasets.mini.model import (
     Region,
     World,
 )
-from airzoo_bench.datasets.mini.renderer import Raycaster
 
 SIDE_M = 96.0
 GROUND_M = 20.0

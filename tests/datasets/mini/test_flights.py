@@ -16,7 +16,7 @@ from airzoo_bench.datasets.mini.flights import (
     frame_poses,
     survey,
 )
-from airzoo_bench.datasets.mini.model import CRS, REGIONS
+from airzoo_bench.datasets.mini.world import CRS, REGIONS
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses, rotations_to_angles

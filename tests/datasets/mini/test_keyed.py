@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.dataset import MiniOptions
+from airzoo_bench.datasets.mini.dataset import (
+    MiniOptions,
+    mini_photos,
+    mini_protocols,
+)
 from airzoo_bench.datasets.mini.frames import FrameList
-from airzoo_bench.datasets.mini.model import REGIONS
 from airzoo_bench.datasets.mini.noise import (
     GOLDEN,
     Dice,
@@ -25,11 +28,7 @@ from airzoo_bench.datasets.mini.noise import (
     seed_of,
     words,
 )
-from airzoo_bench.datasets.mini.prepare import (
-    mini_photos,
-    mini_protocols,
-)
-from airzoo_bench.datasets.mini.store import world_folder
+from airzoo_bench.datasets.mini.world import REGIONS, world_folder
 
 _MASK = (1 << 64) - 1
 KEY = bytes.fromhex("9f86d081884c7d659a2feaa0c55ad015")

@@ -16,7 +16,7 @@ from airzoo_bench.datasets.mini.flights import (
     overlaps,
     survey,
 )
-from airzoo_bench.datasets.mini.model import REGIONS
+from airzoo_bench.datasets.mini.world import REGIONS
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_world, world_to_camera
 from airzoo_bench.geometry.rays import intersect_plane

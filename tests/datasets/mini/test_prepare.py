@@ -22,7 +22,7 @@ from airzoo_bench.datasets.geometry_checks.depth import (
 )
 from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 from airzoo_bench.datasets.geometry_checks.scenes import PosedScene, scenes_of_benchmark
-from airzoo_bench.datasets.mini.prepare import prepare_airzoo_mini
+from airzoo_bench.datasets.mini.dataset import prepare_airzoo_mini
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.truth import read_truth as read_matching

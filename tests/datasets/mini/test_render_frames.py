@@ -20,10 +20,9 @@ from airzoo_bench.datasets.mini.frames import (
     read_depth,
     render_frames,
 )
-from airzoo_bench.datasets.mini.model import CRS
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.renderer import Renderer
-from airzoo_bench.datasets.mini.store import save_world, world_key
+from airzoo_bench.datasets.mini.world import CRS, save_world, world_key
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.datasets.mini.model import SURVEY_SUN, Material, Mesh
 from airzoo_bench.datasets.mini.renderer import Raycaster
+from airzoo_bench.datasets.mini.world import SURVEY_SUN, Material, Mesh
 from tests.datasets.mini.small_world import BLOCK, GROUND_M, RIDGE_M, small_mesh
 
 UP = np.array([[0.0], [0.0], [1.0]])

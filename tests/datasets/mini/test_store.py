@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 import rasterio
 
-from airzoo_bench.datasets.mini import store
-from airzoo_bench.datasets.mini.model import Buildings, Mesh, Region, World
-from airzoo_bench.datasets.mini.store import (
+from airzoo_bench.datasets.mini import world as store
+from airzoo_bench.datasets.mini.world import (
+    Buildings,
+    Mesh,
+    Region,
+    World,
     ensure_world,
     load_world,
     save_world,

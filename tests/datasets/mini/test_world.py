@@ -12,8 +12,8 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.datasets.mini.build import build_world, digest
 from airzoo_bench.datasets.mini.city import city_plan
-from airzoo_bench.datasets.mini.model import REGIONS, SURVEY_SUN, Material, Mesh, World
 from airzoo_bench.datasets.mini.rural import rural_plan
+from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN, Material, Mesh, World
 
 PLANNED = pytest.mark.parametrize("region", sorted(REGIONS))
 # A region takes some 20 s: these run every night.
