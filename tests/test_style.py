@@ -21,7 +21,7 @@ NAMES = re.compile(r"_*(told|kept|asked|given|shown|said|put|own|of|thing|made|f
 
 
 def sentences(path: Path) -> Iterator[str]:
-    """Yield the lines of a page, code aside, or first lines of docstrings and names of functions."""
+    """Yield lines of a page, code aside, or first lines of docstrings and names of functions."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         yield from re.sub(r"```.*?```", "", text, flags=re.DOTALL).splitlines()
