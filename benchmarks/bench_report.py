@@ -3,8 +3,7 @@
 Usage: ``python benchmarks/bench_report.py [--methods 20] [--queries 100000]``
 
 The page is opened where Chromium, ChromeDriver and Selenium are installed; times are the
-browser's own, from the click to the end of the work it starts. For scrolling, the longest time
-between two frames while 60 jumps are made.
+browser's own, from the click to the end of the work it starts.
 """
 
 from __future__ import annotations
@@ -32,15 +31,8 @@ from airzoo_bench.retrieval.settings import RetrievalProtocol
 from tests.statistics.support import made_result, write_method
 
 SORT = """
-const button = [...document.querySelectorAll('.grid-head button')].at(arguments[0]);
+const button = [...document.querySelectorAll('.listed th button')].at(arguments[0]);
 const start = performance.now(); button.click(); return performance.now() - start;"""
-SCROLL = """
-const done = arguments[0], grid = document.querySelector('[role=grid]');
-let count = 0, longest = 0, last = performance.now();
-requestAnimationFrame(function step(now) {
-  longest = Math.max(longest, now - last); last = now; grid.scrollTop += 4321; count += 1;
-  if (count < 60) requestAnimationFrame(step); else done(longest);
-});"""
 
 
 def columns() -> tuple[RetrievalProtocol, tuple[ScoreColumn, ...]]:
@@ -110,13 +102,12 @@ def in_browser(page: Path) -> dict[str, float]:
 
 def _timed(driver: Any, page: Path) -> dict[str, float]:
     start = time.perf_counter()
-    driver.get(page.as_uri())
-    while not driver.execute_script("return document.querySelectorAll('.grid-row').length"):
+    driver.get(page.as_uri() + "#part1-queries")
+    while not driver.execute_script("return document.querySelectorAll('.listed td').length"):
         time.sleep(0.01)
     times = {"open, until queries are listed": 1e3 * (time.perf_counter() - start)}
     for name, place in (("a score", 1), ("an id", 0), ("a text", -1), ("a number", -3)):
         times[f"sort by {name}"] = driver.execute_script(SORT, place)
-    times["longest frame, scrolling"] = driver.execute_async_script(SCROLL)
     return times
 
 

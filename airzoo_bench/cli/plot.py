@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from inspect import Parameter
 from pathlib import Path
@@ -21,15 +20,8 @@ from airzoo_bench.cli.common import (
     say_replaced,
     working,
 )
-from airzoo_bench.cli.locations import ResultsArgument
+from airzoo_bench.cli.locations import DataOption, ResultsArgument, resolve_data
 from airzoo_bench.core.errors import UsageError
-
-__all__ = ["app", "parse_length"]
-
-_LETTERS_SAID = 10
-_LEAST_IN = {"--width": 2.0, "--height": 1.0}
-_MOST_IN = 40.0
-_CM = 2.54
 
 
 def _option(name: str, kind: Any, help_text: str, default: Any = None, **more: Any) -> Parameter:
@@ -40,6 +32,7 @@ def _option(name: str, kind: Any, help_text: str, default: Any = None, **more: A
 _OUT = Annotated[Path, typer.Option("--out", "-o", help="The .png, .svg or .pdf to save.")]
 _SCORE = _option("score", str | None, "Key or title (default: the first that fits).")
 _SCENE = parameter("scene", SceneOption, None)
+_DATA = parameter("data", DataOption, None)
 _SIZE = "(default: what the content needs)."
 _LAST = (
     _option("width", str | None, f"Such as 3.3in or 8.4cm {_SIZE}"),
@@ -78,6 +71,24 @@ _KINDS: dict[str, tuple[str, str, tuple[Parameter, ...]]] = {
         '-o scenes.svg --title "By scene"',
         (_SCORE,),
     ),
+    "map": (
+        "Draw a scene's map: hits and misses of retrieval; arrows of errors, magnified, of matching"
+        "\n\nOf one run. Arrows need a run that was scored with --figures.",
+        "-o map.png",
+        (_SCENE, _DATA),
+    ),
+    "query": (
+        "Draw a query: its photo and first tiles, or its matches coloured by residual.\n\n"
+        "Of one run. Matches need a run that was scored with --figures.",
+        "--query city/0001 -o query.png",
+        (_option("query", str, "The id of the query.", Parameter.empty), _DATA),
+    ),
+    "cloud": (
+        "Draw predicted and true cloud, coloured by their errors, with precision and recall.\n\n"
+        "Of one run that was scored with --figures.",
+        "-o cloud.png",
+        (_SCENE,),
+    ),
     "condition": (
         "Draw a score in groups of queries, with 95 % intervals, a marker a method and group.",
         "--by altitude_m -o altitude.svg",
@@ -107,17 +118,14 @@ def _draw(
     dpi: int | None,
     title: str,
     bare: bool,
-    score: str | None = None,
-    scene: str | None = None,
+    data: str | None = None,
     **more: Any,
 ) -> None:
     """Read the results, draw and save."""
-    from airzoo_bench.report import draw
-    from airzoo_bench.report.figures import check_ending, lacking_letters, save_figure
-    from airzoo_bench.report.sheet import Sheet, check_room
-    from airzoo_bench.results.comparable import check_same_queries
+    from airzoo_bench.report.draw import picture
+    from airzoo_bench.report.figures import Sheet, check_ending, letters_note, save_figure
+    from airzoo_bench.report.figures import parse_length as inches
     from airzoo_bench.results.files import results_here
-    from airzoo_bench.results.records import read_scored
 
     paths = results_here(results)
     check_output(out, paths)
@@ -126,32 +134,16 @@ def _draw(
         raise UsageError(f"--dpi is for .png, and {out} is drawn in lines and letters", fix=fix)
     if more.get("bins") is not None:
         more["bins"] = parse_bins(more["bins"])
+    if _DATA in _KINDS[kind][2]:
+        more["data"] = resolve_data(data)
     aside: list[str] = []
-    sheet = Sheet(
-        parse_length(width, "--width"),
-        title,
-        height_in=parse_length(height, "--height"),
-        aside=aside if bare else None,
-    )
+    size = inches(width, "--width"), inches(height, "--height")
+    sheet = Sheet(size[0], title, height_in=size[1], aside=aside if bare else None)
     say_replaced(out)
-    methods = read_scored(paths)
-    check_same_queries(methods)
-    if scene is not None:
-        methods = draw.of_scene(methods, scene)
-    chosen = draw.choose_score(methods, score, of_errors=kind == "errors")
     with working(f"drawing {out}"):
-        of = (methods, chosen) if _SCORE in _KINDS[kind][2] else (methods,)
-        figure = getattr(draw, kind)(*of, sheet=sheet, **more)
-        check_room(figure)
+        figure = picture(kind, paths, sheet, **more)
         save_figure(figure, out, dpi=dpi)
-    say("\n".join([f"drew {out}", *aside]))
-    letters = "" if out.suffix.lower() == ".svg" else lacking_letters(figure)
-    if letters:
-        shown = " ".join(letters[:_LETTERS_SAID]) + " ..." * (len(letters) > _LETTERS_SAID)
-        say(
-            f"{out}: boxes stand for what the font, DejaVu Sans, lacks: {shown}; other names, or "
-            "an .svg, which keeps letters for the reader's fonts, show them"
-        )
+    say("\n".join([f"drew {out}", *aside, *letters_note(figure, out)]))
 
 
 for _kind, (_summary, _example, _own) in _KINDS.items():
@@ -164,20 +156,3 @@ for _kind, (_summary, _example, _own) in _KINDS.items():
     app.command(_kind, epilog=examples(f"plot {_kind} results/*/result.json {_example}"))(
         with_parameters(partial(_draw, _kind), (*_first, *_rest, *_LAST), _summary)
     )
-
-
-def parse_length(text: str | None, option: str = "--width") -> float | None:
-    """Convert ``8.4cm`` or ``3.3in`` to inches; None stays None."""
-    if text is None:
-        return None
-    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(cm|in)", text.strip().lower())
-    if not found:
-        raise UsageError(f"{option} {text!r} is no {option[2:]}", expected="such as 3.3in or 8.4cm")
-    length = float(found[1]) / (_CM if found[2] == "cm" else 1.0)
-    least = _LEAST_IN[option]
-    if not least <= length <= _MOST_IN:
-        raise UsageError(
-            f"{option} {text} is too {'small' if length < least else 'large'}",
-            expected=f"between {least:g}in and {_MOST_IN:g}in",
-        )
-    return length

@@ -7,11 +7,9 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import JobsOption, check_output, examples, progress, say, say_replaced
+from airzoo_bench.cli.common import check_output, examples, progress, say, say_replaced
 from airzoo_bench.cli.locations import DataOption, ResultsArgument, resolve_data
 from airzoo_bench.core.errors import UsageError
-
-__all__ = ["EXAMPLES", "report"]
 
 _HEAD_BYTES = 4096
 _GENERATOR = b'<meta name="generator" content="airzoo-bench '
@@ -29,12 +27,12 @@ def report(
     pictures: Annotated[
         int, typer.Option(min=0, max=100, help="How many of the hardest queries to show.")
     ] = 12,
-    jobs: JobsOption = 2,
 ) -> None:
-    """Write a report: tables, drill-down, pictures, maps, the hardest queries, settings.
+    """Write a report: tables, curves, maps, clouds, the hardest queries, settings.
 
     Results of one protocol and truth stand side by side; others get parts of their own. Maps and
-    pictures are added where the benchmark folder is there.
+    photos are added where the benchmark folder is there; matches, arrows of errors and clouds where
+    runs were scored with --figures.
     """
     from airzoo_bench.core.files import atomic_write
     from airzoo_bench.report.page import make_report
@@ -50,7 +48,6 @@ def report(
         data_was_named=data is not None,
         title=title,
         pictures=pictures,
-        jobs=jobs,
         progress=progress,
     )
     with atomic_write(out, "w") as stream:

@@ -35,9 +35,9 @@ INFO = TrackInfo(
     options=(
         EvalOption(
             "figures",
-            "Draw error curves, matches and maps into --out.",
+            "Draw errors, matches and maps into --out, for report and plot too.",
             "airzoo_bench.report.matching:draw_figures",
-            files=r"errors\.png|.+_(map|matches)\.png",
+            files=r"errors\.png|matches\.npz|.+_(map|matches)\.png",
         ),
     ),
     files={"timings.csv": "airzoo_bench.matching.track:write_timings"},

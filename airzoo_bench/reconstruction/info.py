@@ -50,9 +50,9 @@ INFO = TrackInfo(
     options=(
         EvalOption(
             "figures",
-            "Draw curves and maps of errors into --out.",
+            "Draw clouds by their errors into --out, for report and plot too.",
             "airzoo_bench.report.reconstruction:draw_figures",
-            files=r".+_(curve|precision|recall)\.png",
+            files=r"clouds\.npz|.+_(cloud|curve|precision|recall)\.png",
         ),
         EvalOption(
             "clouds",

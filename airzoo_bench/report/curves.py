@@ -1,19 +1,18 @@
-"""Pictures of methods side by side, as curves: recall over K, errors, thresholds."""
+"""Pictures of methods side by side, as curves: recall over K, errors, precision over distance."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import name_text, new_canvas, series_style
+from airzoo_bench.report.figures import Sheet, finish, name_text, new_canvas, series_style
 from airzoo_bench.report.labels import error_label, noted, over_scenes, who
-from airzoo_bench.report.markers import draw_lines, draw_markers
-from airzoo_bench.report.sheet import Sheet, finish, wrapped
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 
@@ -21,27 +20,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "NEAR",
-    "PERCENT",
-    "error_shares",
-    "errors",
-    "kept_ranks",
-    "longest_list",
-    "recall",
-    "recall_curve",
-    "share_below",
-]
 
 _STEPS = 256
 _FEW_DECADES = 1e3
 _LEAST_RATIO = 4.0
 _KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
-PERCENT = (-2.0, 102.0)
-NEAR = 2.2
-"""Within how many percent markers cover each other, in a picture of 3.6 inches."""
+_PERCENT = (-2.0, 102.0)
 _MARKS = 9
 _COUNTED = 6
+_THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
 
 
 def recall_curve(method: Scored, up_to: int) -> Floats:
@@ -78,42 +65,6 @@ def kept_ranks(method: Scored) -> int:
     return kept
 
 
-@default_style()
-def recall(
-    methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
-) -> Figure:
-    """Draw recall at K over K, for each method up to the length of its longest list."""
-    kept, sheet = kept_ranks(methods[0]), noted(methods, sheet)
-    if up_to is not None and up_to > kept:
-        raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
-    up_to = up_to or kept
-    lengths = [longest_list(method, up_to) for method in methods]
-    last = max(lengths)
-    figure = new_canvas(sheet.wide(6.4), _height(sheet))
-    axes = figure.add_subplot()
-    curves = [100 * recall_curve(m, n) for m, n in zip(methods, lengths, strict=True)]
-    draw_lines(axes, [np.arange(1.0, n + 1) for n in lengths], curves)
-    ticks = [k for k in _KS if k <= max(2, last)]
-    marked = sorted({*ticks, *lengths} & set(range(1, last + 1)))
-    values = np.full((len(methods), len(marked)), np.nan)
-    for number, (curve, length) in enumerate(zip(curves, lengths, strict=True)):
-        for place, k in enumerate(marked):
-            if k <= length and (k in ticks or k == length):
-                values[number, place] = curve[k - 1]
-    axes.set(xscale="log", xlim=(0.9, max(2, last) * 1.13), ylim=PERCENT)
-    draw_markers(axes, np.array(marked, np.float64), values, near=_near(sheet))
-    label = f"R@K{over_scenes(methods)} [%]"
-    axes.set(xlabel="K, number of tiles looked at", ylabel=label)
-    axes.set_xticks(ticks, [f"{k}" for k in ticks])
-    axes.set_xticks([], minor=True)
-    axes.grid(alpha=0.3)
-    short = [(n, m.name) for m, n in zip(methods, lengths, strict=True) if n < last]
-    ends = [f"{who([m for k, m in short if k == n])} at {n}" for n in sorted({n for n, _ in short})]
-    ended = f"lists end earlier: {'; '.join(ends)}" if ends else ""
-    finish(figure, sheet.noting(ended), [method.name for method in methods])
-    return figure
-
-
 def share_below(errors: Floats, limits: Floats) -> Floats:
     """Return the share of errors strictly below each limit (L,), as protocols count; 0 if empty."""
     below: Floats = np.searchsorted(np.sort(errors), limits, side="left") / max(len(errors), 1)
@@ -129,30 +80,82 @@ def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
     return mean
 
 
+def _draw_lines(axes: Axes, xs: Sequence[Floats], ys: Sequence[Floats], **more: Any) -> None:
+    """Draw a line a method, wider and with larger marks where later ones cover it."""
+    for number, (x, y) in enumerate(zip(xs, ys, strict=True)):
+        covering = min(3, sum(_covers(other, y) for other in ys[number + 1 :]))
+        widths = {"linewidth": 1.4 + 1.4 * covering, "markersize": 4.5 + 2.5 * covering}
+        axes.plot(x, y, clip_on=False, zorder=2, **series_style(number) | widths | more)
+
+
+def _covers(one: Floats, other: Floats) -> bool:
+    common = min(len(one), len(other))
+    return bool(np.allclose(one[:common], other[:common], atol=0.3, rtol=0))
+
+
+def _new_axes(sheet: Sheet) -> tuple[Figure, Axes]:
+    wide = sheet.wide(6.4)
+    figure = new_canvas(wide, 3.4 if wide >= 5.0 else 2.2)
+    axes = figure.add_subplot()
+    axes.grid(alpha=0.3)
+    return figure, axes
+
+
+@default_style()
+def recall(
+    methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
+) -> Figure:
+    """Draw recall at K over K, for each method up to the length of its longest list."""
+    kept, sheet = kept_ranks(methods[0]), noted(methods, sheet)
+    if up_to is not None and up_to > kept:
+        raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
+    lengths = [longest_list(method, up_to or kept) for method in methods]
+    last = max(lengths)
+    figure, axes = _new_axes(sheet)
+    curves = [100 * recall_curve(m, n) for m, n in zip(methods, lengths, strict=True)]
+    ticks = [k for k in _KS if k <= max(2, last)]
+    _draw_lines(axes, [np.arange(1.0, n + 1) for n in lengths], curves)
+    for line, length in zip(axes.lines, lengths, strict=True):
+        line.set_markevery(sorted({k - 1 for k in (*ticks, length) if k <= length}))
+    axes.set(xscale="log", xlim=(0.9, max(2, last) * 1.13), ylim=_PERCENT)
+    axes.set(xlabel="K, number of tiles looked at", ylabel=f"R@K{over_scenes(methods)} [%]")
+    axes.set_xticks(ticks, [f"{k}" for k in ticks])
+    axes.set_xticks([], minor=True)
+    short = [(n, m.name) for m, n in zip(methods, lengths, strict=True) if n < last]
+    ends = [f"{who([m for k, m in short if k == n])} at {n}" for n in sorted({n for n, _ in short})]
+    ended = f"lists end earlier: {'; '.join(ends)}" if ends else ""
+    finish(figure, sheet.noting(ended), [method.name for method in methods])
+    return figure
+
+
 @default_style()
 def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
     """Draw the share of queries with an error below a value; failures never count as below."""
     sheet = noted(methods, sheet)
-    figure = new_canvas(sheet.wide(6.4), _height(sheet))
-    axes = figure.add_subplot()
+    figure, axes = _new_axes(sheet)
     limits = _error_limits(methods, score.key)
     curves = [100 * error_shares(method, score.key, limits) for method in methods]
-    draw_lines(axes, [limits] * len(methods), curves, steps=True)
-    for number, curve in enumerate(curves):
-        first = number % 5 * _STEPS // (5 * _MARKS)
-        style = series_style(number) | {"linestyle": "none", "markersize": 4.0}
-        every = slice(first, None, _STEPS // _MARKS)
-        axes.plot(limits[every], curve[every], clip_on=False, zorder=3, **style)
-    axes.set(xlim=(limits[0], limits[-1]), ylim=PERCENT)
-    _scale(axes, limits)
+    _draw_lines(axes, [limits] * len(methods), curves, drawstyle="steps-mid")
+    for number, line in enumerate(axes.lines):
+        line.set_markevery((number % 5 * _STEPS // (5 * _MARKS), _STEPS // _MARKS))
     unit = plural(methods[0].result.unit)
     mean = over_scenes(methods) if unit == "queries" else ""
-    label = wrapped(f"{unit} below{mean} [%]", _height(sheet) - 0.5, sheet.font(6.4))
-    axes.set(xlabel=error_label(score), ylabel=label)
-    axes.grid(alpha=0.3)
+    axes.set(xlim=(limits[0], limits[-1]), ylim=_PERCENT)
+    axes.set(xlabel=error_label(score), ylabel=f"{unit} below{mean} [%]")
+    _scale(axes, limits)
+    _draw_thresholds(axes, methods[0], score)
     beyond = _beyond(methods, score.key, limits[-1], unit)
     finish(figure, sheet.noting(beyond), [method.name for method in methods])
     return figure
+
+
+def _draw_thresholds(axes: Axes, method: Scored, score: ScoreColumn) -> None:
+    """Mark the distances below which the protocol counts queries."""
+    settings = method.result.protocol.settings.get("scores", {})
+    stated = settings.get("translation_below_m", []) if score.key == "error_m" else []
+    for limit in stated:
+        if axes.get_xlim()[0] < limit < axes.get_xlim()[1]:
+            axes.axvline(limit, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
 
 
 def _beyond(methods: Sequence[Scored], key: str, right: float, unit: str) -> str:
@@ -168,16 +171,12 @@ def _beyond(methods: Sequence[Scored], key: str, right: float, unit: str) -> str
         least, most = (infinite + larger)[lacking].min(), (infinite + larger)[lacking].max()
         said = f"between {least} and {most} of each of {len(lacking)} methods"
         return f"off the axis, {total}: {said}, {infinite.sum()} infinite in all"
-    counts = [
-        f"{name_text(methods[n].name)} {_counted(int(infinite[n]), int(larger[n]))}"
-        for n in lacking.tolist()
-    ]
+    counts = []
+    for n in lacking.tolist():
+        kinds = {"infinite": int(infinite[n]), "larger": int(larger[n])}
+        parts = " and ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
+        counts.append(f"{name_text(methods[n].name)} {parts}")
     return f"off the axis, {total}: {'; '.join(counts)}"
-
-
-def _counted(infinite: int, larger: int) -> str:
-    parts = [f"{infinite} infinite"] * (infinite > 0) + [f"{larger} larger"] * (larger > 0)
-    return " and ".join(parts)
 
 
 def _scale(axes: Axes, limits: Floats) -> None:
@@ -204,10 +203,51 @@ def _error_limits(methods: Sequence[Scored], key: str) -> Floats:
     return limits
 
 
-def _height(sheet: Sheet) -> float:
-    return 3.6 if sheet.wide(6.4) >= 5.0 else 2.3
+def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, str]]:
+    """Map each distance to the key of its score, separately for precision, recall and F1."""
+    found: dict[str, dict[float, str]] = {"precision": {}, "recall": {}, "f1": {}}
+    for column in columns:
+        if match := _THRESHOLD.fullmatch(column.key):
+            found[match[1]][float(match[2])] = column.key
+    return {what: dict(sorted(keys.items())) for what, keys in found.items()}
 
 
-def _near(sheet: Sheet) -> float:
-    """Return the distance in percent below which markers overlap; larger in a lower picture."""
-    return NEAR * 3.6 / _height(sheet)
+@default_style()
+def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
+    """Draw precision, recall and F1 at the protocol's distances, averaged over scenes."""
+    keys = threshold_scores(methods[0].result.columns)
+    if not keys["f1"]:
+        raise UsageError(
+            f"results of the {methods[0].result.track} track have no precision over distance",
+            expected="results of the reconstruction track",
+        )
+    sheet = noted(methods, sheet)
+    wide = sheet.wide(9.0)
+    stacked = wide < 5.0
+    figure = new_canvas(wide, 4.2 if stacked else 2.8)
+    panels = figure.subplots(3, 1, sharex=True) if stacked else figure.subplots(1, 3, sharey=True)
+    headline = methods[0].result.protocol.settings.get("scores", {}).get("headline_below_m")
+    for axes, (what, at) in zip(panels, keys.items(), strict=True):
+        _draw_panel(axes, methods, at, headline)
+        axes.set(title={"f1": "F1"}.get(what, what), ylim=_PERCENT)
+    for axes in panels[-1:] if stacked else panels:
+        axes.set_xlabel("distance d [m]")
+    panels[len(panels) // 2 if stacked else 0].set_ylabel("points nearer than d [%]")
+    dashed = f"dashed: d = {headline:g} m, of the headline scores" if headline else ""
+    said = ["mean over scenes"] * bool(over_scenes(methods)) + [dashed] * bool(dashed)
+    finish(figure, sheet.noting("; ".join(said)), [method.name for method in methods])
+    return figure
+
+
+def _draw_panel(
+    axes: Axes, methods: Sequence[Scored], at: dict[float, str], headline: float | None
+) -> None:
+    distances = np.array(list(at))
+    values = [[100 * method.result.overall[key] for key in at.values()] for method in methods]
+    axes.set_xscale("log" if distances[-1] >= 10 * distances[0] else "linear")
+    _draw_lines(axes, [distances] * len(methods), [np.array(row) for row in values])
+    if headline:
+        axes.axvline(headline, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)), zorder=0)
+    axes.set_xticks(distances.tolist(), [f"{d:g}" for d in at])
+    axes.set_xticks([], minor=True)
+    axes.grid(alpha=0.3)

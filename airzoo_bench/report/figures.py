@@ -1,40 +1,30 @@
-"""Drawing and writing figures: no window, no state, the same bytes for the same numbers."""
+"""Drawing and writing figures: palette, size, legend and small print, and the same bytes again."""
 
 from __future__ import annotations
 
 import io
+import re
+import textwrap
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.optional_imports import default_style
+from airzoo_bench.core.optional_imports import default_style, load_matplotlib
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "COLOURS",
-    "FORMATS",
-    "NO_ROOM",
-    "any_letters",
-    "check_ending",
-    "figure_bytes",
-    "label_text",
-    "lacking_letters",
-    "name_text",
-    "new_canvas",
-    "new_figure",
-    "save_figure",
-    "series_style",
-]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's colours, which colour-blind readers can tell apart."""
@@ -42,15 +32,17 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 FORMATS = ("png", "svg", "pdf")
 """What `save_figure` writes, by the ending of the file."""
 
-NO_ROOM = "constrained_layout not applied"
-"""How Matplotlib's warning begins where labels leave no room for axes."""
-
+_ERRORS = "viridis"  # even steps of lightness, for print and colour-blind readers
+_BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
+_NO_ROOM = "constrained_layout not applied"
 _DPI = 150
 _PLACE_DIGITS = 5
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_MOST_IN_LEGEND, _MOST_IN = 40, 40.0
 _LONGEST = 48
-_NO_NAME = "(no name)"
+_NARROW_IN, _LEAST_PICTURE_IN, _LOWEST_IN = 5.0, 0.7, 0.15
+_LEAST_PT, _POINTS, _LETTER, _LINE = 6.0, 72.0, 0.53, 1.25
 # SVG keeps text as text, and names its parts by a fixed salt.
 _FILES = {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
 # Neither the time of day nor the version of Matplotlib stands in the file.
@@ -61,11 +53,39 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 
-@default_style()
-def new_figure(width_in: float = 6.0, height_in: float = 4.0) -> tuple[Figure, Axes]:
-    """Return a figure and its axes."""
-    figure = new_canvas(width_in, height_in)
-    return figure, figure.add_subplot()
+@dataclass(frozen=True)
+class Sheet:
+    """How a picture is laid out, and what is written around it.
+
+    Attributes
+    ----------
+    width_in, height_in : float, optional
+        Inches, of all that is drawn; where they are not given, what the content needs.
+    title : str
+        Above the picture; empty for none.
+    notes : tuple of str
+        Small print below.
+    aside : list of str, optional
+        Takes the small print, which is then left out of the picture.
+    """
+
+    width_in: float | None = None
+    title: str = ""
+    notes: tuple[str, ...] = ()
+    height_in: float | None = None
+    aside: list[str] | None = None
+
+    def wide(self, usual: float) -> float:
+        """Return the width in inches: the one asked for, else the usual one of the content."""
+        return usual if self.width_in is None else self.width_in
+
+    def font(self, usual: float) -> float:
+        """Return the size of the font in points: smaller where a picture fills one column."""
+        return 9.5 if self.wide(usual) >= _NARROW_IN else 7.5
+
+    def noting(self, *notes: str) -> Sheet:
+        """Return the sheet with more small print; empty notes are none."""
+        return replace(self, notes=(*self.notes, *filter(None, notes)))
 
 
 @default_style()
@@ -79,8 +99,88 @@ def new_canvas(width_in: float, height_in: float) -> Figure:
     return figure
 
 
+@default_style()
+def new_figure(width_in: float = 6.0, height_in: float = 4.0) -> tuple[Figure, Axes]:
+    """Return a figure and its axes."""
+    figure = new_canvas(width_in, height_in)
+    return figure, figure.add_subplot()
+
+
+def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
+    """Set the size of text; let the figure grow by legend and title above, small print below."""
+    width = figure.get_figwidth()
+    size = sheet.font(width)
+    for axes in figure.axes:
+        for text in (axes.xaxis.label, axes.yaxis.label, axes.title):
+            text.set_fontsize(size)
+        axes.tick_params(axis="both", which="both", labelsize=size - 1)
+    hidden = len(names) - _MOST_IN_LEGEND
+    if hidden > 0:
+        sheet = sheet.noting(f"not named: {counted(hidden, 'more method')}")
+    if sheet.aside is not None:
+        sheet.aside.extend(sheet.notes)
+        sheet = replace(sheet, notes=())
+    small = max(_LEAST_PT, 0.72 * size)
+    notes = _wrapped("\n".join(sheet.notes), width, small)
+    title = _wrapped(sheet.title, width, size)
+    around = (len(notes) * small + len(title) * size * _LINE) * _LINE / _POINTS
+    if notes:
+        figure.supxlabel("\n".join(notes), fontsize=small, color="0.3", x=0.01, ha="left")
+    around += _add_legend(figure, names[:_MOST_IN_LEGEND], "\n".join(title), size, lines)
+    height = sheet.height_in or figure.get_figheight() + around
+    if height - around < _LEAST_PICTURE_IN:
+        raise UsageError(
+            f"--height: {height:g} inches leave no room for the picture",
+            expected=f"at least {around + _LEAST_PICTURE_IN:.1f}in",
+            fix="give a larger --height, or leave out the small print by --bare",
+        )
+    figure.set_figheight(height)
+
+
+def _wrapped(text: str, width_in: float, size: float) -> list[str]:
+    """Break lines that are longer than the figure is wide, dollars escaped."""
+    letters = max(10, int(0.96 * width_in * _POINTS / (size * _LETTER)))
+    lines = [part for line in text.split("\n") for part in textwrap.wrap(plain(line), letters)]
+    return [line.replace("$", r"\$") for line in lines]
+
+
+def _add_legend(
+    figure: Figure, names: Sequence[str], title: str, size: float, lines: bool
+) -> float:
+    """Add legend or title above the picture, as wide as fits; return the legend's height."""
+    from matplotlib.lines import Line2D
+
+    if not names:
+        if title:
+            figure.suptitle(title, fontsize=size)
+        return 0.0
+    plain_style = {} if lines else {"linestyle": "none"}
+    handles = [
+        Line2D([], [], markersize=4.5, linewidth=1.4, **(series_style(number) | plain_style))
+        for number in range(len(names))
+    ]
+    labels = [label_text(name_text(name)) for name in names]
+    widest = max(map(len, labels)) * _LETTER * (size - 1) / _POINTS + 0.5
+    columns = int(np.clip(figure.get_figwidth() / widest, 1, min(4, len(names))))
+    with _any_letters():
+        legend = figure.legend(
+            handles,
+            labels,
+            loc="outside upper center",
+            ncols=columns,
+            title=title or None,
+            title_fontsize=size,
+            fontsize=size - 1,
+            frameon=False,
+            borderaxespad=0.1,
+            handlelength=2.6 if lines else 1.2,
+            labelspacing=0.35,
+        )
+        return float(legend.get_window_extent().height / figure.dpi)
+
+
 @contextmanager
-def any_letters() -> Iterator[None]:
+def _any_letters() -> Iterator[None]:
     """Ignore Matplotlib's warnings about letters that the font lacks; they are drawn as boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
@@ -88,8 +188,45 @@ def any_letters() -> Iterator[None]:
         yield
 
 
-def lacking_letters(figure: Figure) -> str:
-    """Return the letters in a picture's texts that the font lacks, each once."""
+@default_style()
+def check_room(figure: Figure) -> None:
+    """Refuse a picture whose labels leave no room for its axes."""
+    lowest = 0.0
+    with _any_letters():
+        warnings.filterwarnings("error", _NO_ROOM, UserWarning)
+        try:
+            figure.draw_without_rendering()
+            heights = [axes.get_position().height for axes in figure.axes]
+            lowest = min(heights) * figure.get_figheight()
+        except UserWarning:
+            pass
+    if lowest < _LOWEST_IN:
+        raise UsageError(
+            f"{figure.get_figwidth():g} by {figure.get_figheight():.2g} inches are too little for "
+            "this picture's labels",
+            fix="give a larger --width or --height, or fewer results",
+        )
+
+
+def parse_length(text: str | None, option: str = "--width") -> float | None:
+    """Convert ``8.4cm`` or ``3.3in`` to inches; None stays None."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(cm|in)", text.strip().lower())
+    length = float(found[1]) / (2.54 if found[2] == "cm" else 1.0) if found else 0.0
+    least = 2.0 if option == "--width" else 1.0
+    if not least <= length <= _MOST_IN:
+        raise UsageError(
+            f"{option} {text!r} is no {option[2:]} that can be drawn",
+            expected=f"such as 3.3in or 8.4cm, between {least:g}in and {_MOST_IN:g}in",
+        )
+    return length
+
+
+def letters_note(figure: Figure, path: Path) -> list[str]:
+    """Name the letters in a picture's texts that the font lacks, unless an .svg keeps them."""
+    if path.suffix.lower() == ".svg":
+        return []
     with default_style():
         from matplotlib.font_manager import FontProperties, findfont, get_font
         from matplotlib.text import Text
@@ -97,19 +234,29 @@ def lacking_letters(figure: Figure) -> str:
         font = get_font(findfont(FontProperties()))
         texts: list[Any] = figure.findobj(Text)
     letters = dict.fromkeys(letter for text in texts for letter in text.get_text())
-    return "".join(c for c in letters if c != "\n" and not font.get_char_index(ord(c)))
+    lacking = [c for c in letters if c != "\n" and not font.get_char_index(ord(c))]
+    shown = " ".join(lacking[:10]) + " ..." * (len(lacking) > 10)
+    note = f"{path}: boxes stand for what the font, DejaVu Sans, lacks: {shown}; an .svg shows them"
+    return [note] if lacking else []
 
 
-def figure_bytes(
-    figure: Figure, form: str, settings: dict[str, Any] | None = None, dpi: int | None = None
-) -> bytes:
-    """Render a figure."""
+def figure_bytes(figure: Figure, form: str, dpi: int | None = None) -> bytes:
+    """Render a figure as one of `FORMATS`, or as ``jpg``."""
     stream = io.BytesIO()
-    with default_style(_FILES | (settings or {})), any_letters():
-        warnings.filterwarnings("ignore", NO_ROOM, UserWarning)
+    with default_style(_FILES), _any_letters():
+        warnings.filterwarnings("ignore", _NO_ROOM, UserWarning)
         _settle(figure)
-        figure.savefig(stream, format=form, dpi=dpi or _DPI, metadata=_METADATA[form])
+        figure.savefig(stream, format=form, dpi=dpi or _DPI, metadata=_METADATA.get(form))
     return stream.getvalue()
+
+
+def _settle(figure: Figure) -> None:
+    """Round the positions of axes, so that files are the same again."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        x, y, width, height = np.round(axes.get_position(original=True).bounds, _PLACE_DIGITS)
+        axes.set_position((float(x), float(y), float(width), float(height)))
 
 
 def check_ending(path: Path) -> str:
@@ -124,20 +271,9 @@ def check_ending(path: Path) -> str:
     return form
 
 
-def _settle(figure: Figure) -> None:
-    """Round the positions of axes."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    for axes in figure.axes:
-        x, y, width, height = np.round(axes.get_position(original=True).bounds, _PLACE_DIGITS)
-        axes.set_position((float(x), float(y), float(width), float(height)))
-
-
-def save_figure(
-    figure: Figure, path: Path, settings: dict[str, Any] | None = None, dpi: int | None = None
-) -> None:
+def save_figure(figure: Figure, path: Path, dpi: int | None = None) -> None:
     """Write a figure atomically; the suffix, ``.png``, ``.svg`` or ``.pdf``, gives the format."""
-    content = figure_bytes(figure, check_ending(path), settings, dpi)
+    content = figure_bytes(figure, check_ending(path), dpi)
     with atomic_write(path) as stream:
         stream.write(content)
 
@@ -151,7 +287,7 @@ def label_text(name: str) -> str:
 
 def name_text(name: str) -> str:
     """Return a method's name on one line, or a placeholder if it is blank."""
-    return plain(name) or _NO_NAME
+    return plain(name) or "(no name)"
 
 
 def series_style(number: int) -> dict[str, Any]:
@@ -161,3 +297,29 @@ def series_style(number: int) -> dict[str, Any]:
         "linestyle": _LINES[number // len(COLOURS) % len(_LINES)],
         "marker": _MARKERS[(number + number // len(COLOURS)) % len(_MARKERS)],
     }
+
+
+def error_colours(errors: Floats, limit: float) -> NDArray[np.uint8]:
+    """Colour errors (N,) as (N, 3): dark to bright up to the limit, vermilion from there on."""
+    colours = error_palette()[np.minimum(errors / limit * 255, 255).astype(np.intp)]
+    colours[errors >= limit] = _BEYOND
+    return colours
+
+
+def error_palette() -> NDArray[np.uint8]:
+    """Return the 256 colours of errors; the last one is for errors at the limit or beyond."""
+    table = load_matplotlib().colormaps[_ERRORS](np.linspace(0, 1, 255))[:, :3]
+    colours: NDArray[np.uint8] = np.vstack([(table * 255).round(), _BEYOND]).astype(np.uint8)
+    return colours
+
+
+def add_error_bar(axes: Axes, limit: float, label: str) -> None:
+    """Add the colour bar of `error_colours`."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    over = tuple(part / 255 for part in _BEYOND)
+    colours = load_matplotlib().colormaps[_ERRORS].with_extremes(over=over)
+    figure: Any = axes.get_figure(root=True)
+    shown = ScalarMappable(Normalize(0, limit), colours)
+    figure.colorbar(shown, ax=axes, label=label, extend="max", shrink=0.85, pad=0.02)

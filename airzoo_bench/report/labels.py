@@ -8,23 +8,9 @@ from dataclasses import replace
 
 from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import name_text
-from airzoo_bench.report.sheet import Sheet
+from airzoo_bench.report.figures import Sheet, name_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-
-__all__ = [
-    "UNITS",
-    "arrow",
-    "axis_label",
-    "error_label",
-    "meaning",
-    "noted",
-    "over_scenes",
-    "shown_value",
-    "spans_decades",
-    "who",
-]
 
 UNITS = {"share": "%", "m": "m", "deg": "°"}
 # Tables have room for a word; a picture found alone must say what was measured.
@@ -56,6 +42,11 @@ def axis_label(score: ScoreColumn) -> str:
 def arrow(score: ScoreColumn) -> str:
     """Return the arrow that says which direction is better."""
     return "↑" if score.higher_is_better else "↓"
+
+
+def heading(score: ScoreColumn) -> str:
+    """Head a column of a score: title, unit, and which direction is better."""
+    return f"{score.title} [{UNITS[score.unit]}] {arrow(score)}"
 
 
 def shown_value(score: ScoreColumn, values: Floats) -> Floats:

@@ -1,8 +1,11 @@
-"""Pictures of the matching track: error curves, matches, queries on the map."""
+"""Pictures of single runs of matching: match lines of a query, and error arrows on the map."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,205 +13,290 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import read_rgb_photo
-from airzoo_bench.core.errors import counted
+from airzoo_bench.core.errors import UsageError, counted
+from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import change_of_plane
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb, to_map_pixels
+from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.cameras import project
+from airzoo_bench.geometry.poses import world_to_camera
+from airzoo_bench.geometry.rasters import gsd_m, read_rgb
+from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import Correspondences
-from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap
-from airzoo_bench.report.curves import share_below
-from airzoo_bench.report.figures import COLOURS, new_figure, save_figure, series_style
+from airzoo_bench.matching.solving import PoseEstimate
+from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.report.curves import errors
+from airzoo_bench.report.figures import (
+    COLOURS,
+    Sheet,
+    add_error_bar,
+    error_colours,
+    finish,
+    new_canvas,
+    save_figure,
+)
+from airzoo_bench.report.places import Place, places_of, true_window
+from airzoo_bench.report.sections import Section
+from airzoo_bench.results.records import Scored
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_error_curves", "draw_figures", "draw_matches", "draw_queries_on_map"]
 
-_MOST_LINES = 200
+_FILE = "figures/matches.npz"
+_LIMIT_BYTES = 1 << 30
+_MOST_LINES = 200  # of inliers, and of the others
+_LONG_SIDE_PX = 1000
 _GAP = 1.02
+_LONGEST_ARROW = 0.08  # of the map's longer side, for nine of ten errors
+_FACTORS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-@default_style()
-def draw_error_curves(
-    records: pd.DataFrame, titles: dict[str, str], thresholds_m: Sequence[float]
-) -> Figure:
-    """Draw, for each scene, the share of queries whose error is strictly below a value."""
-    figure, axes = new_figure()
-    finite = records.loc[np.isfinite(records["error_m"]), "error_m"]
-    right = max(2 * max(thresholds_m), 1.0)
-    left = min(max(float(finite.min()) / 2, 1e-3) if len(finite) else 0.1, min(thresholds_m) / 2)
-    for number, (scene, title) in enumerate(titles.items()):
-        errors = records.loc[records["scene"] == scene, "error_m"].to_numpy(np.float64)
-        _draw_steps(axes, errors, left, right, f"{title} (n = {len(errors)})", number)
-    for limit in thresholds_m:
-        axes.axvline(limit, color="0.6", linewidth=0.8, linestyle="--", zorder=0)
-        axes.annotate(
-            f"{limit:g} m", (limit, 1.01), xycoords=("data", "axes fraction"), ha="center"
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Q queries of all scenes with some of their matches, which a run keeps for pictures.
+
+    Attributes
+    ----------
+    queries : (Q,) array of str
+    centres : (Q, 3) array
+        Estimated camera centres in the scene's CRS, NaN where there is no pose.
+    counts : (Q, 2) array
+        Inliers, and matches, before some were chosen to be drawn.
+    offsets : (Q + 1,) array
+        Of each query's matches in the arrays below.
+    query_xy, map_xy : (M, 2) array
+        Pixels of the photo and of the whole map.
+    inliers : (M,) bool array
+    residual_px : (M,) array
+        How far the photo's pixel is from where the true camera sees the map's point; NaN where
+        that is not known.
+    """
+
+    queries: NDArray[np.str_]
+    centres: Floats
+    counts: Ints
+    offsets: Ints
+    query_xy: Floats
+    map_xy: Floats
+    inliers: Bools
+    residual_px: Floats
+
+
+def read_matches(folder: Path) -> Matches | None:
+    """Read what ``eval --figures`` left in a run's folder; None where it did not."""
+    path = folder / _FILE
+    return _read(path, path.stat().st_mtime_ns) if path.is_file() else None
+
+
+@lru_cache(maxsize=32)
+def _read(path: Path, written: int) -> Matches:
+    del written  # a file that was written anew is read anew
+    file = NpzFile(path, _LIMIT_BYTES)
+    return Matches(**{one.name: file.read(one.name) for one in fields(Matches)})
+
+
+def _gather(
+    truth: MatchingTruth, content: object, estimates: list[PoseEstimate], half_px: float
+) -> Matches:
+    """Gather what is shown of a scene: of each query an even choice of its matches."""
+    count = len(truth.queries)
+    centres = np.array([one.centre for one in estimates]).reshape(-1, 3)
+    queries = truth.queries["id"].to_numpy(str)
+    if not isinstance(content, Correspondences) or content.map_xy is None:
+        none, pixels = np.zeros(0), np.zeros((0, 2))
+        no_counts, starts = np.zeros((count, 2), np.int64), np.zeros(count + 1, np.int64)
+        return Matches(queries, centres, no_counts, starts, pixels, pixels, none > 0, none)
+    chosen, counts = [], []
+    for part, estimate in zip(content.parts(), estimates, strict=True):
+        inliers = estimate.inliers
+        kinds = [_spread(np.flatnonzero(kind)) for kind in (~inliers, inliers)]
+        chosen.append(part.start + np.concatenate(kinds))
+        counts.append([int(inliers.sum()), len(inliers)])
+    rows = np.concatenate([np.zeros(0, np.intp), *chosen])
+    offsets = np.concatenate([[0], np.cumsum([len(part) for part in chosen])]).astype(np.int64)
+    every = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in estimates)])
+    query_xy, map_xy = content.query_xy[rows], content.map_xy[rows]
+    residual = _residuals(truth, offsets, query_xy, map_xy + half_px)
+    return Matches(
+        queries, centres, np.array(counts), offsets, query_xy, map_xy, every[rows], residual
+    )
+
+
+def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    few = len(rows) <= _MOST_LINES
+    return rows if few else rows[np.linspace(0, len(rows) - 1, _MOST_LINES).astype(np.intp)]
+
+
+def _residuals(truth: MatchingTruth, offsets: Ints, query_xy: Floats, map_xy: Floats) -> Floats:
+    """Return how far pixels (M, 2) are from where the true cameras see the map's points."""
+    found = np.full(len(query_xy), np.nan)
+    cameras, poses = truth.cameras, truth.poses
+    for row, (start, end) in enumerate(pairwise(offsets.tolist())):
+        if start == end:
+            continue
+        part, scene = slice(start, end), truth.map_of(row)
+        points = lift(map_xy[part], scene.dom, scene.dsm, jobs=1).points
+        seen = project(cameras.take(row), world_to_camera(poses.take(row), points[None]))[0]
+        found[part] = np.linalg.norm(seen - query_xy[part], axis=1)
+    return found
+
+
+def _joined(parts: list[Matches]) -> dict[str, NDArray[np.generic]]:
+    arrays = {
+        one.name: np.concatenate([getattr(part, one.name) for part in parts])
+        for one in fields(Matches)
+    }
+    counts = np.concatenate([np.diff(part.offsets) for part in parts])
+    return arrays | {"offsets": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)}
+
+
+def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
+    """Draw error curves, maps with arrows, and the matches of every query, and keep these."""
+    if not wanted or out is None:
+        return
+    half_px = 0.5 if evaluation.protocol.lift.map_pixel_centres == "integer" else 0.0
+    parts = []
+    for truth in evaluation.truths:
+        content, estimates = evaluation.scored[truth.scene].details
+        parts.append(_gather(truth, content, estimates, half_px))
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    with atomic_write(out / _FILE) as stream:
+        write_npz(stream, _joined(parts), compress=True)
+    result = evaluation.result
+    method = Scored(result.predictions.method, result, evaluation.records)
+    section = Section([method], [out])
+    score = next(column for column in result.columns if column.key == "error_m")
+    save_figure(errors([method], score), out / "figures" / "errors.png")
+    drawn = 1
+    for place in places_of(section, evaluation.benchmark):
+        if place.dom is not None:
+            figure = draw_arrows(section, place)
+            save_figure(figure, out / "figures" / f"{place.scene}_map.png")
+            drawn += 1
+        queries = [*place.photos] if len(parts[0].query_xy) else []
+        for query in run.progress(queries, "pictures", len(queries)):
+            name = query.replace("/", "_")
+            figure = draw_matches(section, place, query)
+            save_figure(figure, out / "figures" / f"{name}_matches.png")
+        drawn += len(queries)
+    yield f"drew {drawn} pictures into {out / 'figures'}; report and plot show them too"
+
+
+def _need_matches(section: Section, number: int) -> Matches:
+    found = read_matches(section.folders[number])
+    if found is None:
+        raise UsageError(
+            "this run has left no matches and cameras to draw",
+            where=section.folders[number],
+            fix="score the predictions again with `eval matching ... --out DIR --figures`",
         )
-    axes.set(xscale="log", xlim=(left, right), ylim=(0, 100))
-    axes.set(xlabel="translation error [m]", ylabel="queries below [%]")
-    axes.grid(alpha=0.3)
-    axes.legend(loc="best", frameon=False)
-    return figure
-
-
-def _draw_steps(
-    axes: Axes, errors: Floats, left: float, right: float, label: str, number: int
-) -> None:
-    inside = errors[(errors > left) & (errors < right)]
-    x = np.concatenate([[left], np.unique(inside), [right]])
-    style = series_style(number) | {"marker": "none"}
-    # The share counts errors strictly below, so that it is the same up to and with the next error.
-    axes.step(x, 100 * share_below(errors, x), where="pre", label=label, **style)
+    return found
 
 
 @default_style()
 def draw_matches(
-    query: NDArray[np.uint8],
-    crop: NDArray[np.uint8],
-    query_xy: Floats,
-    crop_xy: Floats,
-    inliers: NDArray[np.bool_],
-    title: str,
+    section: Section, place: Place, query: str, sheet: Sheet | None = None, number: int = 0
 ) -> Figure:
-    """Draw matches between a query and its crop of the map, outliers below inliers."""
-    scale = query.shape[0] / crop.shape[0]
-    wide = query.shape[1] * _GAP + crop.shape[1] * scale
-    figure, axes = new_figure(9.0, 9.0 * query.shape[0] / wide + 0.4)
-    axes.imshow(query, extent=(0, query.shape[1], query.shape[0], 0))
-    shift = query.shape[1] * _GAP
-    axes.imshow(crop, extent=(shift, shift + crop.shape[1] * scale, query.shape[0], 0))
-    drawn = ((~inliers, COLOURS[1], 0.35, "outlier"), (inliers, COLOURS[2], 0.8, "inlier"))
-    for kind, colour, alpha, label in drawn:
-        chosen = _spread(np.flatnonzero(kind))
-        ends = crop_xy[chosen] * scale + (shift, 0)
-        x = np.stack([query_xy[chosen, 0], ends[:, 0]])
-        y = np.stack([query_xy[chosen, 1], ends[:, 1]])
-        axes.plot(x, y, color=colour, alpha=alpha, linewidth=0.6)
-        axes.plot([], [], color=colour, label=label)
-    axes.legend(loc="lower right", fontsize=7)
-    axes.set(xlim=(0, shift + crop.shape[1] * scale), ylim=(query.shape[0], 0))
+    """Draw a query's photo beside its crop, with lines of its matches coloured by residual."""
+    sheet, matches = sheet or Sheet(), _need_matches(section, number)
+    row = int(np.flatnonzero(matches.queries == query)[0])
+    part = slice(int(matches.offsets[row]), int(matches.offsets[row + 1]))
+    limit = float(section.first.protocol.settings["solver"]["max_error_px"])
+    assert place.matching is not None
+    window = true_window(place, query)
+    assert window is not None
+    dom, (x, y, width, height) = window
+    record = place.matching.queries.iloc[place.rows_of([query])[0]]
+    photo = read_rgb_photo(place.photos[query], _LONG_SIDE_PX)
+    crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
+    scale = photo.shape[0] / crop.shape[0]
+    shift, right = photo.shape[1] * _GAP, photo.shape[1] * _GAP + crop.shape[1] * scale
+    wide = sheet.wide(9.0)
+    figure = new_canvas(wide, wide * 0.88 * photo.shape[0] / right + 0.3)
+    axes = figure.add_subplot()
+    axes.imshow(photo, extent=(0, photo.shape[1], photo.shape[0], 0))
+    axes.imshow(crop, extent=(shift, right, photo.shape[0], 0))
+    starts = matches.query_xy[part] * photo.shape[1] / record["width"]
+    ends = (matches.map_xy[part] - (x, y)) * (crop.shape[1] / width) * scale + (shift, 0)
+    residual, inlier = matches.residual_px[part], matches.inliers[part]
+    colours = error_colours(np.nan_to_num(residual, nan=np.inf), limit) / 255
+    order = np.argsort(-np.nan_to_num(residual, nan=np.inf), kind="stable")  # the best above
+    for one in order:
+        thick, alpha = (0.8, 0.9) if inlier[one] else (0.5, 0.5)
+        line = np.stack([starts[one], ends[one]], axis=1)
+        axes.plot(*line, color=colours[one], linewidth=thick, alpha=alpha)
+    axes.set(xlim=(0, right), ylim=(photo.shape[0], 0))
     axes.set_axis_off()
-    axes.set_title(
-        f"{title}: {counted(int(inliers.sum()), 'inlier')} of {counted(len(inliers), 'match')}",
-        fontsize=9,
-    )
+    add_error_bar(axes, limit, "residual under the true pose [px]")
+    inliers, total = matches.counts[row].tolist()
+    said = f"{query}: {counted(inliers, 'inlier')} of {counted(total, 'match')}"
+    shown = f"; {part.stop - part.start} drawn" * (part.stop - part.start < total)
+    finish(figure, sheet.noting(f"{said}{shown}; thick: inliers"))
     return figure
 
 
-def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    if len(rows) <= _MOST_LINES:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, _MOST_LINES).astype(np.intp)]
+def arrow_factor(errors_px: Floats, side_px: float) -> int:
+    """Return a round factor that makes arrows of errors visible."""
+    finite = errors_px[np.isfinite(errors_px)]
+    typical = float(np.quantile(finite, 0.9)) if len(finite) else 0.0
+    fitting = [f for f in _FACTORS if typical * f <= _LONGEST_ARROW * side_px]
+    return fitting[-1] if fitting else 1
+
+
+def estimates_on_map(section: Section, place: Place, number: int) -> Floats | None:
+    """Return where a method puts the queries of a place (Q, 2), in pixels of its map."""
+    matches = read_matches(section.folders[number]) if section.folders else None
+    if matches is None or place.to_map is None:
+        return None
+    known = {query: row for row, query in enumerate(matches.queries.tolist())}
+    centres = matches.centres[[known[query] for query in place.photos]]
+    found = np.full((len(centres), 2), np.nan)
+    posed = np.isfinite(centres).all(axis=1)
+    found[posed] = place.to_map(centres[posed, :2])
+    return found
 
 
 @default_style()
-def draw_queries_on_map(
-    dom: NDArray[np.uint8],
-    extent: tuple[float, float, float, float],
-    truth_xy: Floats,
-    estimate_xy: Floats,
-    title: str,
+def draw_arrows(
+    section: Section, place: Place, sheet: Sheet | None = None, number: int = 0
 ) -> Figure:
-    """Draw where queries are, and vectors from truth to estimate."""
-    figure, axes = new_figure(7.0, 6.5)
-    left, _, bottom, _ = extent
-    axes.imshow(dom, extent=tuple(np.subtract(extent, (left, left, bottom, bottom))))
-    truth, estimate = truth_xy - (left, bottom), estimate_xy - (left, bottom)
-    failed = np.isnan(estimate).any(axis=1)
-    for start, end in zip(truth[~failed], estimate[~failed], strict=True):
-        axes.plot(*np.stack([start, end], axis=1), color=COLOURS[1], linewidth=1.2)
-    axes.plot(*truth[~failed].T, "o", color=COLOURS[0], markersize=4, label="truth")
-    axes.plot(*estimate[~failed].T, "o", color=COLOURS[1], markersize=2.5, label="estimate")
+    """Draw arrows on the map from true to estimated places, magnified by a stated factor."""
+    sheet, dom = sheet or Sheet(), place.dom
+    _need_matches(section, number)
+    estimates = estimates_on_map(section, place, number)
+    if estimates is None or dom is None:
+        raise UsageError(f"scene {place.scene} has no map", expected="queries that share one")
+    side = max(dom.width, dom.height)
+    gaps = estimates - place.centres
+    factor = arrow_factor(np.linalg.norm(gaps, axis=1), side)
+    metres = gsd_m(dom)[0]
+    wide = sheet.wide(7.0)
+    figure = new_canvas(wide, wide * min(dom.height / dom.width, 1.5) * 0.9 + 0.6)
+    axes = figure.add_subplot()
+    extent = (0.0, dom.width * metres, dom.height * metres, 0.0)
+    axes.imshow(read_rgb(dom.path, long_side_px=_LONG_SIDE_PX), extent=extent)
+    starts, failed = place.centres * metres, ~np.isfinite(estimates).all(axis=1)
+    axes.quiver(
+        *starts[~failed].T,
+        *(factor * metres * gaps[~failed]).T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.004,
+        color=COLOURS[4],
+        edgecolor="black",
+        linewidth=0.4,
+    )
+    axes.plot(*starts[~failed].T, "o", color=COLOURS[5], markersize=4, label="true place")
     if failed.any():
-        label = "truth, no pose found"
-        axes.plot(*truth[failed].T, "x", color=COLOURS[3], markersize=6, label=label)
-    axes.set(xlabel="east of the map's corner [m]", ylabel="north of the map's corner [m]")
-    axes.set_title(title, fontsize=9)
-    axes.set_aspect("equal")
+        label = f"no pose ({int(failed.sum())})"
+        axes.plot(*starts[failed].T, "X", color=COLOURS[1], markersize=7, label=label)
+    axes.set(xlabel="metres from the left of the map", ylabel="metres from its top")
+    axes.set(xlim=(0, extent[1]), ylim=(extent[2], 0))
     axes.legend(loc="best", fontsize=8)
+    name = section.methods[number].name
+    finish(figure, sheet.noting(f"{name}, scene {place.scene}; arrows: errors × {factor}"))
     return figure
-
-
-_LONG_SIDE_PX = 1200
-
-
-def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
-    """Draw error curves of all scenes; for each scene a map, and the matches of every query."""
-    if not wanted or out is None:
-        return
-    folder, protocol = out / "figures", evaluation.protocol
-    titles = {scene.id: scene.title for scene in protocol.scenes}
-    limits = protocol.scores.translation_below_m
-    save_figure(draw_error_curves(evaluation.records, titles, limits), folder / "errors.png")
-    drawn, benchmark = 1, evaluation.benchmark
-    for truth in evaluation.truths:
-        matches, estimates = evaluation.scored[truth.scene].details
-        if truth.scene_map is not None:
-            path = folder / f"{truth.scene}_map.png"
-            centres = np.array([one.centre for one in estimates])
-            _draw_map(truth, truth.scene_map, centres, titles[truth.scene], path)
-            drawn += 1
-        images = benchmark.resolve(benchmark.scene(truth.scene).images)
-        rows = range(len(truth.queries) if matches.kind == "matches" else 0)
-        for row in run.progress(rows, "pictures", len(rows)):
-            _draw_query(truth, matches, estimates[row].inliers, row, images, folder)
-        drawn += len(rows)
-    yield f"drew {drawn} pictures into {folder}"
-
-
-def _draw_map(
-    truth: MatchingTruth, scene: ReferenceMap, estimated: Floats, title: str, path: Path
-) -> None:
-    """Draw in metres along the map's sides: its CRS may differ from the scene's, and be rotated."""
-    dom, scene_crs = scene.dom, open_info(scene.dsm).crs
-    corners = pixel_to_world(dom.transform, [(0, 0), (dom.width, 0), (0, dom.height)])
-    origin, right, down = change_of_plane(dom.crs, scene_crs)(corners)
-    sides = np.linalg.norm([right - origin, down - origin], axis=1)
-    to_pixels = to_map_pixels(scene_crs, dom)
-
-    def along_sides(centres: NDArray[np.float64]) -> NDArray[np.float64]:
-        pixels = to_pixels(centres[:, :2])
-        east, south = (pixels * sides / (dom.width, dom.height)).T
-        return np.stack([east, sides[1] - south], axis=1)
-
-    figure = draw_queries_on_map(
-        read_rgb(dom.path, long_side_px=_LONG_SIDE_PX),
-        (0.0, float(sides[0]), 0.0, float(sides[1])),
-        along_sides(truth.poses.centres),
-        along_sides(estimated),
-        title,
-    )
-    save_figure(figure, path)
-
-
-def _draw_query(
-    truth: MatchingTruth,
-    matches: Correspondences,
-    inliers: NDArray[np.bool_],
-    row: int,
-    images: Path,
-    folder: Path,
-) -> None:
-    query, part = truth.queries.iloc[row], matches.parts()[row]
-    x, y, width, height = (int(side) for side in truth.crops[row])
-    photo = read_rgb_photo(images / query["image"], _LONG_SIDE_PX)
-    dom = truth.map_of(row).dom
-    crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
-    shrunk = np.array([photo.shape[1] / query["width"], photo.shape[0] / query["height"]])
-    map_xy = matches.map_xy if matches.map_xy is not None else np.zeros((0, 2))
-    figure = draw_matches(
-        photo,
-        crop,
-        matches.query_xy[part] * shrunk,
-        (map_xy[part] - (x, y)) * (crop.shape[1] / width, crop.shape[0] / height),
-        inliers,
-        str(query["id"]),
-    )
-    name = str(query["id"]).replace("/", "_")
-    save_figure(figure, folder / f"{name}_matches.png")

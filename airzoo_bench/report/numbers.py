@@ -1,91 +1,152 @@
-"""The numbers of a report's section: intervals, breakdowns, values of queries."""
+"""The tables of a report: every number, text and mark is decided here, and only placed by pages."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.chart import tints, vertical_axis
-from airzoo_bench.report.packing import Blobs
+from airzoo_bench.report.labels import heading, meaning
 from airzoo_bench.report.sections import Section
-from airzoo_bench.report.standings import marks_of
-from airzoo_bench.results.comparison import is_hit, make_sample
+from airzoo_bench.results.comparison import (
+    FLOOR_MARK,
+    AgainstBest,
+    Pair,
+    against_best,
+    compare,
+    floor_note,
+    make_sample,
+    notes_of,
+)
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.breakdown import condition_title, group_averages, group_records
-from airzoo_bench.tables.intervals import intervals_made, resampled, score_texts
-from airzoo_bench.tables.model import Cell
+from airzoo_bench.statistics.significance import LEVEL, holm
+from airzoo_bench.tables.breakdown import breakdown_table, condition_title
+from airzoo_bench.tables.comparison import LEAST_P, differences_table, sentence, verdict
+from airzoo_bench.tables.intervals import (
+    intervals_made,
+    resampled,
+    score_cell,
+    score_texts,
+    score_title,
+)
+from airzoo_bench.tables.marks import best_texts
+from airzoo_bench.tables.method_table import as_shown, score_column, shared_references
+from airzoo_bench.tables.model import Cell, Table, share_to_percent, show_number
 
-__all__ = ["Intervals", "breakdowns", "intervals", "queries"]
+OVERALL, POOLED = "overall", "pooled"
+_BEST, _TIED = "best", "tied"
+_RESAMPLES, _FEWEST_RESAMPLES = 10_000, 1_000
+_WORK = 2.5e9  # resampled values: some seconds
+_FINEST = 40  # resamples a comparison, so that a corrected p can still be a finding
+_MOST_PAIRED = 12  # methods of which every two are compared
+_DIFFERING = 10  # queries that are listed of a pair
 
 Limits = list[list[float] | None]
-
-_DECIMALS = ((1000.0, 0), (100.0, 1), (1.0, 2), (0.0, 4))  # for values from each size up
-_MOST_RESAMPLES = 10_000
-_FEWEST_RESAMPLES = 1_000
-_WORK = 2.5e9  # resampled values: about five seconds
+_Row = Sequence[float | None]
 
 
 @dataclass(frozen=True)
-class Intervals:
-    """Intervals of a section.
+class Head:
+    """A column's heading; ``best`` says which end of it is better, ``more`` hides it at first."""
 
-    Attributes
-    ----------
-    overall : dict of str to list
-        By score, the limits of each method's average over scenes, None where there are none.
-    scenes : dict of str to dict
-        The same of each scene.
-    note : str
-        How they were made, or why there are none.
-    """
-
-    overall: dict[str, Limits]
-    scenes: dict[str, dict[str, Limits]]
-    note: str
-
-    def texts(self, scores: Sequence[ScoreColumn]) -> dict[str, Any]:
-        """Return the intervals as texts, as the page shows them."""
-
-        def written(found: dict[str, Limits]) -> dict[str, list[str | None]]:
-            return {
-                score.key: [
-                    " to ".join(score_texts(score, limits)) if limits else None
-                    for limits in found[score.key]
-                ]
-                for score in scores
-                if score.key in found
-            }
-
-        scenes = {scene: written(found) for scene, found in self.scenes.items()}
-        return {"overall": written(self.overall), "scenes": scenes, "note": self.note}
+    text: str
+    words: bool = False
+    hint: str = ""
+    best: str = ""
+    more: bool = False
 
 
-def intervals(section: Section) -> Intervals:
-    """Compute 95 % intervals as `compare` does, for the scores and resamples that take seconds."""
+@dataclass(frozen=True)
+class Datum:
+    """A cell: its text, what it is sorted by, its mark, and its interval."""
+
+    text: str
+    order: float | None = None
+    mark: str = ""
+    interval: str = ""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row; a floor is what scores without a method, and stays below all others."""
+
+    cells: list[Datum]
+    floor: bool = False
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of the page; the first cell of each row heads it."""
+
+    caption: str
+    heads: list[Head]
+    rows: list[Line]
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Pane:
+    """Grids that the page shows, one below the other, when their title is chosen."""
+
+    key: str
+    title: str
+    grids: list[Grid]
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Intervals by scope and score, tests against the best by scope, and how both were made."""
+
+    limits: Mapping[str, Mapping[str, Limits]]
+    tests: Mapping[str, Mapping[str, AgainstBest]]
+    notes: list[str]
+
+
+def find(section: Section) -> Findings:
+    """Compute intervals and tests as `compare` does, as far as they take seconds."""
+    limits, about_limits = _intervals(section)
+    tests, about_tests = _tests(section)
+    return Findings(limits, tests, [note for note in (about_limits, about_tests) if note])
+
+
+def _intervals(section: Section) -> tuple[dict[str, dict[str, Limits]], str]:
     scores, resamples = _affordable(section)
     if not scores:
-        return Intervals({}, {}, "no intervals: there are too many queries and methods")
+        return {}, "no intervals: there are too many queries and methods"
     plan = ResamplingConfig(resamples)
-    sample = make_sample(section.methods, scores)
-    found = sample_intervals(sample, plan)
-    scenes = found.groups if sample.unit == "query" else {}
-    every = [interval for part in [found.overall, *scenes.values()] for interval in part]
-    return Intervals(
-        _by_score(section, scores, found.overall),
-        {scene: _by_score(section, scores, part) for scene, part in scenes.items()},
-        _note(section, scores, every, plan),
-    )
+    found = sample_intervals(make_sample(section.methods, scores), plan)
+    parts = {OVERALL: found.overall} | (found.groups if section.by_query else {})
+    every = [interval for part in parts.values() for interval in part]
+    limits = {
+        scope: {
+            score.key: [_ends(one) for one in part[at : at + len(section.methods)]]
+            for score, at in zip(scores, range(0, len(part), len(section.methods)), strict=True)
+        }
+        for scope, part in parts.items()
+    }
+    return limits, _about_intervals(section, scores, every, plan)
 
 
-def _note(
+def _ends(interval: Interval) -> list[float] | None:
+    known = interval.low is not None and interval.high is not None
+    return [interval.low, interval.high] if known else None  # type: ignore[list-item]
+
+
+def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
+    values = len(section.methods) * len(section.methods[0].records)
+    for scores in (section.headline, section.headline[:1]):
+        resamples = min(_RESAMPLES, int(_WORK / (values * len(scores))))
+        if resamples >= _FEWEST_RESAMPLES:
+            return scores, resamples
+    return [], 0
+
+
+def _about_intervals(
     section: Section,
     scores: Sequence[ScoreColumn],
     every: Sequence[Interval],
@@ -97,141 +158,278 @@ def _note(
     made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
     if not made:
         return f"no intervals: {why}"
-    others = "; of the other scores they would take too long"
-    lacking = others if len(scores) < len(section.headline) else ""
-    has_pooled = section.by_query and len(section.first.scenes) > 1
-    pooled = "; of scenes and of the average over scenes, none of pooled values" * has_pooled
-    return f"{made}{lacking}{f'; none where {why}' if why else ''}{pooled}"
+    parts = [made]
+    if len(scores) < len(section.headline):
+        parts.append("of the other scores they would take too long")
+    if why:
+        parts.append(f"none where {why}")
+    if section.by_query and len(section.first.scenes) > 1:
+        parts.append("of scenes and of the average over scenes, none of pooled values")
+    return "; ".join(parts)
 
 
-def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
-    values = len(section.methods) * len(section.methods[0].records)
-    for scores in (section.headline, section.headline[:1]):
-        resamples = min(_MOST_RESAMPLES, int(_WORK / (values * len(scores))))
-        if resamples >= _FEWEST_RESAMPLES:
-            return scores, resamples
-    return [], 0
-
-
-def _by_score(
-    section: Section, scores: Sequence[ScoreColumn], found: Sequence[Interval]
-) -> dict[str, Limits]:
-    """Split intervals, ordered by score and then by method, into those of each score."""
-    limits = [None if i.low is None or i.high is None else [i.low, i.high] for i in found]
+def _plan(section: Section, comparisons: int) -> ResamplingConfig | None:
+    """Return a plan whose resamples suffice for so many comparisons of a score."""
     count = len(section.methods)
-    return {
-        score.key: limits[start : start + count]
-        for score, start in zip(scores, range(0, len(limits), count), strict=True)
-    }
+    resamples = max(_RESAMPLES, _FINEST * count * (count - 1) // 2)
+    values = comparisons * len(section.headline) * len(section.methods[0].records)
+    return ResamplingConfig(resamples) if values * resamples <= _WORK else None
 
 
-def breakdowns(section: Section, blobs: Blobs) -> list[dict[str, Any]]:
-    """Return every per-query score by every condition, over all scenes and in each one."""
+def _tests(section: Section) -> tuple[dict[str, Mapping[str, AgainstBest]], str]:
+    methods, scores = section.methods, section.headline
+    if len(methods) < 2:
+        return {}, ""
+    plan = _plan(section, 2 * len(methods))
+    if plan is None:
+        return {}, "no tests against the best: there are too many queries and methods"
+    found: dict[str, Mapping[str, AgainstBest]] = {OVERALL: against_best(methods, scores, plan)}
+    for scene in section.first.scenes if section.by_query else ():
+        found[scene] = against_best(methods, scores, plan, scene)
+    return found, (
+        f"≈ marks what a paired test does not tell from the best (p above "
+        f"{share_to_percent(LEVEL):g} % after Holm's correction for all pairs of methods, "
+        f"{plan.resamples} resamples, seed {plan.seed}), of the paper's scores; pooled values are "
+        "not tested" + ("" if section.by_query else ", nor are single scenes")
+    )
+
+
+def marks_of(score: ScoreColumn, values: _Row, tests: AgainstBest | None = None) -> list[str]:
+    """Mark a score's values by method: the best by the digits shown, and who ties with them.
+
+    One method by itself has no mark.
+    """
+    column = score_column(score)
+    cells = [score_cell(score, value) for value in values]
+    best = best_texts(column, cells)[:1]
+    if not best or len(values) < 2:
+        return [""] * len(values)
+    tied = tests.tied if tests else [False] * len(values)
+    return [
+        _BEST if cell.text(column.decimals) == best[0] else _TIED if is_tied else ""
+        for cell, is_tied in zip(cells, tied, strict=True)
+    ]
+
+
+def _legend(found: Findings, marks: Sequence[str], scope: str) -> str:
+    if not any(marks):
+        return ""
+    if not found.tests.get(scope):
+        return "; ★ marks the best, which is not tested"
+    return "; ★ marks the best" + ", ≈ what cannot be told from it" * (_TIED in marks)
+
+
+def _data(
+    score: ScoreColumn,
+    values: _Row,
+    marks: Sequence[str] | None = None,
+    limits: Limits | None = None,
+) -> list[Datum]:
+    return [
+        Datum(
+            text,
+            None if value is None else float(value),
+            marks[n] if marks else "",
+            " to ".join(score_texts(score, ends)) if limits and (ends := limits[n]) else "",
+        )
+        for n, (text, value) in enumerate(zip(score_texts(score, values), values, strict=True))
+    ]
+
+
+def _head(section: Section, score: ScoreColumn, text: str = "") -> Head:
+    best = "descending" if score.higher_is_better else "ascending"
+    hint = meaning(section.track, score)
+    return Head(text or heading(score), False, hint, best, not score.headline)
+
+
+def summary_panes(section: Section, found: Findings) -> list[Pane]:
+    """Return every score by method: over scenes, pooled, and by scene."""
+    titles = section.first.truth.scene_titles
+    if len(titles) == 1:
+        return [_scores_pane(section, found, OVERALL, *titles.values())]
+    scopes = {OVERALL: "Average over scenes"}
+    scopes |= {POOLED: "All queries pooled"} if section.by_query else {}
+    return [
+        _scores_pane(section, found, scope, title) for scope, title in (scopes | titles).items()
+    ]
+
+
+def _of_scope(numbers: object, scope: str) -> Mapping[str, float]:
+    """Return the values of a result or a reference in a scope."""
+    if scope in (OVERALL, POOLED):
+        values: Mapping[str, float] = getattr(numbers, scope)
+        return values
+    scenes: Mapping[str, Mapping[str, float]] = numbers.scenes  # type: ignore[attr-defined]
+    return scenes[scope]
+
+
+def _scores_pane(section: Section, found: Findings, scope: str, title: str) -> Pane:
+    references, _ = shared_references([method.result for method in section.methods])
+    columns: list[list[Datum]] = []
+    tests, limits = found.tests.get(scope, {}), found.limits.get(scope, {})
+    for score in section.scores:
+        values = [_of_scope(method.result, scope)[score.key] for method in section.methods]
+        marks = marks_of(score, values, tests.get(score.key))
+        floors = [_of_scope(one, scope).get(score.key) for one in references.values()]
+        data = _data(score, values, marks, limits.get(score.key))
+        columns.append([*data, *_data(score, floors)])
+    names = [m.name + f" {FLOOR_MARK}" * bool(floor_note(m.result)) for m in section.methods]
+    rows = [
+        Line([Datum(name), *cells], number >= len(names))
+        for number, (name, *cells) in enumerate(zip([*names, *references], *columns, strict=True))
+    ]
+    marks = [cell.mark for column in columns for cell in column]
+    heads = [Head("Method", True), *(_head(section, score) for score in section.scores)]
+    caption = f"{title}{_legend(found, marks, scope)}"
+    return Pane(scope, title, [Grid(caption, heads, rows)])
+
+
+def scene_panes(section: Section, found: Findings) -> list[Pane]:
+    """Return a table a headline score, of scenes and methods."""
+    result, tested = section.first, section.first.scenes and found.tests
+    panes = []
+    for score in section.headline:
+        rows, every = [], []
+        for scene, title in result.truth.scene_titles.items():
+            values = [method.result.scenes[scene][score.key] for method in section.methods]
+            tests = found.tests.get(scene, {}).get(score.key) if tested else None
+            marks = marks_of(score, values, tests)
+            every += marks
+            count = result.counts[scene]["queries"]
+            counts = [Datum(f"{count}", count)] if section.by_query else []
+            rows.append(Line([Datum(title), *counts, *_data(score, values, marks)]))
+        queries = [Head("Queries", best="descending")] if section.by_query else []
+        methods = [
+            Head(m.name, best="descending" if score.higher_is_better else "ascending")
+            for m in section.methods
+        ]
+        scope = next(iter(result.scenes))
+        caption = f"{heading(score)} by scene and method{_legend(found, every, scope)}"
+        grid = Grid(caption, [Head("Scene", True), *queries, *methods], rows)
+        panes.append(Pane(score.key, heading(score), [grid]))
+    return panes
+
+
+def grid_of(table: Table, caption: str = "") -> Grid:
+    """Turn a table of the command line into one of the page."""
+    heads = [
+        Head(
+            column.heading,
+            table.is_text(n),
+            best={True: "descending", False: "ascending", None: ""}[column.higher_is_better],
+        )
+        for n, column in enumerate(table.columns)
+    ]
+    rows = [
+        Line(
+            [
+                Datum(
+                    cell.text(column.decimals),
+                    cell.value if isinstance(cell.value, int | float) else None,
+                    _BEST if cell.best else "",
+                )
+                for cell, column in zip(row.cells, table.columns, strict=True)
+            ]
+        )
+        for row in table.rows
+    ]
+    return Grid(caption or table.title, heads, rows, list(table.all_notes))
+
+
+def breakdown_panes(section: Section) -> list[Pane]:
+    """Return scores by each condition: a pane a condition and score, keyed by both."""
     if not section.by_query:
         return []
-    scores = section.query_scores
-    values = _values(section, scores)
-    medians = np.repeat([score.average == "median" for score in scores], len(section.methods))
-    scenes = section.methods[0].records["scene"].to_numpy(str)
-    parts = [np.ones(len(scenes), bool), *(scenes == scene for scene in section.first.scenes)]
-    return [_breakdown(section, by, values, medians, parts, blobs) for by in section.conditions]
+    panes = []
+    for by in section.conditions:
+        for score in section.query_scores:
+            table = breakdown_table(section.methods, [score], by)
+            caption = f"{heading(score)} by {condition_title(by)}, all scenes"
+            if any(cell.best for row in table.rows for cell in row.cells):
+                caption += "; ★ marks the best, which is not tested"
+            panes.append(Pane(f"{by} {score.key}", condition_title(by), [grid_of(table, caption)]))
+    return panes
 
 
-def _breakdown(
-    section: Section,
-    by: str,
-    values: Floats,
-    medians: NDArray[np.bool_],
-    parts: Sequence[NDArray[np.bool_]],
-    blobs: Blobs,
-) -> dict[str, Any]:
-    grouping = group_records(section.methods[0].records, by)
-    groups = len(grouping.labels)
-    found = [
-        group_averages(values[:, part], medians, grouping.codes[part], groups) for part in parts
-    ]
-    counts = [np.bincount(grouping.codes[part], minlength=groups).tolist() for part in parts]
-    shape = (len(section.query_scores), len(section.methods), groups)
-    return {
-        "by": by,
-        "title": condition_title(by),
-        "labels": list(grouping.labels),
-        "counts": counts,
-        "views": blobs.json(
-            [
-                [
-                    _group_view(score, values)
-                    for score, values in zip(section.query_scores, part.reshape(shape), strict=True)
-                ]
-                for part in found
-            ]
-        ),
-    }
+def pair_panes(section: Section) -> list[Pane]:
+    """Compare every two of the best methods by the paper's scores; empty with one method."""
+    count = min(len(section.methods), _MOST_PAIRED)
+    while count > 1 and _plan(section, count * count) is None:
+        count -= 1
+    plan = _plan(section, count * count)
+    if count < 2 or plan is None:
+        return []
+    panes = []
+    for one, other, pairs in _corrected(section, count, plan):
+        first, second = section.methods[one], section.methods[other]
+        caption = f"{second.name} minus {first.name}; the verdict is that on {second.name}"
+        heads = [Head("Score", True), Head(first.name), Head(second.name), Head("Difference")]
+        heads += [Head("95 % interval"), Head("p"), Head("p corrected"), Head("Verdict", True)]
+        rows = [Line([Datum(text) for text in _pair_texts(pair)]) for pair in pairs]
+        grid = Grid(caption, heads, rows, [sentence(pair, plan) for pair in pairs])
+        scores = section.headline[:1]
+        differing = grid_of(differences_table([first, second], scores, _DIFFERING))
+        title = f"{first.name} and {second.name}"
+        panes.append(Pane(f"{one} {other}", title, [grid, differing], _about_pairs(section, plan)))
+    return panes
 
 
-def _group_view(score: ScoreColumn, values: Floats) -> dict[str, Any]:
-    """Return what table and chart show of a score; every entry by method, then by group."""
-    return {
-        "values": values,
-        "texts": [score_texts(score, of_method) for of_method in values],
-        "marks": np.transpose([marks_of(score, group.tolist()) for group in values.T]),
-        "tints": tints(score, values),
-        **vertical_axis(score, values),
-    }
-
-
-def _values(section: Section, scores: Sequence[ScoreColumn]) -> Floats:
-    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in section.methods]
-    return np.array(columns).reshape(len(columns), len(section.methods[0].records))
-
-
-def queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
-    """Pack the table of queries; None if records are of scenes."""
-    if not section.by_query:
-        return None
-    records = section.methods[0].records
-    place = {scene: number for number, scene in enumerate(section.first.scenes)}
-    scenes = np.array([place[scene] for scene in records["scene"]], np.int64)
-    return {
-        "count": len(records),
-        "ids": blobs.json(records["query"].tolist()),
-        "scene": blobs.array(scenes),
-        "conditions": [_condition(section, name, blobs) for name in section.conditions],
-        "scores": {
-            score.key: blobs.numbers(
-                _values(section, [score]), partial(_texts_of_one, section.track, score)
-            )
-            for score in section.query_scores
-        },
-    }
-
-
-def _texts_of_one(track: str, score: ScoreColumn, values: Floats) -> list[str]:
-    """Write values of single queries."""
-    if is_hit(track, score):
-        return ["✓ hit" if value == 1 else "✗ miss" for value in values]
-    return score_texts(score, values)
-
-
-def _texts_of_condition(values: Floats) -> list[str]:
-    """Write numbers with decimals that suit the largest one."""
-    finite = values[np.isfinite(values)]
-    most = np.abs(finite).max(initial=0.0)
-    decimals = next(digits for least, digits in _DECIMALS if most >= least)
-    if (finite == np.round(finite)).all():
-        decimals = 0
-    return [Cell(value).text(decimals) for value in values.tolist()]
-
-
-def _condition(section: Section, name: str, blobs: Blobs) -> dict[str, Any]:
-    column = section.methods[0].records[name]
-    numeric = column.dtype.kind in "iuf"
-    packed = (
-        blobs.numbers(column.to_numpy(np.float64), _texts_of_condition)
-        if numeric
-        else blobs.texts_of(
-            "unknown" if missing else str(v)
-            for v, missing in zip(column, column.isna(), strict=True)
-        )
+def _about_pairs(section: Section, plan: ResamplingConfig) -> str:
+    return (
+        f"Paired by {section.first.unit}, of the average over scenes; p corrected: after Holm for "
+        f"all pairs of methods; {plan.resamples} resamples."
     )
-    return {"name": name, "title": condition_title(name), "numeric": numeric, **packed}
+
+
+def _corrected(
+    section: Section, count: int, plan: ResamplingConfig
+) -> Iterator[tuple[int, int, list[Pair]]]:
+    """Yield every two methods with their pairs, by score.
+
+    p of a pair is corrected among those of its better method, as `compare` does for the best.
+    """
+    methods, scores = section.methods[:count], section.headline
+    family = len(section.methods) * (len(section.methods) - 1) // 2
+    pairs: dict[tuple[int, int], list[Pair]] = {}
+    p_values: Floats = np.ones((len(scores), count, count))
+    for one in range(count - 1):
+        made = compare(methods[one:], scores, reference=methods[one].name, resampling=plan).pairs
+        for place, pair in enumerate(made):
+            score, step = divmod(place, count - 1 - one)
+            other = one + 1 + step
+            pairs.setdefault((one, other), []).append(pair)
+            p_values[score, one, other] = p_values[score, other, one] = pair.test.p_value
+    for (one, other), of_pair in pairs.items():
+        corrected = []
+        for score, pair in enumerate(of_pair):
+            better, worse = (other, one) if pair.is_better else (one, other)
+            row = holm(np.delete(p_values[score, better], better), family)
+            corrected.append(replace(pair, p_holm=float(row[worse - (worse > better)])))
+        yield one, other, corrected
+
+
+def _pair_texts(pair: Pair) -> list[str]:
+    score, difference, ends = pair.score, pair.difference, _ends(pair.interval)
+    shown = [show_number(as_shown(score, end), 2, "+") for end in ends or ()]
+    return [
+        score_title(score),
+        *(score_cell(score, value).text(2) for value in (pair.reference_value, pair.value)),
+        "–" if difference is None else show_number(as_shown(score, difference), 2, "+"),
+        " to ".join(shown) or f"none: {pair.interval.reason}",
+        *(Cell(p, least=LEAST_P).text(4) for p in (pair.test.p_value, pair.p_holm)),
+        verdict(pair),
+    ]
+
+
+def notes_by_method(section: Section) -> list[str]:
+    """Return the notes of all results, each once, with the methods that have it."""
+    names: dict[str, list[str]] = {}
+    for method in section.methods:
+        for note in notes_of(method.result):
+            names.setdefault(note, []).append(method.name)
+    every = len(section.methods)
+    said = [
+        f"{'All methods' if len(who) == every > 1 else ', '.join(who)}: {note}"
+        for note, who in names.items()
+    ]
+    return [*said, *section.notes]

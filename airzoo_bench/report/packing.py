@@ -1,7 +1,7 @@
-"""Numbers and texts, packed for the page's script to unpack.
+"""Data of the page's script: arrays and texts, deflated and written in base64.
 
-A blob is deflated and written in base64. Values of queries are codes into a list of the
-different values, which are rounded to four digits where there are many.
+Values of queries are codes into the texts of the different values, in their order, so that the
+script sorts by codes and shows texts. They are rounded to four digits where there are many.
 """
 
 from __future__ import annotations
@@ -18,57 +18,64 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-__all__ = ["Blobs", "data_uri", "json_value", "page_json", "rounded"]
-
 _LEVEL = 6
 _DIGITS = 4
-_FEW = 256
-_MANY = 65_536
-_LEAST = 1e-140
+_FEW, _MANY = 256, 65_536
 # What could end a script element, begin a comment in it, or end a line of it.
 _NOT_IN_SCRIPT = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028"}
 
 
 class Blobs:
-    """The blobs of a page, each a text in base64."""
+    """The blobs of a page, each a text in base64, and pictures that several parts show."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
+        self.pictures: list[str] = []
 
-    def add(self, content: bytes) -> int:
-        """Pack bytes and return the blob's number."""
+    def add(self, content: bytes, kind: str) -> dict[str, Any]:
+        """Pack bytes, and return what the script unpacks them by."""
         self.texts.append(base64.b64encode(zlib.compress(content, _LEVEL)).decode())
-        return len(self.texts) - 1
+        return {"blob": len(self.texts) - 1, "type": kind}
+
+    def picture(self, address: str) -> int:
+        """Keep a picture once, and return its number."""
+        if address not in self.pictures:
+            self.pictures.append(address)
+        return self.pictures.index(address)
 
     def array(self, values: NDArray[Any]) -> dict[str, Any]:
         """Pack an array of integers in the smallest type that holds it."""
         kind = _smallest_type(values)
-        blob = self.add(np.ascontiguousarray(values, kind).tobytes())
-        return {"blob": blob, "type": kind}
+        return self.add(np.ascontiguousarray(values, kind).tobytes(), kind)
 
     def json(self, value: Any) -> dict[str, Any]:
         """Pack anything that JSON holds."""
         text = json.dumps(json_value(value), ensure_ascii=False, separators=(",", ":"))
-        return {"blob": self.add(text.encode()), "type": "json"}
+        return self.add(text.encode(), "json")
 
     def numbers(self, values: Floats, texts: Callable[[Floats], list[str]]) -> dict[str, Any]:
-        """Pack numbers as codes of their different values, NaN for none."""
+        """Pack numbers as codes into the texts of their different values, which ascend.
+
+        The last of them is ``missing`` where there are values that are NaN.
+        """
         different, codes = np.unique(values, return_inverse=True)
-        if len(different) > _FEW:
-            for digits in range(_DIGITS, 0, -1):
-                different, codes = np.unique(rounded(values, digits), return_inverse=True)
-                if len(different) <= _MANY:
-                    break
-        return {
-            "values": different.tolist(),
-            "texts": self.json(texts(different)),
-            "codes": self.array(codes.ravel()),
+        for digits in range(_DIGITS, 0, -1) if len(different) > _FEW else ():
+            short = np.array([float(f"{value:.{digits}g}") for value in different.tolist()])
+            rounded, places = np.unique(short, return_inverse=True)
+            if len(rounded) <= _MANY:
+                different, codes = rounded, places[codes]
+                break
+        last = len(different) - 1
+        missing = last if len(different) and np.isnan(different[-1]) else -1
+        codes = codes.ravel()
+        return {"texts": self.json(texts(different)), "codes": self.array(codes)} | {
+            "missing": missing
         }
 
-    def texts_of(self, values: Iterable[str]) -> dict[str, Any]:
-        """Pack texts as codes of their different values."""
+    def words(self, values: Iterable[str]) -> dict[str, Any]:
+        """Pack words as codes into the different ones."""
         different, codes = np.unique(np.array(list(values), dtype=object), return_inverse=True)
-        return {"values": different.tolist(), "codes": self.array(codes)}
+        return {"texts": self.json(different), "codes": self.array(codes), "missing": -1}
 
 
 def _smallest_type(values: NDArray[Any]) -> str:
@@ -78,19 +85,6 @@ def _smallest_type(values: NDArray[Any]) -> str:
         if limits.min <= low and high <= limits.max:
             return f"<{kind}"
     return "<i4"
-
-
-def rounded(values: Floats, digits: int) -> Floats:
-    """Round to significant digits; 0, NaN, infinite and extreme values stay."""
-    values = np.asarray(values, np.float64)
-    size = np.abs(values)
-    counted = (size > _LEAST) & (size < 1 / _LEAST)
-    ordinary = np.where(counted, values, 1.0)
-    places = digits - 1 - np.floor(np.log10(np.abs(ordinary)))
-    # Only scaled by whole powers of ten, so that equal digits are equal numbers.
-    up, down = 10.0 ** np.maximum(places, 0), 10.0 ** np.maximum(-places, 0)
-    found: Floats = np.where(counted, np.round(ordinary * up / down) * down / up, values)
-    return found
 
 
 def json_value(value: Any) -> Any:

@@ -2,33 +2,63 @@
 
 from __future__ import annotations
 
-import html
-import re
-from collections.abc import Sequence
+import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import BenchmarkError, UserError
+import jinja2
+import numpy as np
+
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
+from airzoo_bench.core.files import canonical_json
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.version import __version__
-from airzoo_bench.report.packing import Blobs, page_json
-from airzoo_bench.report.parts import make_part
-from airzoo_bench.report.places import Place, find_places
-from airzoo_bench.report.policy import content_policy
-from airzoo_bench.report.sections import Section, read_sections
-from airzoo_bench.results.result import Result
-from airzoo_bench.tables.layouts import methods_table
-from airzoo_bench.tables.render import render
-
-__all__ = ["Report", "make_report"]
-
-_SCRIPTS = (
-    *("core.js", "links.js", "views.js", "chart.js", "hardest.js", "queries.js", "tiles.js"),
-    *("marks.js", "moves.js", "map.js", "pairs.js", "overview.js", "main.js"),
+from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.report.curves import errors, kept_ranks, recall, threshold_scores, thresholds
+from airzoo_bench.report.figures import Sheet, error_colours, error_palette, figure_bytes
+from airzoo_bench.report.labels import axis_label, error_label, meaning
+from airzoo_bench.report.marks import condition, draw_intervals, over_what, scenes
+from airzoo_bench.report.numbers import (
+    OVERALL,
+    Datum,
+    Findings,
+    Grid,
+    Head,
+    Line,
+    breakdown_panes,
+    find,
+    notes_by_method,
+    pair_panes,
+    scene_panes,
+    summary_panes,
 )
-_TITLE = "Results"
+from airzoo_bench.report.packing import Blobs, data_uri, page_json
+from airzoo_bench.report.places import Place, find_places, jpeg
+from airzoo_bench.report.policy import content_policy
+from airzoo_bench.report.queries import hardest, order_said, pack_maps, pack_queries
+from airzoo_bench.report.reconstruction import error_limit, read_clouds
+from airzoo_bench.report.sections import Section, read_sections
+from airzoo_bench.tables.breakdown import condition_title
+from airzoo_bench.tables.method_table import shared_references
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+_TRACKS = {
+    "retrieval": "Aerial image retrieval",
+    "matching": "Cross-view matching",
+    "reconstruction": "Multi-view reconstruction",
+}
+_SCRIPTS = ("core.js", "tables.js", "queries.js", "map.js", "clouds.js", "main.js")
+_STYLES = ("style.css", "report.css")
+_MOST_ERRORS = 2
+_CLOUD_BYTES, _POINT_BYTES, _PHOTO_PX = 1536 << 10, 8, 800
+_FRAME = (0.2, 99.8)
 
 
 @dataclass(frozen=True)
@@ -52,25 +82,25 @@ def make_report(
     *,
     data: Path,
     data_was_named: bool = False,
-    title: str = _TITLE,
+    title: str = "Results",
     pictures: int = 12,
-    jobs: int = 1,
     progress: Progress = silent,
 ) -> Report:
     """Make the report of results."""
-    sections = read_sections(paths, jobs)
+    sections = read_sections(paths)
     blobs, notes, faults = Blobs(), list[str](), list[UserError]()
     places = [_places(section, data, notes, faults) for section in sections]
     if data_was_named and faults and not any(places):
         raise faults[0]
+    names = _names(sections)
+    together = zip(sections, places, names, strict=True)
     parts = [
-        make_part(number, section, found, pictures, blobs, notes)
-        for number, (section, found) in progress(
-            enumerate(zip(sections, places, strict=True)), "sections", len(sections)
+        _part(f"part{number}", name, section, found, pictures, blobs, notes)
+        for number, (section, found, name) in progress(
+            enumerate(together, 1), "sections", len(sections)
         )
     ]
-    results = [[method.result for method in section.methods] for section in sections]
-    return Report(_page(title, parts, results, blobs), notes)
+    return Report(_render(title, parts, blobs), notes)
 
 
 def _places(section: Section, data: Path, notes: list[str], faults: list[UserError]) -> list[Place]:
@@ -83,33 +113,253 @@ def _places(section: Section, data: Path, notes: list[str], faults: list[UserErr
             ) from error
     except UserError as error:
         notes.append(f"no maps and pictures for {section.first.protocol.name}: {error}")
-        faults.append(error)
+        if section.by_query:
+            faults.append(error)
         return []
 
 
-def _page(
-    title: str, parts: list[dict[str, Any]], results: Sequence[Sequence[Result]], blobs: Blobs
-) -> str:
-    folder = resources.files("airzoo_bench.report") / "html"
-    read = {
-        name: (folder / name).read_text(encoding="utf-8")
-        for name in ("page.html", "style.css", *_SCRIPTS)
+def _names(sections: Sequence[Section]) -> list[str]:
+    """Name parts by benchmark and track; several of both get protocol and fingerprints too."""
+    plain = [f"{section.first.truth.benchmark}, {section.track}" for section in sections]
+    names = []
+    for name, section in zip(plain, sections, strict=True):
+        used, truth = section.first.protocol, section.first.truth
+        apart = (
+            f" ({used.name} v{used.version}, {used.fingerprint[:6]}, truth {truth.fingerprint[:6]})"
+        )
+        names.append(name + apart * (plain.count(name) > 1))
+    return names
+
+
+def _part(
+    key: str,
+    name: str,
+    section: Section,
+    places: Sequence[Place],
+    pictures: int,
+    blobs: Blobs,
+    notes: list[str],
+) -> dict[str, Any]:
+    """Return what the template shows of a section, and in ``data`` what the script reads."""
+    found, first = find(section), section.first
+    references, _ = shared_references([method.result for method in section.methods])
+    summary, conditions = summary_panes(section, found), breakdown_panes(section)
+    queries = pack_queries(section, blobs)
+    clouds = _pack_clouds(section, places, blobs)
+    maps = pack_maps(section, places, blobs, notes)
+    return {
+        "id": key,
+        "name": name,
+        "title": f"{_TRACKS.get(section.track, section.track)}: "
+        f"{first.protocol.name} v{first.protocol.version}",
+        "facts": _facts(section),
+        "best": _best(section, summary[0].grids[0]),
+        "summary": summary,
+        "meanings": [(s.title, meaning(section.track, s)) for s in section.scores],
+        "notes": [*found.notes, *(f"{n}: {one.meaning}" for n, one in references.items())],
+        "notes_on_methods": notes_by_method(section),
+        "figures": [_image(*figure) for figure in _figures(section, found, notes)],
+        "pairs": pair_panes(section),
+        "methods": [method.name for method in section.methods],
+        "scenes": scene_panes(section, found) if len(first.scenes) > 1 else [],
+        "conditions": conditions,
+        "condition_titles": [(by, condition_title(by)) for by in section.conditions],
+        "query_scores": section.query_scores,
+        "condition_figures": [
+            (by, *_image(f"{axis_label(section.headline[0])} by {condition_title(by)}", figure))
+            for by, figure in _condition_figures(section)
+        ],
+        "by_query": section.by_query,
+        "maps": maps,
+        "hardest": hardest(section, places, pictures, notes) if section.by_query else [],
+        "hardest_order": order_said(section) if section.by_query else "",
+        "clouds": clouds,
+        "counts": _counts(section),
+        "settings": list(_flat(first.protocol.settings)),
+        "first": first,
+        "results": [(method.name, method.result) for method in section.methods],
+        "data": {
+            "id": key,
+            "methods": [method.name for method in section.methods],
+            "scenes": [*first.truth.scene_titles.values()],
+            "queries": queries,
+            "maps": maps,
+            "clouds": clouds,
+        },
     }
-    script = (
-        '(function () {\n"use strict";\n' + "\n".join(read[name] for name in _SCRIPTS) + "})();\n"
+
+
+def _facts(section: Section) -> list[str]:
+    first = section.first
+    facts = [counted(len(section.methods), "method"), counted(len(first.scenes), "scene")]
+    if section.by_query:
+        facts.append(counted(len(section.methods[0].records), "query"))
+    prints = {"protocol": first.protocol.fingerprint, "truth": first.truth.fingerprint}
+    return facts + [f"{name} {text[:12]}" for name, text in prints.items()]
+
+
+def _best(section: Section, grid: Grid) -> dict[str, Any]:
+    """Return the best value of the first headline score, who has it, and who ties with it."""
+    place = 1 + [score.key for score in section.scores].index(section.headline[0].key)
+    cells = [line.cells[place] for line in grid.rows if not line.floor]
+    best = [n for n, cell in enumerate(cells) if cell.mark == "best"] or [0]
+    tied = sum(cell.mark == "tied" for cell in cells)
+    who = section.methods[best[0]].name + f" and {len(best) - 1} more" * (len(best) > 1)
+    if tied:
+        who += f"; {counted(tied, 'other', 'others')} cannot be told from it"
+    return {"head": grid.heads[place], "cell": cells[best[0]], "who": who}
+
+
+def _figures(section: Section, found: Findings, notes: list[str]) -> Iterator[tuple[str, Figure]]:
+    """Yield titles and pictures, as the section's track has them."""
+    methods, main = section.methods, section.headline[0]
+    ends = found.limits.get(OVERALL, {}).get(main.key, [None] * len(methods))
+    limits = np.array([end or [np.nan, np.nan] for end in ends], np.float64)
+    shown = over_what(methods) + " with its 95 % interval" * bool(np.isfinite(limits).any())
+    yield f"{axis_label(main)}, {shown}", draw_intervals(methods, main, limits, Sheet())
+    if len(section.first.scenes) > 1:
+        yield f"{axis_label(main)} by scene", scenes(methods, main)
+    if section.track == "retrieval":
+        try:
+            kept_ranks(methods[0])
+            yield "Recall over the number of tiles looked at", recall(methods)
+        except UsageError as error:
+            notes.append(f"no picture of recall over K for {section.first.protocol.name}: {error}")
+    measured = [score for score in section.query_scores if score.unit != "share"]
+    for score in measured[:_MOST_ERRORS] if section.by_query else ():
+        yield f"Share of queries below a value of {error_label(score)}", errors(methods, score)
+    if threshold_scores(section.first.columns)["f1"]:
+        yield "Precision, recall and F1 over the distance d", thresholds(methods)
+
+
+def _condition_figures(section: Section) -> Iterator[tuple[str, Figure]]:
+    for by in section.conditions if section.by_query else ():
+        yield by, condition(section.methods, section.headline[0], by)
+
+
+def _image(title: str, figure: Figure) -> tuple[str, str]:
+    return title, data_uri(figure_bytes(figure, "svg"), "image/svg+xml")
+
+
+def _counts(section: Section) -> Grid:
+    names = list(next(iter(section.first.counts.values())))
+    rows = [
+        Line(
+            [
+                Datum(method.name),
+                Datum(title),
+                *(Datum(str(counts.get(name, "–")), counts.get(name)) for name in names),
+            ]
+        )
+        for method in section.methods
+        for scene, title in section.first.truth.scene_titles.items()
+        for counts in [method.result.counts[scene]]
+    ]
+    heads = [Head("Method", True), Head("Scene", True)]
+    heads += [Head(name.replace("_", " "), best="descending") for name in names]
+    return Grid("What was counted", heads, rows)
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield settings as pairs of a dotted key and a text."""
+    if isinstance(value, dict) and value:
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else str(name))
+    else:
+        yield key, value if isinstance(value, str) else canonical_json(value)
+
+
+def _pack_clouds(section: Section, places: Sequence[Place], blobs: Blobs) -> list[dict[str, Any]]:
+    """Pack predicted and true clouds of each scene and method that a run has kept."""
+    kept = [read_clouds(folder) for folder in section.folders]
+    kept = kept if section.track == "reconstruction" else []
+    clouds = [
+        (scene, number, which)
+        for scene in section.first.scenes
+        for number, found in enumerate(kept)
+        if scene in found
+        for which in ("predicted", "true")
+    ]
+    titles, packed = section.first.truth.scene_titles, []
+    photos = {place.scene: _photo(place) for place in places} if clouds else {}
+    for scene, number, which in clouds:
+        found = kept[number][scene]
+        predicted = which == "predicted"
+        both = [one[scene] for one in kept if scene in one]
+        limit = error_limit([one.precision_m if predicted else one.recall_m for one in both])
+        points = found.predicted if predicted else found.true
+        errors = found.precision_m if predicted else found.recall_m
+        low, high = np.percentile(found.true, _FRAME, axis=0) if len(found.true) else np.eye(3)[:2]
+        side = 1.3 * max(float((high - low).max()), 1.0)
+        places_ = (points - (low + high) / 2) / side + 0.5
+        chosen = np.flatnonzero(((places_ >= 0) & (places_ < 1)).all(axis=1))
+        step = max(1, -(-len(chosen) * len(clouds) * _POINT_BYTES // _CLOUD_BYTES))
+        chosen = chosen[::step]
+        codes = np.minimum(errors[chosen] / limit * 255, 255).astype(np.int64)
+        codes[errors[chosen] >= limit] = 255
+        about = "distance to the truth" if predicted else "distance to the prediction"
+        packed.append(
+            {
+                "title": f"{titles[scene]}: {section.methods[number].name}, {which} points",
+                "about": f"{about}, from 0 to {limit:g} m; vermilion: farther; "
+                f"{len(chosen):,} of {len(points):,} kept points",
+                "photo": blobs.picture(photos[scene]) if photos.get(scene) else -1,
+                "points": blobs.array((places_[chosen] * 65535).astype(np.int64).ravel()),
+                "codes": blobs.array(codes),
+            }
+        )
+    return packed
+
+
+def _photo(place: Place) -> str:
+    """Return a photo from the middle of a scene, empty if it cannot be read."""
+    try:
+        path = list(place.photos.values())[len(place.photos) // 2]
+        return data_uri(jpeg(read_rgb(path, long_side_px=_PHOTO_PX), 70), "image/jpeg")
+    except (UserError, IndexError):
+        return ""
+
+
+@cache
+def _bar() -> str:
+    """Return the scale of errors as a picture."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    scale = np.append(np.linspace(0, 0.999, 240), np.ones(16))
+    Image.fromarray(error_colours(scale, 1.0)[None]).save(stream, "PNG")
+    return data_uri(stream.getvalue(), "image/png")
+
+
+def _read(name: str) -> str:
+    return (resources.files("airzoo_bench.report") / "html" / name).read_text(encoding="utf-8")
+
+
+def _render(title: str, parts: list[dict[str, Any]], blobs: Blobs) -> str:
+    style = "\n".join(map(_read, _STYLES))
+    code = "\n".join(map(_read, _SCRIPTS))
+    script = f'(function () {{\n"use strict";\n{code}}})();\n'
+    env = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_read),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    values = {
-        "policy": content_policy(script, read["style.css"]),
-        "version": html.escape(__version__),
-        "title": html.escape(title),
-        "style": read["style.css"],
-        "tables": "\n".join(render(methods_table(these), "html") for these in results),
-        "data": page_json({"sections": parts}),
-        "blobs": "\n".join(
-            f'<script type="text/plain" id="blob-{number}">{text}</script>'
-            for number, text in enumerate(blobs.texts)
-        ),
-        "script": script,
+    env.filters |= {"zip": zip, "numbered": enumerate}
+    data = {
+        "parts": [part["data"] for part in parts],
+        "pictures": blobs.pictures,
+        "palette": error_palette(),
     }
-    # One pass: what is filled in is never searched for places to fill.
-    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], read["page.html"])
+    return env.get_template("report.html").render(
+        title=title,
+        version=__version__,
+        policy=content_policy(script, style),
+        style=style,
+        script=script,
+        parts=parts,
+        data=page_json(data),
+        blobs=blobs.texts,
+        bar=_bar(),
+    )

@@ -1,13 +1,15 @@
-"""Positions of queries and their photos, which the benchmark folder adds to a section."""
+"""Where queries and photos of a section are, which the benchmark folder adds to its results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import io
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark, needed
 from airzoo_bench.benchmark.tables import read_table
@@ -15,10 +17,12 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import LONLAT_CRS
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, to_map_pixels
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, read_rgb, to_map_pixels
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
-from airzoo_bench.report.sections import Section
+from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
+from airzoo_bench.report.sections import Section, tile_columns
+from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     BOX_COLUMNS,
@@ -30,170 +34,151 @@ from airzoo_bench.retrieval.truth import (
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Place", "find_places"]
+
+Pixels = NDArray[np.uint8]
+Window = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A scene and its map, with Q queries and T tiles.
+    """A scene with its photos and its map, of Q queries and T tiles.
 
     Attributes
     ----------
     dom : RasterInfo or None
-        The map; None where the gallery is a set of images.
-    gallery : Path
-        The map that tiles are cut from, or the folder of the images.
+        The map; None where there is none of the whole scene.
+    photos : dict of str to Path
+        By the ids of the queries.
     outlines : (Q, 4, 2) array
         Of the footprints in pixels of the map, NaN where a query has none.
     centres : (Q, 2) array
         Where the query is, in pixels of the map; NaN where that is not known.
-    tiles : DataFrame
+    gallery : Path, optional
+        The map that tiles are cut from, or the folder of the images.
+    tiles : DataFrame, optional
         With the windows in pixels of the gallery's map, or the files of the images.
     tile_outlines : (T, 4, 2) array
-    positives : Positives
+    positives : Positives, optional
         Which tiles answer which query; of the retrieval track.
-    crops : dict of str to (x, y, width, height)
-        Where a query is on the map, in pixels of it; of the matching track.
+    matching : MatchingTruth, optional
+        Of the matching track.
+    to_map : callable, optional
+        Takes places (N, 2) of the scene's CRS to pixels of the map.
     """
 
     scene: str
     dom: RasterInfo | None
-    gallery: Path
     photos: dict[str, Path]
-    queries: list[str]
     outlines: Floats
     centres: Floats
+    gallery: Path | None = None
     tiles: pd.DataFrame | None = None
     tile_outlines: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
     positives: Positives | None = None
-    crops: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    matching: MatchingTruth | None = None
+    to_map: Callable[[Floats], Floats] | None = None
+
+    def rows_of(self, queries: Iterable[str]) -> NDArray[np.intp]:
+        """Return the rows of queries in the arrays of this place."""
+        known = {query: row for row, query in enumerate(self.photos)}
+        return np.array([known[query] for query in queries], np.intp)
 
 
 def find_places(section: Section, data: Path) -> list[Place]:
-    """Read where the queries of a section are."""
-    readers: dict[str, Callable[[Section, Benchmark], list[Place]]] = {
-        "retrieval": _retrieval_places,
-        "matching": _matching_places,
-    }
-    reader = readers.get(section.track)
+    """Find the benchmark folder of a section, and read where its queries are."""
+    return places_of(section, find_benchmark(section.first.truth.benchmark, data))
+
+
+def places_of(section: Section, benchmark: Benchmark) -> list[Place]:
+    """Read where the queries of a section are; empty for tracks that are not known here."""
+    reader = {
+        "retrieval": _retrieval_place,
+        "matching": _matching_place,
+        "reconstruction": _reconstruction_place,
+    }.get(section.track)
     if reader is None:
         return []
-    benchmark = find_benchmark(section.first.truth.benchmark, data)
     with benchmark.fixes():
-        return reader(section, benchmark)
-
-
-def _check_truth(section: Section, benchmark: Benchmark, prints: dict[str, str]) -> None:
-    if fingerprint(prints) != section.first.truth.fingerprint:
+        found = [reader(benchmark, scene) for scene in section.first.scenes]
+    made_with = section.first.truth.fingerprint
+    if fingerprint({place.scene: of_truth for place, of_truth in found}) != made_with:
         raise BenchmarkError(
             "its truth is not the one that the results were made with",
             where=benchmark.folder,
-            expected=f"fingerprint {section.first.truth.fingerprint[:12]}",
+            expected=f"fingerprint {made_with[:12]}",
             fix="name the right benchmark folder with --data, or score again",
         )
+    return [place for place, _ in found]
 
 
-def _retrieval_places(section: Section, benchmark: Benchmark) -> list[Place]:
-    truths = [scene_truth(benchmark, s) for s in section.first.scenes]
-    _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
-    return [
-        _place_of_images(truth, benchmark)
-        if truth.of_images
-        else _retrieval_place(truth, benchmark)
-        for truth in truths
-    ]
-
-
-def _place_of_images(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
-    entry, n = benchmark.scene(truth.scene), len(truth.queries)
-    return Place(
-        truth.scene,
-        None,
-        benchmark.resolve(needed(entry.gallery, "gallery", truth.scene)),
-        _photos(truth.queries, benchmark.resolve(entry.images)),
-        truth.queries["id"].tolist(),
-        np.full((n, 4, 2), np.nan),
-        np.full((n, 2), np.nan),
-        truth.tiles,
-        positives=truth.positives,
-    )
-
-
-def _retrieval_place(truth: RetrievalTruth, benchmark: Benchmark) -> Place:
-    entry = benchmark.scene(truth.scene)
-    dom = open_info(benchmark.resolve(needed(entry.dom, "map", truth.scene)))
-    anchors = [name for name in ANCHOR_COLUMNS if name in truth.footprints.columns]
-    corners = (
-        truth.footprints[anchors].to_numpy(np.float64).reshape(-1, 4, 2)
-        if len(anchors) == len(ANCHOR_COLUMNS)
-        else np.full((len(truth.queries), 4, 2), np.nan)
-    )
+def _retrieval_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
+    truth, entry = scene_truth(benchmark, scene), benchmark.scene(scene)
+    photos = _photos(truth.queries, benchmark.resolve(entry.images))
+    if truth.of_images:
+        gallery = benchmark.resolve(needed(entry.gallery, "gallery", scene))
+        place = Place(scene, None, photos, *_nowhere(len(photos)), gallery, truth.tiles)
+        return _with_positives(place, truth), truth.fingerprint
+    dom = open_info(benchmark.resolve(needed(entry.dom, "map", scene)))
     boxes = truth.tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
-    return Place(
-        truth.scene,
+    place = Place(
+        scene,
         dom,
-        benchmark.resolve(entry.gallery) if entry.gallery else dom.path,
-        _photos(truth.queries, benchmark.resolve(entry.images)),
-        truth.queries["id"].tolist(),
-        _on_map(dom, corners),
+        photos,
+        _on_map(dom, _anchors(truth.footprints)),
         _on_map(dom, truth.footprint_centres),
+        benchmark.resolve(entry.gallery) if entry.gallery else dom.path,
         truth.tiles,
         _on_map(dom, boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]),
-        truth.positives,
     )
+    return _with_positives(place, truth), truth.fingerprint
 
 
-def _matching_places(section: Section, benchmark: Benchmark) -> list[Place]:
-    truths = [read_matching(benchmark, scene) for scene in section.first.scenes]
-    _check_truth(section, benchmark, {truth.scene: truth.fingerprint for truth in truths})
-    return [_matching_place(truth, benchmark) for truth in truths]
+def _with_positives(place: Place, truth: RetrievalTruth) -> Place:
+    return replace(place, positives=truth.positives)
 
 
-def _matching_place(truth: MatchingTruth, benchmark: Benchmark) -> Place:
-    entry = benchmark.scene(truth.scene)
-    ids = truth.queries["id"].tolist()
+def _matching_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
+    truth, entry = read_matching(benchmark, scene), benchmark.scene(scene)
     photos = _photos(truth.queries, benchmark.resolve(entry.images))
     if truth.scene_map is None:  # there is no map that all queries are on
-        nowhere = np.full((len(ids), 4, 2), np.nan)
-        return Place(truth.scene, None, truth.maps[0].dom.path, photos, ids, nowhere, nowhere[:, 0])
-    dom, flat = truth.scene_map.dom, truth.poses.centres[:, :2]
-    centres = to_map_pixels(entry.crs, dom)(flat)
-    return Place(
-        truth.scene,
-        dom,
-        dom.path,
-        photos,
-        ids,
-        _footprints(truth, dom, benchmark),
-        centres,
-        crops={name: tuple(window) for name, window in zip(ids, truth.crops.tolist(), strict=True)},
-    )
+        place = Place(scene, None, photos, *_nowhere(len(photos)), matching=truth)
+        return place, truth.fingerprint
+    dom = truth.scene_map.dom
+    to_map = to_map_pixels(entry.crs, dom)
+    outlines = _on_map(dom, _footprints(truth, benchmark.scene_folder(scene)))
+    centres = to_map(truth.poses.centres[:, :2])
+    place = Place(scene, dom, photos, outlines, centres, matching=truth, to_map=to_map)
+    return place, truth.fingerprint
 
 
-def _footprints(truth: MatchingTruth, dom: RasterInfo, benchmark: Benchmark) -> Floats:
-    """Return footprints from the retrieval truth in the same folder, NaN where there are none."""
-    outlines = np.full((len(truth.queries), 4, 2), np.nan)
-    path = benchmark.scene_folder(truth.scene) / "retrieval" / "footprints.csv"
-    if not path.is_file():
-        return outlines
-    table = read_table(path, ("id",)).set_index("id")
-    anchors = table[[name for name in ANCHOR_COLUMNS if name in table]]
-    if anchors.empty:  # made by another rule, without anchors: there are no outlines
-        return outlines
-    numbers = all(kind.kind in "iuf" for kind in anchors.dtypes)
-    if anchors.shape[1] < len(ANCHOR_COLUMNS) or anchors.index.has_duplicates or not numbers:
-        raise BenchmarkError(
-            "it has not four corners, as numbers, of each footprint once",
-            where=path,
-            expected="id, " + ", ".join(ANCHOR_COLUMNS),
-            fix="prepare the benchmark again",
-        )
-    corners = anchors.reindex(truth.queries["id"]).to_numpy(np.float64)
-    return _on_map(dom, corners.reshape(-1, 4, 2))
+def _reconstruction_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
+    truth = read_reconstruction(benchmark, scene)
+    photos = _photos(truth.photos, benchmark.resolve(benchmark.scene(scene).images))
+    return Place(scene, None, photos, *_nowhere(len(photos))), truth.fingerprint
+
+
+def _nowhere(count: int) -> tuple[Floats, Floats]:
+    return np.full((count, 4, 2), np.nan), np.full((count, 2), np.nan)
 
 
 def _photos(queries: pd.DataFrame, folder: Path) -> dict[str, Path]:
     return {i: folder / str(n) for i, n in zip(queries["id"], queries["image"], strict=True)}
+
+
+def _anchors(footprints: pd.DataFrame) -> Floats:
+    """Return corners (Q, 4, 2) of footprints in degrees, NaN where the rule makes none."""
+    if not set(ANCHOR_COLUMNS) <= set(footprints.columns):
+        return np.full((len(footprints), 4, 2), np.nan)
+    return footprints[list(ANCHOR_COLUMNS)].to_numpy(np.float64).reshape(-1, 4, 2)
+
+
+def _footprints(truth: MatchingTruth, folder: Path) -> Floats:
+    """Return footprints from the retrieval truth in the same folder, NaN where there are none."""
+    path = folder / "retrieval" / "footprints.csv"
+    if not path.is_file():
+        return np.full((len(truth.queries), 4, 2), np.nan)
+    table = read_table(path, ("id",)).drop_duplicates("id").set_index("id")
+    return _anchors(table.reindex(truth.queries["id"]))
 
 
 def _on_map(dom: RasterInfo, lonlat: Floats) -> Floats:
@@ -203,3 +188,80 @@ def _on_map(dom: RasterInfo, lonlat: Floats) -> Floats:
     pixels = np.full(flat.shape, np.nan)
     pixels[known] = to_map_pixels(LONLAT_CRS, dom)(flat[known])
     return pixels.reshape(lonlat.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Retrieved:
+    """First tiles of M methods on Q queries of a scene, at D ranks.
+
+    Attributes
+    ----------
+    tiles : (M, Q, D) int32
+        Rows of the scene's tiles; -1 where a list is shorter, or records do not say.
+    hits : (M, Q, D) bool
+        Which of them are positives of the query.
+    """
+
+    tiles: NDArray[np.int32]
+    hits: NDArray[np.bool_]
+
+
+def retrieved(section: Section, place: Place, rows: NDArray[np.intp]) -> Retrieved | None:
+    """Find the first tiles of queries, which are rows of the records, in the truth of a scene."""
+    named = [tile_columns(method.records.columns) for method in section.methods]
+    depth = max(map(len, named))
+    if place.tiles is None or place.positives is None or not depth:
+        return None
+    import pandas as pd
+
+    index = pd.Index(place.tiles["id"])
+    order = place.rows_of(section.methods[0].records["query"].iloc[rows])
+    tiles = np.full((len(section.methods), len(rows), depth), -1, np.int32)
+    hits = np.zeros(tiles.shape, np.bool_)
+    # In the order of the truth, whose positives are looked up; a query is in it once.
+    ranked = np.full((len(place.photos), depth), -1, np.int32)
+    for number, (method, columns) in enumerate(zip(section.methods, named, strict=True)):
+        for rank, name in enumerate(columns):
+            ids = pd.Index(method.records[name].iloc[rows])
+            tiles[number, :, rank] = index.get_indexer(ids)
+        ranked[order] = tiles[number]
+        offsets, positives = place.positives.offsets, place.positives.tiles
+        hits[number] = hit_matrix(ranked, offsets, positives, len(index))[order]
+    return Retrieved(tiles, hits)
+
+
+def read_tile(place: Place, tile: int, long_side_px: int) -> Pixels:
+    """Read the picture of a tile, which is a row of the place's tiles."""
+    assert place.tiles is not None
+    assert place.gallery is not None
+    row: Any = place.tiles.iloc[tile]
+    if "image" in row.index:
+        return read_rgb(place.gallery / row["image"], long_side_px=long_side_px)
+    x, y, width, height = (int(row[name]) for name in ("x", "y", "width", "height"))
+    return read_rgb(place.gallery, (x, y, width, height), long_side_px=long_side_px)
+
+
+def true_window(place: Place, query: str) -> tuple[RasterInfo, Window] | None:
+    """Return the map and the part of it that a query shows; None where that is not known."""
+    [row] = place.rows_of([query])
+    if place.matching is not None:
+        x, y, width, height = place.matching.crops[row].tolist()
+        return place.matching.map_of(row).dom, (x, y, width, height)
+    outline, dom = place.outlines[row], place.dom
+    if dom is None or not np.isfinite(outline).all():
+        return None
+    size = (dom.width, dom.height)
+    low = np.clip(np.floor(outline.min(axis=0)), 0, size).astype(int)
+    high = np.clip(np.ceil(outline.max(axis=0)), 0, size).astype(int)
+    if not (high > low).all():
+        return None
+    return dom, (int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+
+
+def jpeg(pixels: Pixels, quality: int = 72) -> bytes:
+    """Write a picture (height, width, 3) as JPEG."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "JPEG", quality=quality, optimize=True)
+    return stream.getvalue()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 
-__all__ = ["content_policy"]
-
 
 def content_policy(script: str, style: str) -> str:
     """Return the policy of a page: only this script and style, by their hashes, and no loading."""

@@ -1,154 +1,106 @@
-"""Pictures of reconstruction: scores over distance, and errors as seen from above."""
+"""Pictures of single runs of reconstruction: predicted and true cloud, coloured by their errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.optional_imports import default_style, load_matplotlib
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
 from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.metrics import Curve
 from airzoo_bench.reconstruction.scoring import Comparison
-from airzoo_bench.report.figures import COLOURS, new_figure, save_figure
+from airzoo_bench.report.figures import (
+    COLOURS,
+    Sheet,
+    add_error_bar,
+    error_colours,
+    finish,
+    new_canvas,
+    save_figure,
+)
+from airzoo_bench.report.sections import Section
+from airzoo_bench.results.records import Scored
 
 if TYPE_CHECKING:
-    from matplotlib.colors import Colormap
-
-__all__ = ["draw_curve", "draw_error_map", "draw_figures", "error_colours", "write_clouds"]
-
-_MAP = "viridis"  # even steps of lightness, for print and colour-blind readers
-# Percentiles of each axis between which maps reach: a few strays would make all else a dot.
-_FRAME = (0.02, 99.98)
-_BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
-_LEAST_CELLS, _MOST_CELLS = 40, 400
-_POINTS_A_CELL = 2
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
-@default_style()
-def draw_curve(path: Path, curve: Curve, limit: float, title: str) -> None:
-    """Draw precision, recall and F1 over the distance below which points count as right."""
-    figure, axes = new_figure(6.0, 4.0)
-    for values, name, colour, style in (
-        (curve.precision, "precision", COLOURS[0], "-"),
-        (curve.recall, "recall", COLOURS[1], "--"),
-        (curve.f1, "F1", COLOURS[6], "-."),
-    ):
-        axes.plot(curve.thresholds, 100 * values, style, color=colour, label=name)
-    axes.axvline(limit, color="0.6", linewidth=0.8)
-    axes.set(xlabel="distance d [m]", ylabel="points nearer than d [%]", title=title)
-    axes.set_xlim(0, float(curve.thresholds[-1]))
-    axes.set_ylim(0, 102)
-    axes.grid(color="0.9")
-    axes.legend(loc="lower right")
-    save_figure(figure, path)
-
-
-@default_style()
-def draw_error_map(path: Path, points: Floats, distances: Floats, limit: float, title: str) -> None:
-    """Draw the mean distance of points as seen from above, cut at a limit."""
-    figure, axes = new_figure(6.4, 5.2)
-    axes.set(xlabel="east [m]", ylabel="north [m]", title=title)
-    if len(points):
-        low = np.floor(np.percentile(points[:, :2], _FRAME[0], axis=0))
-        high = np.maximum(np.ceil(np.percentile(points[:, :2], _FRAME[1], axis=0)), low + 1.0)
-        mean = _mean_by_cell(points[:, :2], np.minimum(distances, limit), low, high)
-        # A mean of limits only may be rounded to a little less.
-        mean[mean >= limit * (1 - 1e-9)] = 2 * limit
-        extent = (0.0, float(high[0] - low[0]), 0.0, float(high[1] - low[1]))
-        image = axes.imshow(
-            mean, origin="lower", extent=extent, cmap=_colours(), vmin=0, vmax=limit, aspect="equal"
-        )
-        label = f"mean distance, each cut at {limit:g} [m]"
-        figure.colorbar(image, ax=axes, label=label, extend="max", shrink=0.85)
-        axes.set_xlabel(f"east of {low[0]:.0f} [m]")
-        axes.set_ylabel(f"north of {low[1]:.0f} [m]")
-    save_figure(figure, path)
-
-
-def error_colours(distances: Floats, limit: float) -> NDArray[np.uint8]:
-    """Colour points by their distance: dark to bright up to the limit, vermilion from there on."""
-    table = (
-        (load_matplotlib().colormaps[_MAP](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
-    )
-    steps = np.minimum(distances / limit * 256, 255).astype(np.intp)
-    colours: NDArray[np.uint8] = table[steps]
-    colours[distances >= limit] = _BEYOND
-    return colours
-
-
-def _colours() -> Colormap:
-    red, green, blue = (band / 255 for band in _BEYOND)
-    colours: Colormap = load_matplotlib().colormaps[_MAP]
-    return colours.with_extremes(over=(red, green, blue))
-
-
-def _mean_by_cell(xy: Floats, values: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the mean (rows, columns) of values over a grid of square cells, NaN where none is."""
-    longest, area = float((high - low).max()), float((high - low).prod())
-    side = np.sqrt(_POINTS_A_CELL * area / len(xy))
-    side = float(np.clip(side, longest / _MOST_CELLS, longest / _LEAST_CELLS))
-    shape = np.maximum(np.ceil((high - low) / side).astype(int), 1)
-    cells = np.floor((xy - low) / side).astype(np.int64)
-    inside = ((cells >= 0) & (cells < shape)).all(axis=1)
-    flat = cells[inside, 1] * shape[0] + cells[inside, 0]
-    total = np.bincount(flat, values[inside], minlength=int(shape.prod()))
-    count = np.bincount(flat, minlength=int(shape.prod()))
-    mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
-    return np.asarray(mean.reshape(shape[1], shape[0]), dtype=np.float64)
-
-
+_FILE = "figures/clouds.npz"
+_LIMIT_BYTES = 1 << 30
+_MOST_POINTS = 150_000
 _PIECE = 1 << 20
+# Percentiles of each axis between which maps reach: a few strays would make all else a dot.
+_FRAME = (0.1, 99.9)
+_CELLS = 160  # along the longer side of a map
 
 
-def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
-    """Draw the curves of each scene, and its errors as seen from above, into ``figures``."""
-    if not wanted or out is None:
-        return
-    limit, folder, scenes = _limit(evaluation), out / "figures", _compared(evaluation)
-    for name, scene in run.progress(scenes.items(), "figures", len(scenes)):
-        _draw_scene(folder, name, scene, limit)
-    yield f"drew {3 * len(scenes)} pictures into {folder}"
+@dataclass(frozen=True, eq=False)
+class Clouds:
+    """An even choice of the points of both clouds of a scene, which a run keeps for pictures.
+
+    Attributes
+    ----------
+    origin : (3,) array
+        In the scene's CRS; points are relative to it.
+    predicted, true : (N, 3) array
+    precision_m, recall_m : (N,) array
+        Distances of predicted points to the truth, and of true ones to the prediction.
+    curve : (3, K) array
+        Distances, and the precision and the recall below them.
+    """
+
+    origin: Floats
+    predicted: Floats
+    true: Floats
+    precision_m: Floats
+    recall_m: Floats
+    curve: Floats
 
 
-def _draw_scene(folder: Path, name: str, scene: Comparison, limit: float) -> None:
-    draw_curve(folder / f"{name}_curve.png", scene.curve, limit, name)
-    there, back = scene.distances.to_truth, scene.distances.to_prediction
-    for which, cloud, distances, what in (
-        ("precision", scene.clouds[0], there, "from predicted points to the truth"),
-        ("recall", scene.clouds[1], back, "from true points to the prediction"),
-    ):
-        points = _cloud(cloud.source).points
-        path = folder / f"{name}_{which}.png"
-        draw_error_map(path, points, distances, limit, f"{name}: {what}")
+def read_clouds(folder: Path) -> dict[str, Clouds]:
+    """Read by scene what ``eval --figures`` left in a run's folder; empty where it did not."""
+    path = folder / _FILE
+    return _read(path, path.stat().st_mtime_ns) if path.is_file() else {}
 
 
-def write_clouds(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
-    """Write prediction and truth of each scene, coloured by their errors, into ``clouds``."""
-    if not wanted or out is None:
-        return
-    limit, folder, scenes = _limit(evaluation), out / "clouds", _compared(evaluation)
-    for name, scene in run.progress(scenes.items(), "clouds", len(scenes)):
-        predicted, true = (_cloud(cloud.source).points for cloud in scene.clouds)
-        for which, points, distances in (
-            ("precision", predicted, scene.distances.to_truth),
-            ("recall", true, scene.distances.to_prediction),
-        ):
-            colours = error_colours(distances, limit)
-            write_ply(folder / f"{name}_{which}.ply", Cloud(points, colours))
-    yield f"wrote {2 * len(scenes)} clouds into {folder}"
+@lru_cache(maxsize=16)
+def _read(path: Path, written: int) -> dict[str, Clouds]:
+    del written  # a file that was written anew is read anew
+    file = NpzFile(path, _LIMIT_BYTES)
+    names = list(Clouds.__dataclass_fields__)
+    return {
+        scene: Clouds(**{name: file.read(f"{name}_{number}") for name in names})
+        for number, scene in enumerate(file.read("scenes").tolist())
+    }
 
 
-def _limit(evaluation: Evaluation) -> float:
-    limit: float = evaluation.protocol.scores.headline_below_m
-    return limit
+def _gather(scene: Comparison) -> Clouds:
+    points = [_points(cloud.source) for cloud in scene.clouds]
+    errors = [scene.distances.to_truth, scene.distances.to_prediction]
+    origin = np.floor(points[1].mean(axis=0)) if len(points[1]) else np.zeros(3)
+    steps = [max(1, -(-len(part) // _MOST_POINTS)) for part in points]
+    near = [p[::s] - origin for p, s in zip(points, steps, strict=True)]
+    kept = [e[::s] for e, s in zip(errors, steps, strict=True)]
+    curve = np.stack([scene.curve.thresholds, scene.curve.precision, scene.curve.recall])
+    return Clouds(origin, near[0], near[1], kept[0], kept[1], curve)
+
+
+def _points(source: CloudSource) -> Floats:
+    pieces = [piece.points for piece in source.pieces(_PIECE)]
+    return np.concatenate([np.zeros((0, 3)), *pieces])
 
 
 def _compared(evaluation: Evaluation) -> dict[str, Comparison]:
@@ -156,6 +108,105 @@ def _compared(evaluation: Evaluation) -> dict[str, Comparison]:
     return {name: one for name, one in found.items() if one is not None}
 
 
-def _cloud(source: CloudSource) -> Cloud:
-    pieces = [piece.points for piece in source.pieces(_PIECE)]
-    return Cloud(np.concatenate([np.zeros((0, 3)), *pieces]))
+def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
+    """Draw the clouds of each scene by their errors, and keep some of their points."""
+    if not wanted or out is None:
+        return
+    scenes = _compared(evaluation)
+    arrays: dict[str, NDArray[Any]] = {"scenes": np.array([*scenes], dtype=str)}
+    for number, scene in enumerate(run.progress(scenes.values(), "figures", len(scenes))):
+        for key, array in vars(_gather(scene)).items():
+            kind = np.float64 if key == "origin" else np.float32
+            arrays[f"{key}_{number}"] = array.astype(kind)
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    with atomic_write(out / _FILE) as stream:
+        write_npz(stream, arrays, compress=True)
+    result = evaluation.result
+    section = Section([Scored(result.predictions.method, result, evaluation.records)], [out])
+    for name in scenes:
+        save_figure(draw_clouds(section, name), out / "figures" / f"{name}_cloud.png")
+    yield f"drew {len(scenes)} pictures into {out / 'figures'}; report and plot show them too"
+
+
+def write_clouds(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
+    """Write prediction and truth of each scene, coloured by their errors, into ``clouds``."""
+    if not wanted or out is None:
+        return
+    folder, scenes = out / "clouds", _compared(evaluation)
+    for name, scene in run.progress(scenes.items(), "clouds", len(scenes)):
+        errors = (scene.distances.to_truth, scene.distances.to_prediction)
+        for which, cloud, distances in zip(
+            ("precision", "recall"), scene.clouds, errors, strict=True
+        ):
+            colours = error_colours(distances, error_limit([distances]))
+            write_ply(folder / f"{name}_{which}.ply", Cloud(_points(cloud.source), colours))
+    yield f"wrote {2 * len(scenes)} clouds into {folder}"
+
+
+def error_limit(errors: Sequence[Floats]) -> float:
+    """Return a round distance that nine of ten finite errors are below, where colours end."""
+    listed = np.concatenate([np.zeros(0), *errors])
+    finite = listed[np.isfinite(listed)]
+    typical = float(np.quantile(finite, 0.9)) if len(finite) else 1.0
+    power = 10.0 ** np.floor(np.log10(max(typical, 1e-6)))
+    return next(float(f"{k * power:.3g}") for k in (1, 2, 5, 10) if k * power >= typical * 0.999)
+
+
+@default_style()
+def draw_clouds(
+    section: Section, scene: str, sheet: Sheet | None = None, number: int = 0
+) -> Figure:
+    """Draw both clouds from above, coloured by their errors, and precision and recall."""
+    found = read_clouds(section.folders[number]).get(scene)
+    if found is None:
+        raise UsageError(
+            f"this run has left no clouds of scene {scene} to draw",
+            where=section.folders[number],
+            fix="score the predictions again with `eval reconstruction ... --out DIR --figures`",
+        )
+    sheet = sheet or Sheet()
+    wide = sheet.wide(10.0)
+    figure = new_canvas(wide, 0.36 * wide)
+    left, right, last = figure.subplots(1, 3)
+    both = np.concatenate([found.predicted[:, :2], found.true[:, :2]])
+    low, high = np.percentile(both, _FRAME, axis=0) if len(both) else np.zeros((2, 2))
+    _draw_above(left, found.predicted, found.precision_m, (low, high))
+    _draw_above(right, found.true, found.recall_m, (low, high))
+    left.set(title="predicted points", ylabel="north [m]")
+    right.set(title="true points")
+    distances, precision, recall = found.curve
+    last.plot(distances, 100 * precision, color=COLOURS[0], label="precision")
+    last.plot(distances, 100 * recall, "--", color=COLOURS[1], label="recall")
+    headline = section.first.protocol.settings.get("scores", {}).get("headline_below_m")
+    if headline:
+        last.axvline(headline, color="0.6", linewidth=0.8)
+    last.set(xlabel="distance d [m]", ylabel="points nearer than d [%]", ylim=(0, 102))
+    last.grid(alpha=0.3)
+    last.legend(loc="lower right", fontsize=8)
+    name = section.methods[number].name
+    finish(figure, sheet.noting(f"{name}, scene {scene}; colours: mean distances from above"))
+    return figure
+
+
+def _draw_above(axes: Axes, points: Floats, errors: Floats, frame: tuple[Floats, Floats]) -> None:
+    """Draw the mean error of points, each cut at the limit, over cells as seen from above."""
+    limit = error_limit([errors])
+    low, high = frame[0], np.maximum(frame[1], frame[0] + 1.0)
+    side = float((high - low).max()) / _CELLS
+    columns, rows = np.maximum(np.ceil((high - low) / side).astype(int), 1)
+    cells = np.floor((points[:, :2] - low) / side).astype(np.int64)
+    inside = ((cells >= 0) & (cells < (columns, rows))).all(axis=1)
+    flat = cells[inside, 1] * columns + cells[inside, 0]
+    count = np.bincount(flat, minlength=int(columns * rows))
+    total = np.bincount(flat, np.minimum(errors[inside], limit), minlength=len(count))
+    mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
+    # A mean of limits only may be rounded to a little less.
+    mean[mean >= limit * (1 - 1e-6)] = limit
+    picture = np.full((len(count), 4), 0, np.uint8)
+    picture[:, :3], picture[:, 3] = error_colours(mean, limit), np.where(count > 0, 255, 0)
+    width, height = columns * side, rows * side
+    axes.imshow(
+        picture.reshape(rows, columns, 4), origin="lower", extent=(0, width, 0, height), zorder=1
+    )
+    axes.set_xlabel("east [m]")
+    add_error_bar(axes, limit, "distance to the other cloud [m]")

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.engine import Processes
 from airzoo_bench.results.comparable import apart_in, check_same_queries, choose_scores
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.records import Scored, column_names, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.retrieval.scoring import RANKED_TILE
-from airzoo_bench.tables.breakdown import condition_names, is_condition
+from airzoo_bench.tables.breakdown import condition_names, condition_title, is_condition
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Section", "read_sections", "tile_columns"]
-
-_Key = tuple[str, str, str]  # track, fingerprints of protocol and truth
 
 _KEPT = frozenset(("scene", "query", "first_hit_rank", "ranked", "failed"))
-_LARGE_BYTES = 16 << 20
 _FIRST_TILE = "first_tile"  # of records from before there were the columns of `RANKED_TILE`
 _MOST_RANKS = 5
 _MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
@@ -39,13 +35,15 @@ class Section:
     Attributes
     ----------
     methods : list of Scored
-        Of one protocol, truth and set of queries, with records in the same order, of the columns
-        that a report shows.
+        Of one protocol, truth and set of queries, with records in the same order.
+    folders : list of Path
+        Where the results lie, with what the runs have left for pictures.
     ranks : int
-        So many of the first tiles of each list are kept, where records tell of them.
+        So many of the first tiles of each list are shown, where records have them.
     """
 
     methods: list[Scored]
+    folders: list[Path] = field(default_factory=list)
     ranks: int = _MOST_RANKS
 
     @property
@@ -71,11 +69,7 @@ class Section:
     @property
     def scores(self) -> list[ScoreColumn]:
         """Every score that all methods have."""
-        keys = [column.key for column in self.first.columns]
-        shared = [{column.key for column in method.result.columns} for method in self.methods]
-        return choose_scores(
-            self.methods, [key for key in keys if all(key in known for known in shared)]
-        )
+        return choose_scores(self.methods, [], every=True)
 
     @property
     def query_scores(self) -> list[ScoreColumn]:
@@ -88,28 +82,24 @@ class Section:
         return [name for name in condition_names(self.methods[0]) if not self._is_apart(name)]
 
     @property
-    def conditions_apart(self) -> list[str]:
-        """Conditions whose groups differ between the methods."""
-        return [name for name in condition_names(self.methods[0]) if self._is_apart(name)]
+    def notes(self) -> list[str]:
+        """Notes on conditions and tiles that are left out."""
+        notes = [
+            f"no scores by {condition_title(name)}: the results have other values of it"
+            for name in condition_names(self.methods[0])
+            if self._is_apart(name)
+        ]
+        if self.track == "retrieval" and self.ranks < _MOST_RANKS:
+            kept = f"only the first {self.ranks} of {_MOST_RANKS} retrieved tiles of each query"
+            notes.append(f"{kept} can be shown: there are too many queries and methods")
+        return notes
+
+    def rows_of(self, scene: str) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+        """Return the rows of the records that are of a scene."""
+        return np.flatnonzero((self.methods[0].records["scene"] == scene).to_numpy(bool))
 
     def _is_apart(self, condition: str) -> bool:
         return apart_in(self.methods, condition) is not None
-
-    @property
-    def left_out(self) -> str:
-        """A note if not all first tiles are shown, else empty."""
-        if self.track != "retrieval" or self.ranks == _MOST_RANKS:
-            return ""
-        kept = (
-            "no retrieved tiles are"
-            if not self.ranks
-            else (
-                "only the first retrieved tile of each query is"
-                if self.ranks == 1
-                else f"only the first {self.ranks} retrieved tiles of each query are"
-            )
-        )
-        return f"{kept} shown: there are too many queries and methods for {_MOST_RANKS}"
 
 
 def tile_columns(columns: Container[str]) -> list[str]:
@@ -123,60 +113,56 @@ def _is_shown(score: ScoreColumn) -> bool:
     return score.headline or score.unit != "share"
 
 
-def read_sections(paths: Sequence[Path], jobs: int = 1) -> list[Section]:
+def read_sections(paths: Sequence[Path]) -> list[Section]:
     """Read results with their records, and group those that measure the same."""
     paths = result_paths(paths)
     results = [read_result(path) for path in paths]
-    files = [records_path(path) for path in paths]
-    size = sum(file.stat().st_size for file in files if file.is_file())
-    engine = Processes(jobs if size > _LARGE_BYTES else 1)
-    ranks = _affordable_ranks(results)
-    asked = [(path, ranks[_key(result)]) for path, result in zip(paths, results, strict=True)]
-    records = engine.map(
-        _shown_records, asked, shared=None, stage="results", name=lambda one: str(one[0])
-    )
-    groups: dict[_Key, list[Scored]] = {}
-    for name, result, rows in zip(method_names(paths, results), results, records, strict=True):
-        groups.setdefault(_key(result), []).append(Scored(name, result, rows))
-    for methods in groups.values():
+    names = method_names(paths, results)
+    groups: dict[tuple[str, str, str], list[int]] = {}
+    for number, result in enumerate(results):
+        key = (result.track, result.protocol.fingerprint, result.truth.fingerprint)
+        groups.setdefault(key, []).append(number)
+    sections = []
+    for members in groups.values():
+        first = results[members[0]]
+        lists = len(members) * sum(counts["queries"] for counts in first.counts.values())
+        ranks = min(_MOST_RANKS, _MOST_TILES // max(lists, 1))
+        methods = [
+            Scored(names[n], results[n], _shown_records(paths[n], results[n], ranks))
+            for n in members
+        ]
         check_same_queries(methods)
-    return _in_order([Section(_best_first(methods), ranks[key]) for key, methods in groups.items()])
+        order = _best_first(methods)
+        folders = [paths[members[n]].parent for n in order]
+        sections.append(Section([methods[n] for n in order], folders, ranks))
+    return _in_order(sections)
 
 
-def _best_first(methods: list[Scored]) -> list[Scored]:
+def _best_first(methods: list[Scored]) -> list[int]:
     score = choose_scores(methods, [])[0]
     sign = -1 if score.higher_is_better else 1
-    return sorted(methods, key=lambda method: sign * method.result.overall[score.key])
+    values = [sign * method.result.overall[score.key] for method in methods]
+    return sorted(range(len(methods)), key=lambda number: values[number])
 
 
 def _in_order(sections: list[Section]) -> list[Section]:
-    benchmarks = [section.first.truth.benchmark for section in sections]
-    places = {name: place for place, name in enumerate(dict.fromkeys(benchmarks))}
-    tracks = {name: place for place, name in enumerate(TRACKS.names())}
-    return sorted(
-        sections,
-        key=lambda s: (places[s.first.truth.benchmark], tracks.get(s.track, len(tracks))),
-    )
+    benchmarks = list(dict.fromkeys(section.first.truth.benchmark for section in sections))
+    tracks = list(TRACKS.names())
+
+    def place(section: Section) -> tuple[int, int]:
+        known = section.track in tracks
+        track = tracks.index(section.track) if known else len(tracks)
+        return benchmarks.index(section.first.truth.benchmark), track
+
+    return sorted(sections, key=place)
 
 
-def _key(result: Result) -> _Key:
-    return result.track, result.protocol.fingerprint, result.truth.fingerprint
-
-
-def _affordable_ranks(results: Sequence[Result]) -> dict[_Key, int]:
-    """Return how many ranks of tiles are kept: fewer if there are very many queries."""
-    lists = Counter[_Key]()
-    for result in results:
-        lists[_key(result)] += sum(counts["queries"] for counts in result.counts.values())
-    return {key: min(_MOST_RANKS, _MOST_TILES // max(count, 1)) for key, count in lists.items()}
-
-
-def _shown_records(shared: None, asked: tuple[Path, int]) -> pd.DataFrame:
+def _shown_records(path: Path, result: Result, ranks: int) -> pd.DataFrame:
     """Read of the records what a report shows, to take less time and hold less."""
-    del shared
-    path, ranks = asked
-    result = read_result(path)
-    heads = _heads(records_path(path))
+    try:
+        heads = column_names(records_path(path))
+    except (ResultError, OSError):
+        heads = []  # which reading says with its reason
     scores = {column.key: column for column in result.columns}
     tiles = tile_columns(heads)[:ranks]
     kept = [
@@ -184,17 +170,6 @@ def _shown_records(shared: None, asked: tuple[Path, int]) -> pd.DataFrame:
         for name in heads
         if name in _KEPT
         or name in tiles
-        or (name in scores and _is_shown(scores[name]))
-        or (name not in scores and is_condition(name, result.track))
+        or (_is_shown(scores[name]) if name in scores else is_condition(name, result.track))
     ]
     return read_records(path, result, kept)
-
-
-def _heads(file: Path) -> list[str]:
-    """Return the columns of records; none where there is no such table, which is told later."""
-    if not file.is_file():
-        return []
-    try:
-        return column_names(file)
-    except ResultError:
-        return []

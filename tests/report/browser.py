@@ -80,7 +80,7 @@ class Opened:
         ]
 
     def rows(self) -> list[str]:
-        return [row.text for row in self.all("#part1-queries .grid-row > :first-child")]
+        return [row.text for row in self.all("#part1-queries .listed tbody th")]
 
     def status(self, inside: str) -> str:
         return str(self.one(f"{inside} [role=status]").text)

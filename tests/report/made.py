@@ -6,6 +6,7 @@ import base64
 import json
 import re
 import zlib
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -132,27 +133,59 @@ def write_photo_results(folder: Path, names: list[str]) -> tuple[Path, list[Path
 TYPES = {"<u1": np.uint8, "<u2": np.uint16, "<i2": np.int16, "<i4": np.int32}
 
 
-class Page:
-    """A page as its script reads it."""
+class Page(HTMLParser):
+    """A page: what its script reads, and its tables by the section that they stand in."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self.text = path.read_text(encoding="utf-8")
         found = re.search(r'id="page-data">(.*?)</script>', self.text, re.DOTALL)
         assert found
-        self.sections: list[dict[str, Any]] = json.loads(found[1])["sections"]
+        self.data: dict[str, Any] = json.loads(found[1])
+        self.parts: list[dict[str, Any]] = self.data["parts"]
         self.blobs = re.findall(r'id="blob-\d+">(.*?)</script>', self.text)
+        self.tables: dict[str, list[tuple[str, list[list[str]]]]] = {}
+        self.images: list[str] = []
+        self._part, self._cell, self._caption = "", False, False
+        self.feed(self.text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if re.fullmatch(r"part\d+(-\w+)?|overview", given.get("id") or ""):
+            self._part = str(given["id"])
+        if tag == "caption":
+            self.tables.setdefault(self._part, []).append(("", []))
+        if tag == "img":
+            self.images.append(f"{self._part} {given.get('alt')}")
+        rows = self.tables[self._part][-1][1] if self._part in self.tables else []
+        if tag == "tr":
+            rows.append([])
+        if tag in ("th", "td") and rows:
+            mark = {"best": "★", "tied": "≈"}
+            rows[-1].append("".join(mark.get(c, "") for c in (given.get("class") or "").split()))
+        self._caption, self._cell = tag == "caption", tag in ("th", "td", "a")
+
+    def handle_data(self, data: str) -> None:
+        if self._caption:
+            title, rows = self.tables[self._part][-1]
+            self.tables[self._part][-1] = (title + data, rows)
+        if self._cell and self.tables.get(self._part):
+            self.tables[self._part][-1][1][-1][-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self._caption = self._cell = False
+
+    def table(self, place: str, number: int = 0) -> list[list[str]]:
+        """Return the texts of a table, heads first, with the marks before them."""
+        return self.tables[place][number][1]
+
+    @staticmethod
+    def unpack_text(text: str) -> bytes:
+        return zlib.decompress(base64.b64decode(text))
 
     def unpack(self, packed: dict[str, Any]) -> Any:
-        content = zlib.decompress(base64.b64decode(self.blobs[packed["blob"]]))
-        return (
-            json.loads(content)
-            if packed["type"] == "json"
-            else np.frombuffer(content, packed["type"])
-        )
-
-    def values(self, packed: dict[str, Any]) -> np.ndarray[Any, Any]:
-        values = [{"inf": np.inf, None: np.nan}.get(value, value) for value in packed["values"]]
-        return np.array(values)[self.unpack(packed["codes"])]
+        content, kind = self.unpack_text(self.blobs[packed["blob"]]), packed["type"]
+        return json.loads(content) if kind == "json" else np.frombuffer(content, TYPES[kind])
 
 
 def made_page(folder: Path, *arguments: object) -> Page:

@@ -115,13 +115,10 @@ def test_pictures_and_reports_do_not_put_queries_into_groups_of_another_method(
     picture = tmp_path / "x.png"
     done = run("plot", "condition", *paths, "--by", "weather", "--score", "R@1", "-o", picture)
     assert "the column of b is not that of a" in str(done.exception)
-    [part] = made_page(tmp_path, *paths).sections
-    for shown in (part["breakdowns"], part["queries"]["conditions"]):
-        assert [found.get("by", found.get("name")) for found in shown] == ["altitude_m"]
-    assert part["notes"][-1] == {
-        "text": "no scores by weather: the results have other values of it",
-        "methods": ["b", "a"],
-    }
+    page = made_page(tmp_path, *paths)
+    assert [one["title"] for one in page.parts[0]["queries"]["conditions"]] == ["altitude [m]"]
+    assert {table[1][0][0] for table in page.tables["part1-conditions"]} == {"altitude [m]"}
+    assert "no scores by weather: the results have other values of it" in page.text
 
 
 def test_an_unknown_column_names_all_that_there_are(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.report.parts import _method, _notes
+from airzoo_bench.report.numbers import find, notes_by_method, summary_panes
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import FLOOR_MARK, compare, floor_note, score_intervals
 from airzoo_bench.results.records import Scored
@@ -64,5 +64,7 @@ def test_every_face_marks_it_and_says_so() -> None:
     alone = scenes_table(poor.result)
     assert note in alone.notes
     assert alone.texts()[-2][0] == f"Average {FLOOR_MARK}"
-    assert {"text": note, "methods": ["poor"]} in _notes(Section([poor, good]))
-    assert _method("poor", poor.result)["mark"] == f" {FLOOR_MARK}"
+    section = Section([poor, good])
+    assert f"poor: {note}" in notes_by_method(section)
+    names = [line.cells[0].text for line in summary_panes(section, find(section))[0].grids[0].rows]
+    assert names == [f"poor {FLOOR_MARK}", "good", "Floor"]

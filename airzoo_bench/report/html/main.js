@@ -1,40 +1,51 @@
-function trackView(section) {
-  section.queryScores = section.scores.filter((score) => score.ofQueries);
-  section.open = {}; // by view: shows what has an id
-  section.close = {};
-  const views = [["summary", "Summary", summaryView(section)]];
-  if (section.pairs) views.push(["pairs", "Two methods", pairsView(section)]);
-  if (section.scenes.length > 1 || section.breakdowns.length) views.push(["scenes", "Scenes", scenesView(section)]);
-  if (section.breakdowns.length) views.push(["conditions", "Conditions", conditionsView(section)]);
-  if (section.figures.length) views.push(["pictures", "Pictures", figuresView(section)]);
-  if (section.maps.length) views.push(["map", "Map", mapView(section)]);
-  if (section.queries) views.push(["queries", "Queries", queriesView(section)]);
-  if (section.hardest.length) views.push(["hardest", "Hardest queries", hardestView(section)]);
-  views.push(["settings", "Settings", settingsView(section)]);
-  const title = `${TRACKS[section.track] || section.track}: ${section.protocol.name} v${section.protocol.version}`;
-  const [methods, scenes] = [section.methods.length, section.scenes.length];
-  const facts = [`${methods} method${methods > 1 ? "s" : ""}`, `${scenes} scene${scenes > 1 ? "s" : ""}`,
-    ...(section.byQuery ? [`${queryCount(section).toLocaleString("en")} ${queryCount(section) === 1 ? "query" : "queries"}`] : []), `protocol ${section.protocol.fingerprint.slice(0, 12)}`, `truth ${section.truth.fingerprint.slice(0, 12)}`];
-  return el("section", { class: "track", id: section.id, "aria-labelledby": `${section.id}-h` },
-    el("h2", { id: `${section.id}-h` }, title), el("p", { class: "soft" }, facts.join(" · ")),
-    partLine(section, views),
-    views.map(([, , view]) => view));
+// The page: tables sort at once, maps and clouds are made when their fold is opened.
+const open = {};
+
+function makeFold(part, name, make) {
+  const box = document.getElementById(`${part.id}-${name}`);
+  if (!box) return;
+  let made = null;
+  open[box.id] = () => {
+    box.open = true;
+    made = made || make(part, box);
+    return made;
+  };
+  box.addEventListener("toggle", () => box.open && open[box.id]());
 }
 
-const content = document.getElementById("content");
-if (page.sections.length > 1) content.append(overviewTable());
-content.append(...page.sections.map(trackView));
+// The address says what is open: #part2-pairs, #part2-query=ID.
+async function route() {
+  const found = /^#(part\d+)-query=(.*)$/.exec(location.hash);
+  if (found) {
+    try {
+      const show = await open[`${found[1]}-queries`]?.();
+      show?.(decodeURIComponent(found[2]));
+    } catch (error) {
+      if (!(error instanceof URIError)) throw error; // an address that was cut off within a letter
+    }
+    return;
+  }
+  const box = location.hash.length > 1 ? document.getElementById(location.hash.slice(1)) : null;
+  if (box?.matches("details")) box.open = true;
+  box?.scrollIntoView();
+}
+
+document.querySelectorAll("main table").forEach(sortable);
+document.querySelectorAll(".panes").forEach(choosable);
+for (const part of page.parts) {
+  makeFold(part, "queries", queriesView);
+  makeFold(part, "clouds", cloudsView);
+}
+const wide = matchMedia("(min-width: 60rem)").matches;
+document.querySelectorAll("details[data-wide]").forEach((box) => {
+  if (wide) box.open = true;
+});
+window.addEventListener("hashchange", route);
+if (location.hash) route();
 // What is folded away is printed too, and folded again.
 let unfolded = [];
 window.addEventListener("beforeprint", () => {
-  unfolded = [...document.querySelectorAll("details:not([open], .no-print)")];
-  unfolded.forEach((part) => { part.open = true; });
+  unfolded = [...document.querySelectorAll("details:not([open])")];
+  unfolded.forEach((part) => (part.open = true));
 });
-window.addEventListener("afterprint", () => unfolded.forEach((part) => { part.open = false; }));
-// Pictures and tables take their room first, so that what was asked for stays in sight.
-const pictures = [...document.querySelectorAll(".figures img")].map((picture) => picture.decode().catch(() => null));
-rememberSteps();
-Promise.all([...pictures, ...drawn]).then(async () => {
-  if (location.hash) await route();
-  if (history.state.top) window.scrollTo(0, history.state.top); // opened again, as by the reload button
-});
+window.addEventListener("afterprint", () => unfolded.forEach((part) => (part.open = false)));

@@ -1,136 +1,280 @@
-// A scene's map: what is chosen on it, by whom and by address, and what is told of it.
-function mapView(section) {
-  const scores = section.queryScores.filter((score) => score.isHit);
-  const state = { map: 0, method: 0, score: scores[0] || null, hits: true, misses: true, first: false, tiles: null, chosen: -1, x: 0, y: 0, scale: 1, ratio: 1, picture: null };
-  const canvas = el("canvas", { tabindex: "0", role: "application", "aria-label": "Map. Arrows move it, plus and minus zoom, zero shows all of it, n and p go from query to query, Escape lets go of the query." });
-  const info = el("aside", { "aria-label": "The chosen query", onkeydown: (event) => { if (event.key === "Escape") { letGo(); canvas.focus(); } } });
-  const counted = el("p", { class: "note", role: "status" });
-  const status = el("p", { class: "sr", role: "status" });
-  const places = mapPlaces(section, state);
-  const painter = mapPainter(section, canvas, state, places);
-  const moves = mapMoves(section, canvas, state, places, painter, { step, letGo, choose });
+// A scene's map: footprints with hits and misses, first tiles, arrows of errors.
+const INK = {
+  hit: "#56b4e9",
+  miss: "#ff7f2a",
+  tileHit: "#f0e442",
+  tileMiss: "#ff9de2",
+  arrow: "#e69f00",
+  chosen: "#fff",
+};
 
-  const indexOf = (place) => section.maps.findIndex((map) => map.scene === section.scenes[place].id);
-  const titles = section.maps.map((map) => section.scenes.find((scene) => scene.id === map.scene).title);
-  const scene = choice("Scene", titles.map((title, index) => [index, title]), (value) => load(Number(value), null));
-  const method = choice("Method", section.methods.map((found, index) => [index, found.name]), (value) => { state.method = Number(value); refresh(); remember(true); });
-  const score = choice("Hit by", scores.map((found, index) => [index, found.title]), async (value) => { state.score = scores[Number(value)]; await loadColumn(); refresh(); });
-  const hasTiles = section.maps.some((map) => map.tiles);
-  const ticks = [["Hits", "hits", state.score], ["Misses", "misses", state.score], ["First tiles of all queries", "first", hasTiles]].filter(([, , there]) => there)
-    .map(([label, key]) => tick(label, state[key], (value) => { state[key] = value; painter.draw(); }));
+function mapView({ part, table, state, isHit, choose, rows }, box) {
+  const canvas = box.querySelector(".map");
+  const context = canvas.getContext("2d");
+  const view = { x: 0, y: 0, scale: 0, map: null };
 
-  section.showScene = async (place, row = null) => {
-    const loaded = await loadQueries(section);
-    jump(row === null ? addressOf(section, "map") : addressFor(loaded, row));
-    goTo(section, "map");
-    scene.select.value = String(indexOf(place));
-    await load(indexOf(place), row);
-  };
-  section.open.map = async (id, by) => {
-    const loaded = await loadQueries(section);
-    const row = loaded.ids.indexOf(id);
-    const index = row < 0 ? -1 : indexOf(loaded.scene[row]);
-    const named = section.methods.findIndex((found) => found.name === by);
-    goTo(section, "map");
-    if (by !== undefined && named < 0) { info.replaceChildren(el("p", { role: "alert" }, `This map has no method ${by}.`)); return; }
-    if (index < 0) { info.replaceChildren(el("p", { role: "alert" }, `This map has no query ${id}.`)); return; }
-    state.method = Math.max(named, 0);
-    method.select.value = String(state.method);
-    scene.select.value = String(index);
-    await load(index, row);
-  };
-  section.close.map = () => { if (state.chosen >= 0) { state.chosen = -1; refresh(); } };
-
-  function addressFor(loaded, row) {
-    return addressOf(section, "map", loaded.ids[row], state.method ? section.methods[state.method].name : undefined);
-  }
-
-  // Writes the chosen query into the address.
-  function remember(replaces = false) {
-    if (state.chosen >= 0) visit(addressFor(state.loaded, state.rows[state.chosen]), replaces);
-  }
-
-  function letGo() {
-    if (state.chosen < 0) return;
-    section.close.map();
-    visit(addressOf(section, "map"));
-  }
-
-  function choose(place) {
-    if (place >= 0) state.chosen = place;
-    refresh();
-    remember();
-  }
-
-  async function loadColumn() {
-    state.column = state.score && (await loadScore(section, state.score));
-  }
-
-  async function load(index, row) {
-    const map = section.maps[index];
-    const [loaded, rows, outlines, centres] = await Promise.all([loadQueries(section), unpack(map.rows), unpack(map.outlines), unpack(map.centres)]);
-    const tiles = await loadTiles(map);
-    await loadColumn();
+  async function load(place = 0) {
+    const map = part.maps[place];
+    const keys = ["rows", "outlines", "centres", "tiles", "tileOutlines", "ranked", "hits", "tips"];
+    const found = await Promise.all(keys.map((key) => (map[key] ? unpack(map[key]) : null)));
     const picture = new Image();
-    picture.src = map.picture;
+    picture.src = page.pictures[map.picture];
     await picture.decode();
-    Object.assign(state, { map: index, loaded, rows, outlines, centres, tiles, picture, chosen: row === null ? -1 : rows.indexOf(row) });
-    moves.fit();
-    if (state.chosen >= 0) moves.frame();
-    refresh();
+    view.map = { ...map, ...Object.fromEntries(keys.map((key, n) => [key, found[n]])) };
+    Object.assign(view.map, { image: picture, place });
+    view.map.placeOf = new Map([...view.map.rows].map((row, at) => [row, at]));
+    legend();
+    fit();
   }
 
-  function refresh() {
-    painter.draw();
-    const total = state.rows.length;
-    const hits = [...state.rows.keys()].filter(places.isHit).length;
-    counted.textContent = state.score ? `${section.methods[state.method].name}: ${hits} hits and ${total - hits} misses by ${state.score.title}` : `${total} queries`;
-    describe();
+  function fit() {
+    const { map } = view;
+    if (!map || !canvas.clientWidth) return;
+    view.scale = Math.min(canvas.clientWidth / map.width, canvas.clientHeight / map.height);
+    view.x = (canvas.clientWidth - map.width * view.scale) / 2;
+    view.y = (canvas.clientHeight - map.height * view.scale) / 2;
+    draw();
   }
 
-  async function describe() {
-    if (state.chosen < 0) {
-      info.replaceChildren(el("p", { class: "soft" }, `Choose a footprint, or step from query to query, to see its scores${state.tiles ? " and the tiles that were retrieved" : ""}.`));
-      return;
+  function point(array, place) {
+    const pair = [array[2 * place], array[2 * place + 1]];
+    return pair.map((step) => (step === view.map.nowhere ? NaN : step / view.map.stepsPerPixel));
+  }
+
+  const corners = (array, place) => [0, 1, 2, 3].map((n) => point(array, 4 * place + n));
+
+  // The first tiles of the method's list for a query, best first.
+  function tilesAt(place) {
+    const { map } = view;
+    const found = [];
+    for (let rank = 0; rank < (map.ranks || 0); rank += 1) {
+      const lists = part.methods.length * map.rows.length;
+      const at = state.method * map.rows.length + place;
+      const tile = map.ranked[rank * lists + at];
+      const hit = Boolean((map.hits[at] >> rank) & 1);
+      if (tile < map.tiles.length) found.push({ rank: rank + 1, id: map.tiles[tile], tile, hit });
     }
-    const row = state.rows[state.chosen];
-    const id = state.loaded.ids[row];
-    const chosen = section.methods[state.method];
-    const said = state.score ? `${places.isHit(state.chosen) ? "✓ Hit" : "✗ Miss"} by ${state.score.title}, ${chosen.name}.` : "";
-    const found = places.tilesAt(state.chosen);
-    const detail = await queryDetail(section, row);
-    if (state.rows[state.chosen] !== row) return;
-    status.textContent = `${id}: ${said}${found.map((one) => ` Tile ${one.rank} ${one.hit ? "hits" : "misses"}.`).join("")}`;
-    info.replaceChildren(el("h4", {}, linkTo(section, "query", id, id)), el("p", {}, said),
-      state.tiles ? tilesList(section, chosen, found, showTile, !Number.isNaN(places.outlineOf(state.chosen)[0][0])) : "", ...detail);
+    return found;
   }
 
-  function showTile(tile) {
-    const [a, , c] = places.outlineOfTile(tile);
-    moves.centreAt((a[0] + c[0]) / 2, (a[1] + c[1]) / 2);
-    painter.draw();
-    canvas.scrollIntoView({ block: "nearest" });
+  function draw() {
+    const { map } = view;
+    if (!map) return;
+    const ratio = canvas.width / canvas.clientWidth;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
+    context.translate(view.x, view.y);
+    context.scale(view.scale, view.scale);
+    context.drawImage(map.image, 0, 0, map.width, map.height);
+    const places = rows().flatMap((row) => (map.placeOf.has(row) ? [map.placeOf.get(row)] : []));
+    const chosen = map.placeOf.get(state.chosen) ?? -1;
+    context.globalAlpha = chosen < 0 ? 1 : 0.4;
+    for (const place of places) drawQuery(place, isHit(map.rows[place]));
+    context.globalAlpha = 1;
+    if (chosen >= 0) drawChosen(chosen);
+    drawScale(ratio);
+  }
+
+  function outline(points, ink, width, dashes = []) {
+    if (points.some(([x]) => Number.isNaN(x))) return;
+    const pixel = 1 / view.scale;
+    context.beginPath();
+    points.forEach(([x, y]) => context.lineTo(x, y));
+    if (points.length > 2) context.closePath();
+    context.setLineDash([]);
+    context.lineWidth = (width + 2) * pixel;
+    context.strokeStyle = "#0008";
+    context.stroke();
+    context.setLineDash(dashes.map((length) => length * pixel));
+    context.lineWidth = width * pixel;
+    context.strokeStyle = ink;
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  function drawQuery(place, hit) {
+    const { map } = view;
+    outline(corners(map.outlines, place), hit ? INK.hit : INK.miss, 1.5, hit ? [] : [5, 4]);
+    const [x, y] = point(map.centres, place);
+    const r = 4 / view.scale;
+    if (hit) {
+      const ring = [...Array(13).keys()].map((n) => (n * Math.PI) / 6);
+      outline(
+        ring.map((turn) => [x + r * Math.cos(turn), y + r * Math.sin(turn)]),
+        INK.hit,
+        2,
+      );
+    } else {
+      outline(
+        [
+          [x - r, y - r],
+          [x + r, y + r],
+        ],
+        INK.miss,
+        2,
+      );
+      outline(
+        [
+          [x + r, y - r],
+          [x - r, y + r],
+        ],
+        INK.miss,
+        2,
+      );
+    }
+    if (map.tips) drawArrow([x, y], point(map.tips, state.method * map.rows.length + place));
+  }
+
+  function drawArrow([x, y], [left, top]) {
+    const turn = Math.atan2(top - y, left - x);
+    const side = (by) => [
+      left - (8 / view.scale) * Math.cos(turn + by),
+      top - (8 / view.scale) * Math.sin(turn + by),
+    ];
+    outline(
+      [
+        [x, y],
+        [left, top],
+      ],
+      INK.arrow,
+      2,
+    );
+    outline([side(0.5), [left, top]], INK.arrow, 2);
+    outline([side(-0.5), [left, top]], INK.arrow, 2);
+  }
+
+  function drawChosen(place) {
+    const { map } = view;
+    outline(corners(map.outlines, place), INK.chosen, 3);
+    drawQuery(place, isHit(map.rows[place]));
+    const size = 12 / view.scale;
+    context.font = `bold ${size}px sans-serif`;
+    for (const { tile, rank, hit } of tilesAt(place).reverse()) {
+      const shape = corners(map.tileOutlines, tile);
+      outline(shape, hit ? INK.tileHit : INK.tileMiss, 2.5, hit ? [] : [7, 5]);
+      const [x, y] = shape[3];
+      context.fillStyle = "#000";
+      context.fillRect(x, y, 2.6 * size, 1.4 * size);
+      context.fillStyle = hit ? INK.tileHit : INK.tileMiss;
+      context.fillText(`${rank} ${hit ? "✓" : "✗"}`, x + 0.3 * size, y + 1.1 * size);
+    }
+  }
+
+  function drawScale(ratio) {
+    const metres = view.map.metresPerPixel / view.scale;
+    const round = 10 ** Math.floor(Math.log10(metres * 150));
+    const length = [5, 2, 1].map((factor) => factor * round).find((one) => one <= metres * 150);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const top = canvas.clientHeight - 14;
+    context.fillStyle = "#fffd";
+    context.fillRect(6, top - 20, length / metres + 12, 28);
+    context.fillStyle = "#000";
+    context.fillRect(12, top, length / metres, 3);
+    context.font = "12px sans-serif";
+    context.fillText(`${length} m`, 12, top - 5);
+  }
+
+  function zoom(factor, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
+    view.x = x - (x - view.x) * factor;
+    view.y = y - (y - view.y) * factor;
+    view.scale *= factor;
+    draw();
+  }
+
+  function drag(dx, dy) {
+    view.x += dx;
+    view.y += dy;
+    draw();
+  }
+
+  function nearest(x, y) {
+    let [least, found] = [Infinity, -1];
+    for (const row of rows()) {
+      const place = view.map.placeOf.get(row);
+      if (place === undefined) continue;
+      const [px, py] = point(view.map.centres, place);
+      const away = Math.hypot(px * view.scale + view.x - x, py * view.scale + view.y - y);
+      if (away < least) [least, found] = [away, row];
+    }
+    return found;
   }
 
   function step(by) {
-    const order = [...state.rows.keys()].filter(places.isShown);
+    const order = rows().filter((row) => view.map.placeOf.has(row));
     if (!order.length) return;
     const now = order.indexOf(state.chosen);
-    state.chosen = now < 0 ? order.at(by > 0 ? 0 : -1) : order[(now + by + order.length) % order.length];
-    if (!moves.inSight(state.chosen)) moves.centreAt(...places.centreOf(state.chosen));
-    refresh();
-    remember(true);
+    choose(order[now < 0 ? 0 : (now + by + order.length) % order.length]);
   }
 
-  drawn.push(load(0, null));
-  const buttons = [["Zoom in", "+", () => moves.zoom(1.5)], ["Zoom out", "−", () => moves.zoom(1 / 1.5)], ["Whole map", "Whole", () => { moves.fit(); painter.draw(); }],
-    ["Zoom to the query", "Query", () => { moves.frame(); painter.draw(); }], ["Previous query", "‹", () => step(-1)], ["Next query", "›", () => step(1)]]
-    .map(([name, short, act]) => el("button", { type: "button", "aria-label": name, onclick: act }, el("span", { class: "long" }, name), el("span", { class: "short" }, short)));
-  return panel(section, "map", "Map",
-    el("div", { class: "map-controls" }, el("div", { class: "controls" }, scene.node, method.node),
-      narrowFolded("What is drawn", el("div", { class: "controls" }, scores.length ? score.node : null, ticks.map((made) => made.node)))),
-    el("div", { class: "map" },
-      el("div", { class: "map-view" }, canvas, el("div", { class: "controls map-buttons" }, buttons), counted, status),
-      info,
-      el("div", { class: "map-key" }, mapLegend(section, scores.length > 0), section.tilesLeftOut ? el("p", { class: "note" }, section.tilesLeftOut) : null)));
+  // Shows a query with its tiles; one of another scene brings the map of its scene.
+  async function focus(row) {
+    if (row < 0) return draw();
+    const scene = table.scene[row];
+    const other = part.maps.findIndex((map) => map.scene === scene);
+    if (other >= 0 && other !== view.map.place) await load(other);
+    const place = view.map.placeOf.get(row);
+    if (place === undefined) return draw();
+    const tiles = tilesAt(place).flatMap(({ tile }) => corners(view.map.tileOutlines, tile));
+    const shown = [point(view.map.centres, place), ...corners(view.map.outlines, place), ...tiles];
+    const points = shown.filter(([x]) => !Number.isNaN(x));
+    if (!points.length || !canvas.clientWidth) return draw();
+    const [left, top] = [0, 1].map((axis) => Math.min(...points.map((one) => one[axis])));
+    const [right, foot] = [0, 1].map((axis) => Math.max(...points.map((one) => one[axis])));
+    const fits = [canvas.clientWidth / (right - left), canvas.clientHeight / (foot - top)];
+    view.scale = Math.min(4, ...fits.map((one) => one * 0.8));
+    view.x = canvas.clientWidth / 2 - ((left + right) / 2) * view.scale;
+    view.y = canvas.clientHeight / 2 - ((top + foot) / 2) * view.scale;
+    return draw();
+  }
+
+  function tilesOf(row) {
+    const place = view.map?.placeOf.get(row);
+    if (place === undefined || !view.map.ranks) return null;
+    const found = tilesAt(place);
+    const said = found.map(({ rank, id, hit }) =>
+      el(
+        "li",
+        { class: hit ? "said-hit" : "said-miss" },
+        `${rank} ${id} ${hit ? "✓ hit" : "✗ miss"}`,
+      ),
+    );
+    const title = el("p", { class: "note" }, `First tiles of ${part.methods[state.method]}:`);
+    return el("div", {}, title, el("ul", { class: "tiles" }, said));
+  }
+
+  function legend() {
+    const { factor, ranks } = view.map;
+    const marks = [
+      ["hit", "○ hit: footprint"],
+      ["miss", "× miss: footprint"],
+    ];
+    if (ranks)
+      marks.push(
+        ["tile-hit", "✓ retrieved tile that answers"],
+        ["tile-miss", "✗ one that does not"],
+      );
+    if (factor) marks.push(["arrow", `error, true to estimated place, × ${factor}`]);
+    const items = marks.map(([name, text]) =>
+      el("li", {}, el("span", { class: `swatch ${name}` }), text),
+    );
+    box.querySelector(".map-legend").replaceChildren(...items);
+  }
+
+  const keys = { n: () => step(1), p: () => step(-1), 0: fit, Escape: () => choose(-1) };
+  movable(canvas, { drag, zoom, click: (x, y) => choose(nearest(x, y)), keys });
+  fitted(canvas, () => (view.scale ? draw() : fit()));
+  const acts = {
+    "+": () => zoom(1.5),
+    "−": () => zoom(1 / 1.5),
+    Whole: fit,
+    Previous: keys.p,
+    Next: keys.n,
+  };
+  const buttons = Object.entries(acts).map(([name, act]) => button(name, act));
+  if (part.maps.length > 1) {
+    const titles = part.maps.map((map, place) => [place, part.scenes[map.scene]]);
+    buttons.unshift(choice("Map", titles, (place) => load(Number(place))).node);
+  }
+  box.querySelector(".map-buttons").append(...buttons);
+  return { load, draw, focus, tilesOf };
 }
