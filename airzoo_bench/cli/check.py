@@ -43,14 +43,13 @@ def check(
     max_memory: MemoryOption = "2G",
     untrusted: UntrustedOption = False,
 ) -> None:
-    """Say what predictions are, which reader takes them, what they answer, and what is wrong.
+    """List every error of predictions, their reader, and how many queries they answer.
 
-    Exit code 0 if nothing is, 1 if anything is, 2 where there is nothing to check: no such file,
-    none of its kind, no protocol that is known.
+    Exit code 0: eval would take them; 1: it would refuse them; 2: there is nothing to check, such
+    as no file or an unknown protocol.
 
-    Needs no truth. Where the benchmark folder is there, ids are checked against
-    it and reconstructions are aligned, so that all is found that eval would
-    refuse.
+    Needs no truth. With the benchmark folder, ids are checked and reconstructions are aligned, so
+    that every error of eval is found.
     """
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import check as find_errors

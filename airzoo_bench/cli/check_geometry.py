@@ -52,7 +52,7 @@ def check_geometry(
         typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG."),
     ] = None,
     samples: Annotated[int, typer.Option(min=64, help="Pixels sampled of each frame.")] = 4096,
-    seed: Annotated[int, typer.Option(min=0, help="Of the sampling.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sampling.")] = 0,
     median_below: Annotated[
         float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
     ] = 0.00066,

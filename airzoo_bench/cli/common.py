@@ -79,15 +79,15 @@ MemoryOption = Annotated[
     str,
     typer.Option(
         "--max-memory",
-        help="Memory for all of a file, such as 512M or 4G; of a worker of Dask too.",
+        help="Memory that a file may take, such as 512M or 4G; also a Dask worker's.",
     ),
 ]
 ReaderOption = Annotated[
     str | None,
     typer.Option(
         "--reader",
-        help="What reads files as a method writes them (default: found from their content); "
-        "`airzoo-bench readers` lists them.",
+        help="Reader of a method's own files (default: found by their content); "
+        "`airzoo-bench readers` lists all.",
         show_default=False,
     ),
 ]
@@ -95,8 +95,8 @@ NamesOption = Annotated[
     Path | None,
     typer.Option(
         "--names",
-        help="A list of images, a line each, in the order in which the method saw them, where its "
-        "files do not name them.",
+        help="A list of images, a line each, in the method's order, for files that do not name "
+        "them.",
         show_default=False,
     ),
 ]
@@ -104,8 +104,8 @@ UntrustedOption = Annotated[
     bool,
     typer.Option(
         "--untrusted",
-        help="Read the predictions in a process of its own, under limits of memory, processor "
-        "time and clock: for files of strangers. These are limits, not isolation. Linux only.",
+        help="Read a stranger's predictions in a child process under limits of memory, processor "
+        "time and clock. These are limits, not isolation. Linux only.",
     ),
 ]
 ImageSizeOption = Annotated[
@@ -113,8 +113,8 @@ ImageSizeOption = Annotated[
     typer.Option(
         "--image-size",
         metavar="WxH",
-        help="Width and height of the pictures that a matcher was given, such as 640x480, where "
-        "its files do not state them, as those of SuperGlue.",
+        help="Size of the matcher's pictures, such as 640x480, for files that do not state it, "
+        "such as SuperGlue's.",
         show_default=False,
     ),
 ]

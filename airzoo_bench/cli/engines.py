@@ -37,9 +37,9 @@ SchedulerOption = Annotated[
     typer.Option(
         "--scheduler",
         metavar="local|ADDRESS",
-        help="Of Dask: local, which starts --jobs worker processes here (default), or one that "
-        "stands, such as tcp://10.0.0.5:8786. Its workers must see all files under the paths that "
-        "they have here.",
+        help="Dask scheduler: local, which starts --jobs worker processes here (default), or the "
+        "address of a running one, such as tcp://10.0.0.5:8786, with all files under the same "
+        "paths.",
         show_default=False,
     ),
 ]

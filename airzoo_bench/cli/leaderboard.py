@@ -223,11 +223,11 @@ def build(
         Path, typer.Option(help="Submissions, to show which have not been scored yet.")
     ] = Path("submissions"),
     board: Annotated[
-        Path, typer.Option(help="What the board states of itself, if there is such a file.")
+        Path, typer.Option(help="The board's leaderboard.toml, if there is one.")
     ] = _BOARD,
     cache: Annotated[
         Path | None,
-        typer.Option(help="What builds keep; safe to delete (default: OUT.cache)."),
+        typer.Option(help="Cache of builds; safe to delete (default: OUT.cache)."),
     ] = None,
     data: DataOption = None,
 ) -> None:

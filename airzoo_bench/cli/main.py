@@ -42,8 +42,8 @@ class _Place:
 _COMMANDS: dict[str, dict[str, _Place]] = {
     "Score": {
         "eval": _Place("evaluate", "app", "Score predictions and print the per-scene table."),
-        "check": _Place("check", "check", "Say what predictions are, and all that is wrong."),
-        "readers": _Place("readers", "readers", "List what reads files as methods write them."),
+        "check": _Place("check", "check", "List every error of predictions."),
+        "readers": _Place("readers", "readers", "List the readers of methods' own files."),
         "template": _Place("template", "template", "Write an example prediction."),
         "baseline": _Place("baseline", "app", "Run a plain method that needs no weights."),
     },
@@ -58,7 +58,7 @@ _COMMANDS: dict[str, dict[str, _Place]] = {
         "prepare": _Place("prepare", "app", "Make a benchmark folder out of data."),
         "download": _Place("download", "download", "Fetch a published benchmark, or its links."),
         "manifest": _Place("manifest", "manifest", "Fill in benchmark.toml of your own folder."),
-        "protocols": _Place("protocols", "protocols", "List what can be measured, or print one."),
+        "protocols": _Place("protocols", "protocols", "List all protocols, or print one."),
     },
     "Checks": {
         "audit": _Place("audit", "audit", "Check a published table against arithmetic."),
@@ -77,7 +77,7 @@ _COMMANDS: dict[str, dict[str, _Place]] = {
     },
     "Leaderboard": {
         "submit": _Place("submit", "submit", "Submit predictions to a board."),
-        "submission": _Place("submit", "app", "Check what is sent to a board."),
+        "submission": _Place("submit", "app", "Check a submission before it is sent."),
         "leaderboard": _Place("leaderboard", "app", "A board of your own: files, CI, pages."),
         "seal": _Place("seal", "seal", "Split a benchmark from its truth.", "SEAL_EXAMPLES"),
         "seal-score": _Place(

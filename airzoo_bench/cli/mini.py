@@ -58,9 +58,9 @@ def world(seed: SeedOption = 0, jobs: JobsOption = 2) -> None:
 def render(
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write into.")],
     region: Annotated[_Region, typer.Option(help="Which of its regions.")] = _Region.CITY,
-    flight: Annotated[_Flight, typer.Option(help="How it is flown over.")] = _Flight.BARREL_ROLL,
+    flight: Annotated[_Flight, typer.Option(help="The kind of flight.")] = _Flight.BARREL_ROLL,
     overlap: Annotated[
-        float, typer.Option(min=0.01, max=0.95, help="Of the footprints of neighbouring photos.")
+        float, typer.Option(min=0.01, max=0.95, help="Overlap of neighbouring photos.")
     ] = 0.5,
     weather: Annotated[str, typer.Option(help="sunny, cloudy, rainy, foggy, snowy.")] = "sunny",
     time_of_day: Annotated[str, typer.Option(help="day, sunset, night.")] = "day",

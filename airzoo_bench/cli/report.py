@@ -23,7 +23,7 @@ def report(
         "report.html"
     ),
     data: DataOption = None,
-    title: Annotated[str, typer.Option(help="What the page is called.")] = "Results",
+    title: Annotated[str, typer.Option(help="Title of the page.")] = "Results",
     pictures: Annotated[
         int, typer.Option(min=0, max=100, help="How many of the hardest queries to show.")
     ] = 12,

@@ -58,8 +58,8 @@ def submit(
     method: Annotated[str | None, _option("The method's name in tables.")] = None,
     team: Annotated[str | None, _option("Who submits.")] = None,
     contact: Annotated[str | None, _option("For the maintainers; shown on no page.")] = None,
-    author: Annotated[list[str] | None, _option("Of the method; once for each.")] = None,
-    licence: Annotated[str | None, _option("Of the predictions, an id of SPDX.")] = None,
+    author: Annotated[list[str] | None, _option("Author of the method; repeatable.")] = None,
+    licence: Annotated[str | None, _option("Licence of the predictions, by SPDX.")] = None,
     training_data: Annotated[
         list[str] | None,
         _option("Id of a dataset, or 'none' for a method without training; once for each."),

@@ -37,10 +37,10 @@ def template(
     ] = None,
     kind: Annotated[
         Kind | None,
-        typer.Option(help="What a retrieval file shall hold (default: ranked-ids)."),
+        typer.Option(help="Content of a retrieval file (default: ranked-ids)."),
     ] = None,
     data: DataOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of what is random.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random answers.")] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Write over a file that is there.")
     ] = False,

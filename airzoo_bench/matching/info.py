@@ -17,7 +17,7 @@ class SiftSettings:
     max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
     peak_threshold: float = 0.02 / 3  # pycolmap's own
     ratio: Annotated[
-        float, Option("ratio", "Of the nearest to the second distance.", 0.01, 1.0)
+        float, Option("ratio", "Largest ratio of nearest to second distance.", 0.01, 1.0)
     ] = 0.8
     max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
     doubled: Annotated[bool, DOUBLED] = True

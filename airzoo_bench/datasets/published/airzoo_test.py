@@ -66,7 +66,7 @@ class AirZooTestOptions(SourceOptions):
     """Which frames are reconstructed, and how depth is encoded."""
 
     name: Annotated[
-        str, Option("name", "Of the benchmark; another name takes any number of trajectories.")
+        str, Option("name", "The benchmark's name; another one takes any number of trajectories.")
     ] = _NAME
     every: Annotated[
         int,

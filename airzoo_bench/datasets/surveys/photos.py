@@ -20,7 +20,7 @@ from airzoo_bench.datasets.surveys.survey import SceneOptions, Survey, posed_sce
 class PhotoOptions(SceneOptions):
     """Where the parts of a scene lie."""
 
-    name: Annotated[str, Option("name", "Of the benchmark and its scene.")]
+    name: Annotated[str, Option("name", "Name of the benchmark and its scene.")]
     images: Annotated[Path, Option("images", "Folder of the photos.")]
     poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
     dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]

@@ -55,7 +55,7 @@ class SceneOptions:
     ] = None
     vertical_crs: Annotated[
         str | None,
-        Option("vertical-crs", "Of the poses' heights, to convert them to the DSM's: EPSG:4979."),
+        Option("vertical-crs", "CRS of the poses' heights, if not the DSM's: EPSG:4979."),
     ] = None
     priors_vertical_crs: Annotated[
         str | None, Option("priors-vertical", "Vertical CRS of altitudes in metadata and --priors.")
@@ -86,7 +86,7 @@ class SurveyOptions(SceneOptions, SourceOptions):
     """Options of surveys from other programs."""
 
     source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
-    name: Annotated[str | None, Option("name", "Of the benchmark (default: the source's).")] = None
+    name: Annotated[str | None, Option("name", "Benchmark's name (default: the source's).")] = None
     images: Annotated[
         Path | None, Option("images", "Folder of the photos (default: where the source has them).")
     ] = None
