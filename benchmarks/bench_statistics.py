@@ -1,118 +1,127 @@
-"""Intervals of many methods and scores, beside SciPy's bootstrap; and `compare` as a process.
-
-Usage: ``python benchmarks/bench_statistics.py [--small]``
-
-The queries are those of UAV-VisLoc: 6,442 in 11 scenes. SciPy is timed on one score of one method
-in one scene with the same number of resamples, and counted up to all of them: it takes each
-statistic by itself. CPU seconds, of all threads, stand beside wall seconds: they hardly depend
-on what else the machine does.
-"""
+"""Intervals beside SciPy's bootstrap, rank ranges beside tests pair by pair."""
 
 from __future__ import annotations
 
-import argparse
-import resource
-import subprocess
 import sys
-import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from harness import ROOT, Case, Figures, Work, main, no_input
+from scipy.stats import bootstrap as scipy_bootstrap
 
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import make_sample
-from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scoring import retrieval_scores
-from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.intervals import bootstrap
-from airzoo_bench.statistics.samples import ResamplingConfig
-from tests.statistics.support import random_methods, write_method
+from airzoo_bench.statistics.pair_tests import (
+    correct_pairs,
+    pair_p_values,
+    rank_ranges,
+    resamples_for,
+)
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import paired_permutation
+
+sys.path.insert(0, str(ROOT))
+
+from tests.statistics.support import random_methods
+
+PROTOCOL = load_protocol(shipped_protocols()["uav-visloc-retrieval"])
+SCENES = {scene.id: scene.queries or 0 for scene in PROTOCOL.scenes}
+COLUMNS: tuple[ScoreColumn, ...] = score_columns(retrieval_scores(PROTOCOL.scores))
 
 
-def uav_visloc() -> tuple[dict[str, int], tuple[ScoreColumn, ...]]:
-    """Return the queries of each scene, and all scores."""
-    protocol = load_protocol(shipped_protocols()["uav-visloc-retrieval"])
-    if not isinstance(protocol, RetrievalProtocol):
-        raise TypeError(protocol)
-    sizes = {scene.id: scene.queries or 0 for scene in protocol.scenes}
-    return sizes, score_columns(retrieval_scores(protocol.scores))
+def resample_all(_: Path, methods: int, resamples: int) -> Work:
+    """Return intervals of all methods, scores and scenes by this package."""
+    sample = make_sample(random_methods(methods, SCENES, COLUMNS), COLUMNS)
+    return lambda: bootstrap(sample, ResamplingConfig(resamples=resamples)) and None
 
 
-Seconds = tuple[float, float]
+def resample_one(_: Path, methods: int, resamples: int) -> Work:
+    """Return SciPy's interval of one score of one method in the first scene."""
+    sample = make_sample(random_methods(1, SCENES, COLUMNS), COLUMNS[:1])
+    values, random = sample.values[0][0], np.random.default_rng(0)
+    options: dict[str, Any] = {"n_resamples": resamples, "batch": 1_000, "rng": random}
+
+    def work() -> dict[str, int]:
+        scipy_bootstrap((values,), np.mean, **options)
+        queries = sum(part.shape[1] for part in sample.values)
+        return {"times": queries * methods * len(COLUMNS) // len(values)}
+
+    return work
 
 
-def cpu_seconds() -> float:
-    """Return what this process and the ended ones that it started have used."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(part.ru_utime + part.ru_stime for part in used)
-
-
-def timed(work: Callable[[], object]) -> Seconds:
-    """Return wall and CPU seconds."""
-    start, used = time.perf_counter(), cpu_seconds()
-    work()
-    return time.perf_counter() - start, cpu_seconds() - used
-
-
-def ours(
-    methods: list[Scored], columns: tuple[ScoreColumn, ...], plan: ResamplingConfig
-) -> Seconds:
-    """Time intervals of all methods, scores and scenes."""
-    sample = make_sample(methods, columns)
-    return timed(lambda: bootstrap(sample, plan))
-
-
-def scipys(
-    methods: list[Scored], columns: tuple[ScoreColumn, ...], plan: ResamplingConfig
-) -> Seconds:
-    """Time SciPy on one scene and mean, and count up to all."""
-    from scipy.stats import bootstrap as peer
-
-    sample = make_sample(methods[:1], columns[:1])
-    first = sample.values[0][0]
-    random = np.random.default_rng(0)
-    wall, cpu = timed(
-        lambda: peer((first,), np.mean, n_resamples=plan.resamples, batch=1_000, rng=random)
+def compare_intervals(figures: dict[str, Figures]) -> str:
+    """Say how long SciPy would take for all, which it treats one by one."""
+    ours, one = figures.values()
+    seconds = one.processor * int(one.arrays["times"])
+    return (
+        f"SciPy for all of them: {seconds:.0f} s of processor, {seconds / ours.processor:.0f} times"
     )
-    queries = sum(values.shape[1] for values in sample.values)
-    times = queries / len(first) * len(methods) * len(columns)
-    return wall * times, cpu * times
 
 
-def command(methods: list[Scored], options: list[str]) -> Seconds:
-    """Time the whole command."""
-    with tempfile.TemporaryDirectory() as name:
-        files = [str(write_method(Path(name) / m.name, m)) for m in methods]
-        call = [sys.executable, "-m", "airzoo_bench", "compare", *files, *options]
-        return timed(lambda: subprocess.run(call, check=True, capture_output=True))
+def skilled(methods: int) -> Sample:
+    """Return hits of methods of all skills on the queries of UAV-VisLoc."""
+    random, parts = np.random.default_rng(0), []
+    skill = np.linspace(-1, 1, methods)[:, None]
+    for size in SCENES.values():
+        ease = random.normal(size=size) + 0.7 * random.normal(size=(methods, size))
+        parts.append((ease + skill > 0).astype(np.float64))
+    none, all_of_them = np.zeros(methods, bool), np.ones(methods, bool)
+    return Sample("query", tuple(SCENES), tuple(parts), none, all_of_them)
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--small", action="store_true")
-    few = parser.parse_args().small
-    sizes, columns = uav_visloc()
-    plan = ResamplingConfig(resamples=1_000 if few else 10_000)
-    methods = random_methods(4 if few else 20, sizes, columns)
-    ten = methods[:10]
-    every = [text for column in columns for text in ("--score", column.key)]
-    rows = {
-        f"intervals of {len(ten)} methods, airzoo-bench": ours(ten, columns, plan),
-        f"intervals of {len(ten)} methods, SciPy, counted up": scipys(ten, columns, plan),
-        f"compare {len(methods)} methods, 4 scores": command(methods, []),
-        f"compare {len(methods)} methods, all scores": command(methods, every),
-    }
-    print(f"{sum(sizes.values()):,} queries, {len(sizes)} scenes, {len(columns)} scores, ", end="")
-    print(f"{plan.resamples:,} resamples\n\n{'':44}{'seconds':>8}{'CPU s':>8}")
-    for label, (wall, cpu) in rows.items():
-        print(f"{label:44}{wall:8.2f}{cpu:8.2f}")
+def rank_all(_: Path, methods: int) -> Work:
+    """Return rank ranges by tests of all pairs at once."""
+    sample, plan = skilled(methods), ResamplingConfig(resamples_for(methods))
 
+    def work() -> None:
+        p_values = pair_p_values(sample, plan)
+        values = np.mean([part.mean(axis=1) for part in sample.values], axis=0)
+        rank_ranges(values, correct_pairs(p_values), higher_is_better=True)
+
+    return work
+
+
+def ask_pairs(_: Path, methods: int) -> Work:
+    """Test the first method against others pair by pair, at most 50."""
+    sample, plan = skilled(methods), ResamplingConfig(resamples_for(methods))
+    pairs = [(0, other) for other in range(1, min(methods, 50))]
+
+    def work() -> dict[str, float]:
+        paired_permutation(sample, plan, pairs)
+        return {"times": methods * (methods - 1) / 2 / len(pairs)}
+
+    return work
+
+
+def compare_tests(figures: dict[str, Figures]) -> str:
+    """Say how long all pairs would take."""
+    ours, few = figures.values()
+    seconds = few.processor * float(few.arrays["times"])
+    return f"all pairs: {seconds:.0f} s of processor, {seconds / ours.processor:.0f} times"
+
+
+CASES = {
+    "intervals": Case(
+        "intervals of {methods} methods, {resamples:,} resamples, 6,442 queries in 11 scenes",
+        no_input,
+        {"airzoo-bench": resample_all, "SciPy, one statistic": resample_one},
+        {"methods": 10, "resamples": 10_000},
+        {"methods": 4, "resamples": 1_000},
+        compare_intervals,
+    ),
+    "ranks": Case(
+        "rank ranges of {methods} methods",
+        no_input,
+        {"airzoo-bench": rank_all, "pair by pair, a few": ask_pairs},
+        {"methods": 500},
+        {"methods": 20},
+        compare_tests,
+    ),
+}
 
 if __name__ == "__main__":
-    main()
+    main(CASES)

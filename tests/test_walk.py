@@ -10,6 +10,7 @@ from tests.walk import walk_template
 MOST = {"retrieval": (47, 415), "matching": (56, 481), "reconstruction": (59, 614)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("track", MOST)
 def test_a_score_runs_through_no_more_files_than_before(track: str) -> None:
     counts = walk_template(track)

@@ -30,7 +30,6 @@ from tests.formats.cloud_support import (
     write_pcd,
     write_ply,
 )
-from tests.formats.mesh_support import QUAD_HEADER, quads
 
 COLUMNS = made()
 POINTS = points_of(COLUMNS)
@@ -235,61 +234,6 @@ def test_kinds_of_ply(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(path).points, POINTS)
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong"),
-    [
-        ("element vertex 40", "element vertex -1"),
-        ("element vertex 40", "element verts 40"),
-        ("format binary_little_endian 1.0", "format binary 1.0"),
-        ("format binary_little_endian 1.0\n", ""),
-        ("property double x", "property double y"),
-        ("property double x", "property double u"),
-        ("property double x", "property list uchar double x"),
-        ("property double x", "property decimal x"),
-        ("end_header", "end"),
-    ],
-)
-def test_wrong_headers_of_ply(right: str, wrong: str, tmp_path: Path) -> None:
-    path = write_ply(tmp_path / "a.ply", COLUMNS)
-    path.write_bytes(path.read_bytes().replace(right.encode(), wrong.encode(), 1))
-    with pytest.raises(PredictionError):
-        opened(path)
-
-
-@pytest.mark.parametrize("length", [-1, 2**31 - 1])
-def test_a_list_of_absurd_length(length: int, tmp_path: Path) -> None:
-    body = np.array([length], "<i4").tobytes() + quads()
-    header = QUAD_HEADER.replace("uchar", "int")
-    path = write_ply(tmp_path / "a.ply", COLUMNS, faces_header=header, faces=body)
-    with refused("length"):
-        read(path)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"FIELDS": "x y q rgb"},
-        {"FIELDS": "x y z x"},
-        {"FIELDS": "x y z"},
-        {"SIZE": "8 8 8 3"},
-        {"TYPE": "F F F Q"},
-        {"COUNT": "1 1 1 0"},
-        {"POINTS": "-5"},
-        {"WIDTH": "39"},
-        {"DATA": "zip"},
-    ],
-)
-def test_wrong_headers_of_pcd(changes: dict[str, str], tmp_path: Path) -> None:
-    path = write_pcd(tmp_path / "a.pcd", COLUMNS, "binary")
-    text = path.read_bytes()
-    for key, value in changes.items():
-        old = next(line for line in text.split(b"\n") if line.startswith(key.encode()))
-        text = text.replace(old, f"{key} {value}".encode(), 1)
-    path.write_bytes(text)
-    with pytest.raises(PredictionError):
-        opened(path)
-
-
 def test_padding_and_repeated_fields_of_pcd(tmp_path: Path) -> None:
     record = np.dtype([("x", "<f4"), ("_", "V4"), ("y", "<f4"), ("h", "<f4", 3), ("z", "<f4")])
     rows = np.zeros(3, record)
@@ -300,31 +244,6 @@ def test_padding_and_repeated_fields_of_pcd(tmp_path: Path) -> None:
     )
     (tmp_path / "a.pcd").write_bytes(head.encode() + rows.tobytes())
     assert read(tmp_path / "a.pcd").points.tolist() == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
-
-
-@pytest.mark.parametrize("suffix", ["las", "laz"])
-@pytest.mark.parametrize(
-    ("place", "kind", "value"),
-    [
-        (94, "<H", 1),
-        (96, "<I", 0xFFFFFFFF),
-        (100, "<I", 0xFFFFFFFF),
-        (104, "<B", 60),
-        (105, "<H", 1),
-        (131, "<d", np.nan),
-        (139, "<d", 0.0),
-        (155, "<d", np.inf),
-    ],
-)
-def test_wrong_headers_of_las(
-    suffix: str, place: int, kind: str, value: float, tmp_path: Path
-) -> None:
-    path = write_las(tmp_path / f"a.{suffix}", COLUMNS)
-    raw = bytearray(path.read_bytes())
-    struct.pack_into(kind, raw, place, value)
-    path.write_bytes(raw)
-    with pytest.raises(PredictionError):
-        read(path)
 
 
 def test_what_follows_the_points_of_a_las_file_is_no_point(tmp_path: Path) -> None:
@@ -429,23 +348,6 @@ def test_every_digit_of_text_is_kept(
     path = tmp_path_factory.getbasetemp() / "digits.xyz"
     path.write_text("".join(separator.join(map(repr, row)) + "\n" for row in rows))
     np.testing.assert_array_equal(read(path).points, np.array(rows))
-
-
-@pytest.mark.parametrize(
-    "arrays",
-    [
-        {},
-        {"points": np.zeros((4, 2))},
-        {"points": np.zeros((4, 3), complex)},
-        {"points": np.zeros((4, 3)), "confidence": np.zeros(3)},
-        {"points": np.zeros((4, 3)), "confidence": np.zeros(4), "conf": np.zeros(4)},
-        {"points": np.zeros((4, 3)), "poses": np.zeros(4)},
-    ],
-)
-def test_wrong_fields_of_an_npz(arrays: dict[str, Any], tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(PredictionError):
-        opened(tmp_path / "a.npz")
 
 
 def test_an_npy_of_six_columns(tmp_path: Path) -> None:
