@@ -11,9 +11,9 @@ from scipy import stats
 from airzoo_bench.results.comparison import Pair, compare, make_sample, score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values
-from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.tables.comparison import verdict
 from airzoo_bench.tables.intervals import intervals_made
 from tests.statistics.coverage import coverage_over_scenes, documented, standard_error
@@ -105,3 +105,29 @@ def test_intervals_hold_what_is_true_as_often_as_documented(kind: str, scenes: i
     found = coverage_over_scenes(kind, scenes, 1_000)
     for share, stated in zip(found, (mean, unknown, difference), strict=True):
         assert abs(share - stated) < 4 * standard_error(stated, 1_000, 4_000)
+
+
+def test_each_variable_has_an_interval_of_its_own_rows() -> None:
+    values = np.array([ONE, OTHER, [3.0, 5.0, 4.0, 8.0, 2.0, 6.0], [0.5] * 5 + [np.inf]])
+    shares = np.array([True, True, False, False])
+    sample = Sample("scene", ("",), (values,), np.zeros(4, bool), shares)
+    found = sample_intervals(sample, PLAN, [(0, 1), (1, 0)])
+    assert [one.method for one in found.overall] == [
+        *("student", "student", "lognormal", "", "student", "student")
+    ]
+    for row, expected in ((0, stats.ttest_1samp(ONE, 0)), (1, stats.ttest_1samp(OTHER, 0))):
+        limits = found.overall[row].low, found.overall[row].high
+        assert limits == pytest.approx(tuple(expected.confidence_interval()), rel=1e-12)
+    low, high = (getattr(found.overall[4], name) for name in ("low", "high"))
+    assert (found.overall[5].low, found.overall[5].high) == pytest.approx((-high, -low))
+    assert found.groups[""] == found.overall
+    assert found.p_values == [pytest.approx(stats.ttest_rel(ONE, OTHER).pvalue)] * 2
+
+
+def test_scenes_of_several_groups_have_no_common_interval() -> None:
+    parts = tuple(np.array([ONE, OTHER]) for _ in range(2))
+    sample = Sample("scene", ("a", "b"), parts, np.zeros(2, bool), np.ones(2, bool))
+    found = sample_intervals(sample, PLAN, [(0, 1)])
+    assert found.overall == []
+    assert found.groups["a"] == found.groups["b"]
+    assert len(found.groups["a"]) == 3

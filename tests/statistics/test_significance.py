@@ -6,10 +6,17 @@ import itertools
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from airzoo_bench.results.comparison import is_share
+from airzoo_bench.statistics.intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample, sign_flips, stream_key
-from airzoo_bench.statistics.significance import mcnemar, p_floor, paired_permutation
+from airzoo_bench.statistics.significance import (
+    mcnemar,
+    p_floor,
+    paired_permutation,
+    paired_tests,
+)
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT
 
 ALL = ResamplingConfig(resamples=100_000)
@@ -169,3 +176,64 @@ def test_the_least_p_is_that_of_units_that_all_differ_alike():
 def test_shares_of_queries_are_means_from_0_to_1():
     assert [is_share(score) for score in (HIT, SOFT, ERROR, CHAMFER)] == [True, True, False, False]
     assert not is_share(SOFT.model_copy(update={"average": "median"}))
+
+
+def test_failures_under_random_patterns_are_those_that_the_seed_names():
+    inf = np.inf
+    groups = [[[1, inf, 3, inf, 2, 1], [2, inf, inf, inf, 5, 1]], [[1, 2, 8, 3], [2, 3, inf, 1]]]
+    made, count = sample(*groups), 40
+    observed, hits = paired(groups, [np.ones((len(g[0]), 1)) for g in groups]), 0
+    kept = [
+        sign_flips(len(group[0]), 0, count, stream_key(3, "permutation", name))
+        for name, group in zip(made.groups, groups, strict=True)
+    ]
+    for draw in range(count):
+        hits += paired(groups, [one[:, draw : draw + 1] for one in kept]) >= observed
+    test = paired_permutation(made, ResamplingConfig(resamples=count, seed=3), [(0, 1)])[0]
+    assert (test.p_value, test.exact, test.patterns) == ((hits + 1) / (count + 1), False, count)
+
+
+def paired(groups: list[list[list[float]]], kept: list[np.ndarray]) -> tuple[float, float]:
+    """Return how far apart two means are where some units change places, and by how many wins."""
+    sides, ahead = np.zeros(2), 0.0
+    for (first, second), stays in zip(groups, kept, strict=True):
+        one = np.where(stays[:, 0] > 0, first, second)
+        other = np.where(stays[:, 0] > 0, second, first)
+        sides += [one.mean(), other.mean()]
+        ahead += (np.mean(one > other) - np.mean(one < other)) / len(groups)
+    apart = 0.0 if sides[0] == sides[1] else abs(float(sides[0] - sides[1]))
+    return round(apart, 9), round(abs(ahead), 9) if np.isinf(apart) else 0.0
+
+
+def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow():
+    config = ResamplingConfig(resamples=500)
+    apart = sample([[9.0, 8.0, 7.0, 9.5, 5.0], [1.0, 2.0, 1.5, 1.2, 5.0]], median=True)
+    places = np.array([(0, 1)])
+    [interval], [test] = paired_tests(apart, config, places)
+    assert (test.p_value, test.exact, test.patterns) == (p_floor(4), False, 500)
+    assert (test.kind, interval.method) == ("bootstrap", "percentile")
+    values = np.random.default_rng(5).normal(0.0, 1.0, (2, 40))
+    near = sample(values.tolist(), median=True)
+    known = sample_intervals(near, config, places, groups=False).p_values
+    assert [one.p_value for one in paired_tests(near, config, places)[1]] == known
+    assert known[0] > p_floor(40)
+
+
+def test_a_median_of_one_unit_is_not_tested():
+    one = sample([[1.0], [2.0]], median=True)
+    [_], [test] = paired_tests(one, ALL, np.array([(0, 1)]))
+    assert (test.p_value, test.exact, test.patterns, test.kind) == (1.0, False, 0, "bootstrap")
+
+
+def test_scenes_are_tested_by_the_t_of_their_interval():
+    values = np.array([[0.9, 0.8, 0.7, 0.75, 0.5, 0.9], [0.5, 0.6, 0.4, 0.45, 0.5, 0.7]])
+    scenes = Sample("scene", ("",), (values,), np.zeros(2, bool), np.ones(2, bool))
+    [interval], [test] = paired_tests(scenes, ALL, np.array([(0, 1)]))
+    expected = scipy.stats.ttest_rel(*values).pvalue
+    assert test.p_value == pytest.approx(expected, rel=1e-9)
+    assert (test.exact, test.patterns, test.kind, interval.method) == (
+        True,
+        6,
+        "student",
+        "student",
+    )
