@@ -281,3 +281,9 @@ def test_nearer_is_never_worse(metres, k, share):
         far_score, near_score = score(metres), score(near)
         assert ((far_score >= 0) & (near_score <= 1)).all()
         assert (far_score <= near_score + 1e-15).all()  # exp is monotone but for its last bit
+
+
+def test_dis_counts_ranks_without_a_tile_as_the_farthest():
+    distances, farthest = np.array([[1.0, 4.0], [2.0, np.inf]]), np.array([10.0, 20.0])
+    assert metrics.dis_at(distances, 3, farthest).tolist() == [5.0, 14.0]
+    assert metrics.dis_at(distances, 1, farthest).tolist() == [1.0, 2.0]

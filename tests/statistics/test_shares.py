@@ -10,7 +10,8 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from airzoo_bench.results.comparison import score_intervals
-from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.intervals import sample_intervals
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.shares import (
     Rates,
     average_limits,
@@ -222,3 +223,14 @@ def test_coverage_is_as_documented(name: str, soft: bool) -> None:
     assert shares[0] >= 0.93 - 2 * standard_error(0.95, 2_000)
     for one in found:
         assert_covered(one, 2_000)
+
+
+def test_differences_of_shares_are_of_mover_and_few_queries_have_none() -> None:
+    values = np.random.default_rng(0).random((2, 9))
+    for units, methods in ((9, ["wilson", "wilson", "mover"]), (4, ["", "", ""])):
+        part = (values[:, :units],)
+        made = Sample("query", ("a",), part, np.zeros(2, bool), np.ones(2, bool))
+        found = sample_intervals(made, ResamplingConfig(), [(0, 1)])
+        assert [one.method for one in found.overall] == methods
+        assert [one.method for one in found.groups["a"]] == methods
+        assert found.p_values == [None]

@@ -180,8 +180,8 @@ def test_shares_of_queries_are_means_from_0_to_1():
 
 def test_failures_under_random_patterns_are_those_that_the_seed_names():
     inf = np.inf
-    groups = [[[1, inf, 3, inf, 2, 1], [2, inf, inf, inf, 5, 1]], [[1, 2, 8, 3], [2, 3, inf, 1]]]
-    made, count = sample(*groups), 40
+    groups = [[[inf, inf, 3, 1, 2, 4, 5], [2, 1, 4, 2, 5, 3, 7]], [[1, 2, 8, 3], [2, 3, 5, 1]]]
+    made, count = sample(*groups), 90
     observed, hits = paired(groups, [np.ones((len(g[0]), 1)) for g in groups]), 0
     kept = [
         sign_flips(len(group[0]), 0, count, stream_key(3, "permutation", name))
