@@ -15,8 +15,7 @@ def foreign_options(words: list[str], message: str) -> set[str]:
     """
     import typer
 
-    from airzoo_bench.cli.main import app
-    from airzoo_bench.cli.remedies import options_of
+    from airzoo_bench.cli.main import app, options_of
 
     root: Any = typer.main.get_command(app)
     own = options_of(root, words) | {word.partition("=")[0] for word in words}

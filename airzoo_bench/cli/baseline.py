@@ -10,37 +10,36 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
-from airzoo_bench.cli.common import say
-from airzoo_bench.cli.engines import choose_progress, engine_parameters
+from airzoo_bench.cli.built import (
+    BuiltGroup,
+    built_app,
+    engine_parameters,
+    option_parameters,
+    parameter,
+    with_parameters,
+)
+from airzoo_bench.cli.common import progress, say
 from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.engine import EngineKind, Processes, open_engine
+from airzoo_bench.engines.engine import Processes, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.info import TrackInfo
-
-__all__ = ["app"]
 
 
 class _BaselineGroup(BuiltGroup):
     registry = TRACKS
     own_panel = "Method"
-    panels: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Benchmark and predictions": ("data", "out"),
-    }
+    panels: ClassVar[dict[str, tuple[str, ...]]] = {"Benchmark and predictions": ("data", "out")}
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [name for name in TRACKS.names() if TRACKS.get(name).baseline is not None]
 
     def summary_of(self, name: str) -> str:
-        baseline = TRACKS.get(name).baseline
-        return "" if baseline is None else str(baseline.summary)
+        return str(TRACKS.get(name).baseline.summary)
 
     def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str]:
-        baseline = thing.baseline
-        if baseline is None:
-            raise TypeError(f"the {thing.name} track has no baseline")
+        baseline: Any = thing.baseline
         out = Annotated[Path, typer.Option("--out", "-o", help=baseline.out_help)]
         parameters = [
             parameter("protocol", Annotated[str, typer.Argument(help="Name or .toml file.")]),
@@ -53,14 +52,7 @@ class _BaselineGroup(BuiltGroup):
         return command, f"baseline {thing.name} {baseline.example}"
 
 
-app = typer.Typer(
-    cls=_BaselineGroup, help="Run a plain method that needs no weights.", no_args_is_help=True
-)
-
-
-@app.callback()
-def _group() -> None:
-    """Run a plain method that needs no weights."""
+app = built_app(_BaselineGroup, "Run a plain method that needs no weights.")
 
 
 def _predict(
@@ -69,24 +61,21 @@ def _predict(
     out: Path,
     data: str | None,
     jobs: int,
-    engine: EngineKind,
-    scheduler: str | None,
-    show_progress: bool,
+    engine: str,
     **settings: Any,
 ) -> None:
     from airzoo_bench.evaluation.evaluate import run_baseline
     from airzoo_bench.evaluation.track import Run
 
     baseline: Any = track.baseline
-    with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
-        shown = choose_progress(place, show_progress=show_progress)
+    with open_engine(engine, jobs=jobs, here=Processes(jobs), note=say) as place:
         run_baseline(
             track.name,
             protocol,
             out,
             data=resolve_data(data),
             settings=replace(baseline.settings, **settings),
-            run=Run(jobs=jobs, progress=shown, engine=place),
+            run=Run(jobs=jobs, progress=progress, engine=place),
             note=say,
         )
     say(f"wrote {out}")

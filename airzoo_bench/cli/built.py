@@ -11,23 +11,15 @@ from typing import Annotated, Any, ClassVar, get_args, get_type_hints
 import typer
 from typer.core import TyperCommand
 
-from airzoo_bench.cli.common import LightGroup, examples, in_panels
+from airzoo_bench.cli.common import EngineOption, JobsOption, LightGroup, examples, in_panels
 from airzoo_bench.core.registry import Option, Registry
-
-__all__ = [
-    "BuiltGroup",
-    "field_parameters",
-    "option_parameters",
-    "parameter",
-    "with_parameters",
-]
+from airzoo_bench.engines.engine import LOCAL
 
 
 class BuiltGroup(LightGroup):
-    """A group with a subcommand for each thing of a registry, made when it is asked for.
+    """A group with a subcommand for each entry of a registry, made when it is asked for.
 
-    What is registered may be another package's, whose import the help of all commands must not wait
-    for.
+    An entry may be another package's, whose import the help of all commands must not wait for.
     """
 
     registry: Registry
@@ -37,10 +29,10 @@ class BuiltGroup(LightGroup):
 
     @abstractmethod
     def command_of(self, thing: Any) -> tuple[Callable[..., None], *tuple[str, ...]]:
-        """Return the function of a thing's subcommand, and its examples."""
+        """Return the function of an entry's subcommand, and its examples."""
 
     def summary_of(self, name: str) -> str:
-        """Return what the list of subcommands says of a thing's."""
+        """Return what the list of subcommands says of an entry."""
         return str(self.registry.get(name).summary)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -71,6 +63,13 @@ class BuiltGroup(LightGroup):
         grouped = in_panels(self.panels, self.own_panel)
         app.command(name=cmd_name, cls=grouped, epilog=examples(*calls))(function)
         return typer.main.get_command(app)
+
+
+def built_app(group: type[BuiltGroup], summary: str) -> typer.Typer:
+    """Return the command whose subcommands a group makes."""
+    app = typer.Typer(cls=group, help=summary, no_args_is_help=True)
+    app.callback()(lambda: None)
+    return app
 
 
 def parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter:
@@ -118,3 +117,8 @@ def with_parameters(
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     command.__signature__ = Signature(list(parameters))  # type: ignore[attr-defined]
     return command
+
+
+def engine_parameters(jobs: int) -> list[Parameter]:
+    """Return the options of a command whose work may be done elsewhere."""
+    return [parameter("jobs", JobsOption, jobs), parameter("engine", EngineOption, LOCAL)]

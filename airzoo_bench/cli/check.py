@@ -20,8 +20,6 @@ from airzoo_bench.cli.common import (
 )
 from airzoo_bench.cli.locations import DataOption, predictions_here, resolve_data
 
-__all__ = ["EXAMPLES", "check"]
-
 EXAMPLES = examples(
     "check preds.npz", "check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval"
 )

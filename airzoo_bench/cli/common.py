@@ -29,7 +29,7 @@ T = TypeVar("T")
 MOST_JOBS = 1024
 _OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
 SCALE = "For scale"
-_FOR_SCALE = ("jobs", "max_memory", "untrusted", "engine", "scheduler", "resume", "show_progress")
+_FOR_SCALE = ("jobs", "max_memory", "untrusted", "engine", "resume")
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -126,6 +126,24 @@ ScoresOption = Annotated[
     typer.Option("--score", help="Key or title, repeatable (default: the paper's scores)."),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
+EngineOption = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="local|dask|ADDRESS",
+        help="Where work is done, with the same result: here; on --jobs workers of Dask on this "
+        "machine (extra `dask`); or at a scheduler of Dask, such as tcp://10.0.0.5:8786, whose "
+        "workers see all files under the paths that they have here.",
+    ),
+]
+ResumeOption = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Keep each scene that is scored, and go on from those that a run with this --out and "
+        "--resume had kept when it was stopped.",
+    ),
+]
 JobsOption = Annotated[
     int,
     typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads or processes to work with."),
@@ -143,26 +161,26 @@ def in_panels(panels: Mapping[str, Sequence[str]], rest: str | None = None) -> t
     Other options stand in the panel `rest`, where it has a name. What is for scale is the last.
     """
     named = {**panels, **({rest: ()} if rest else {}), SCALE: _FOR_SCALE}
-    panel_of = {name: panel for panel, names in named.items() for name in names}
-    order = [*named]
+    titles = [*named]
+    places = {
+        name: (panel, place)
+        for panel, names in enumerate(named.values())
+        for place, name in enumerate(names)
+    }
 
-    def panel(one: Any) -> str | None:
-        is_first = one.name == "help" or one.param_type_name == "argument"
-        return None if is_first else panel_of.get(one.name, rest)
-
-    def place(one: Any) -> tuple[int, int]:
-        found = panel(one)
-        names = [*named.get(found or "", ())]
-        inside = names.index(one.name) if one.name in names else 0
-        return (-1 if found is None else order.index(found), inside)
+    def place_of(one: Any) -> tuple[int, int]:
+        if one.name == "help" or one.param_type_name == "argument":
+            return (-1, 0)
+        return places.get(one.name, (titles.index(rest) if rest else -1, 0))
 
     class Grouped(TyperCommand):
         def __init__(self, *args: Any, **settings: Any) -> None:
             super().__init__(*args, **settings)
+            self.params.sort(key=place_of)
             for one in self.params:
-                if panel(one) is not None:
-                    one.rich_help_panel = panel(one)  # type: ignore[attr-defined]
-            self.params.sort(key=place)
+                panel, _ = place_of(one)
+                if panel >= 0:
+                    one.rich_help_panel = titles[panel]  # type: ignore[attr-defined]
 
     return Grouped
 

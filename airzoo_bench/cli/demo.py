@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from airzoo_bench.evaluation.info import Baseline, TrackInfo
     from airzoo_bench.evaluation.track import Run
 
-__all__ = ["EXAMPLES", "demo"]
 
 EXAMPLES = examples("demo")
 _NAME = "airzoo-demo"

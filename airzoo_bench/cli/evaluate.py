@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from airzoo_bench.cli.built import BuiltGroup, parameter, with_parameters
+from airzoo_bench.cli.built import (
+    BuiltGroup,
+    built_app,
+    engine_parameters,
+    parameter,
+    with_parameters,
+)
 from airzoo_bench.cli.common import (
     AllOption,
     Format,
@@ -20,28 +27,23 @@ from airzoo_bench.cli.common import (
     NamesOption,
     ProtocolOption,
     ReaderOption,
+    ResumeOption,
     UntrustedOption,
     memory_bytes,
+    progress,
     put,
     say,
     show,
 )
-from airzoo_bench.cli.engines import (
-    ResumeOption,
-    choose_progress,
-    engine_parameters,
-    keep_scenes,
-)
 from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.engines.engine import EngineKind, open_engine
+from airzoo_bench.core.registry import TRACKS, resolve
+from airzoo_bench.engines.engine import LOCAL, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
     from airzoo_bench.evaluation.info import EvalOption, TrackInfo
-
-__all__ = ["app"]
+    from airzoo_bench.evaluation.scene_store import SceneStore
 
 OutOption = Annotated[
     str | None,
@@ -88,17 +90,10 @@ class _EvalGroup(BuiltGroup):
         ]
         command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
         call = f"eval {thing.name} {thing.example}"
-        return command, call, f"{call} --engine dask --jobs 8 --progress"
+        return command, call, f"{call} --engine dask --jobs 8"
 
 
-app = typer.Typer(
-    cls=_EvalGroup, help="Score predictions and print the per-scene table.", no_args_is_help=True
-)
-
-
-@app.callback()
-def _group() -> None:
-    """Score predictions and print the per-scene table."""
+app = built_app(_EvalGroup, "Score predictions and print the per-scene table.")
 
 
 def _kind(one: EvalOption) -> Any:
@@ -121,17 +116,15 @@ def _evaluate(
     jobs: int,
     max_memory: str,
     untrusted: bool,
-    engine: EngineKind,
-    scheduler: str | None,
+    engine: str,
     resume: bool,
-    show_progress: bool,
     image_size: str | None = None,
     **extras: bool | int,
 ) -> None:
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.opening import ReadBy
-    from airzoo_bench.evaluation.run_files import check_run_folder, local_place, only_run_at
+    from airzoo_bench.evaluation.run_files import check_run_folder, only_run_at
     from airzoo_bench.evaluation.track import Run
 
     asked = {one: extras[one.name] for one in track.options if extras[one.name] != one.default}
@@ -143,17 +136,17 @@ def _evaluate(
     if out is not None:
         refuse_one_slash(out)
         check_run_folder(out, [one for one in (predictions, protocol, data, names) if one])
-        name = method or _name_of(out)
+        name = method or Path(out).resolve().name or None
     memory = memory_bytes(max_memory)
     with (
         only_run_at(out),
-        open_engine(engine, scheduler, jobs=jobs, memory_bytes=memory, note=say) as place,
-        keep_scenes(local_place(out), resume=resume and not writing) as store,
+        open_engine(engine, jobs=jobs, memory_bytes=memory, note=say) as place,
+        _keep_scenes(out if resume and not writing else None) as store,
     ):
-        threads = jobs if engine is EngineKind.LOCAL else 1
-        place.progress = choose_progress(place, show_progress=show_progress)
+        place.progress = progress
+        threads = jobs if engine == LOCAL else 1
         limits = Limits(memory) if untrusted else None
-        run = Run(memory, threads, place.progress, bool(writing), place, limits)
+        run = Run(memory, threads, progress, bool(writing), place, limits)
         evaluation = evaluate(
             predictions_here(predictions),
             data=resolve_data(data),
@@ -181,19 +174,35 @@ def _evaluate(
     say(f"next: airzoo-bench table {written[0]} --format latex")
 
 
-def _name_of(out: str) -> str | None:
-    from airzoo_bench.storage.urls import url_of
+@contextmanager
+def _keep_scenes(out: str | None) -> Iterator[SceneStore | None]:
+    """Open the store of scored scenes beside an output; remove it when the block is done."""
+    from airzoo_bench.evaluation.run_files import local_place
+    from airzoo_bench.evaluation.scene_store import SceneStore
 
-    url = url_of(out)
-    return (Path(out).resolve() if url is None else url).name or None
+    beside = local_place(out)
+    if beside is None:
+        yield None
+        return
+    store = SceneStore(beside.with_name(f"{beside.name}.unfinished"))
+    if store.paths():
+        say(f"{store.folder} holds scored scenes, which are used where they are of this very run")
+    else:
+        say("no scene of an earlier run is kept: all begins anew")
+    try:
+        yield store
+    except KeyboardInterrupt:
+        if store.paths():
+            say(f"scored scenes are kept in {store.folder}; the same command goes on from there")
+        raise
+    store.remove()
 
 
 def _say_replaced(out: str | None) -> None:
     """Say which earlier run will go: once the predictions are known to be scored."""
     from airzoo_bench.evaluation.run_files import describe_earlier_run
 
-    replaced = None if out is None else describe_earlier_run(out)
-    if replaced is not None:
+    if out is not None and (replaced := describe_earlier_run(out)) is not None:
         say(replaced)
 
 
@@ -201,8 +210,6 @@ def _act(
     asked: dict[EvalOption, Any], run: Any, done: Evaluation, folder: Path | None
 ) -> Iterator[str]:
     """Do what a track's own options ask for: within the run's folder, or without one."""
-    from airzoo_bench.core.registry import resolve
-
     for one, value in asked.items():
         if one.needs_out == (folder is not None):
             yield from resolve(one.act)(done, value, folder, run)

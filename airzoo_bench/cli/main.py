@@ -9,7 +9,7 @@ import io
 import re
 import sys
 import traceback
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -19,112 +19,104 @@ import typer
 from typer.core import TyperOption
 
 from airzoo_bench.cli.common import LightGroup, in_panels, say
-from airzoo_bench.cli.remedies import options_of, own_ways
 from airzoo_bench.core.errors import UserError
-
-__all__ = ["app", "main"]
 
 _INPUT_IS_WRONG = 2
 _BUG = 70
 _MOST_NEIGHBOURS = 10_000
 
-
-@dataclass(frozen=True)
-class _Place:
-    """Where a command is: a function or a group of commands in a module of this folder."""
-
-    module: str
-    attribute: str
-    help: str
-    examples: str = "EXAMPLES"
-
-
-_COMMANDS: dict[str, dict[str, _Place]] = {
+# By panel and name: a function or a group of commands in a module of this folder, its help, and the
+# name of its examples there where that is not EXAMPLES.
+_COMMANDS: dict[str, dict[str, tuple[str, ...]]] = {
     "Score": {
-        "eval": _Place("evaluate", "app", "Score predictions and print the per-scene table."),
-        "check": _Place("check", "check", "List every error of predictions."),
-        "readers": _Place("readers", "readers", "List the readers of methods' own files."),
-        "template": _Place("template", "template", "Write an example prediction."),
-        "baseline": _Place("baseline", "app", "Run a plain method that needs no weights."),
+        "eval": ("evaluate:app", "Score predictions and print the per-scene table."),
+        "check": ("check:check", "List every error of predictions."),
+        "readers": ("readers:readers", "List the readers of methods' own files."),
+        "template": ("template:template", "Write an example prediction."),
+        "baseline": ("baseline:app", "Run a plain method that needs no weights."),
     },
     "Results": {
-        "table": _Place("table", "table", "Print results as a table: terminal, LaTeX, CSV ..."),
-        "compare": _Place("compare", "compare", "Compare methods query by query, with tests."),
-        "breakdown": _Place("breakdown", "breakdown", "Print scores by weather, altitude ..."),
-        "plot": _Place("plot", "app", "Draw results as pictures."),
-        "report": _Place("report", "report", "Write a report: one HTML file with everything."),
+        "table": ("table:table", "Print results as a table: terminal, LaTeX, CSV ..."),
+        "compare": ("compare:compare", "Compare methods query by query, with tests."),
+        "breakdown": ("breakdown:breakdown", "Print scores by weather, altitude ..."),
+        "plot": ("plot:app", "Draw results as pictures."),
+        "report": ("report:report", "Write a report: one HTML file with everything."),
     },
     "Data": {
-        "prepare": _Place("prepare", "app", "Make a benchmark folder out of data."),
-        "download": _Place("download", "download", "Fetch a published benchmark, or its links."),
-        "manifest": _Place("manifest", "manifest", "Fill in benchmark.toml of your own folder."),
-        "protocols": _Place("protocols", "protocols", "List all protocols, or print one."),
+        "prepare": ("prepare:app", "Make a benchmark folder out of data."),
+        "download": ("download:download", "Fetch a published benchmark, or its links."),
+        "manifest": ("manifest:manifest", "Fill in benchmark.toml of your own folder."),
+        "protocols": ("protocols:protocols", "List all protocols, or print one."),
     },
     "Checks": {
-        "audit": _Place("audit", "audit", "Check a published table against arithmetic."),
-        "check-geometry": _Place(
-            "check_geometry",
-            "check_geometry",
-            "Check frames and depth of a dataset.",
+        "audit": ("audit:audit", "Check a published table against arithmetic."),
+        "check-geometry": (
+            *("check_geometry:check_geometry", "Check frames and depth of a dataset."),
             "GEOMETRY_EXAMPLES",
         ),
-        "check-split": _Place(
-            "check_geometry",
-            "check_split",
-            "Check that two sets see no common ground.",
+        "check-split": (
+            *("check_geometry:check_split", "Check that two sets see no common ground."),
             "SPLIT_EXAMPLES",
         ),
     },
     "Leaderboard": {
-        "submit": _Place("submit", "submit", "Submit predictions to a board."),
-        "submission": _Place("submit", "app", "Check a submission before it is sent."),
-        "leaderboard": _Place("leaderboard", "app", "A board of your own: files, CI, pages."),
-        "seal": _Place("seal", "seal", "Split a benchmark from its truth.", "SEAL_EXAMPLES"),
-        "seal-score": _Place(
-            "seal", "seal_score", "Score against a sealed truth.", "SCORE_EXAMPLES"
-        ),
+        "submit": ("submit:submit", "Submit predictions to a board."),
+        "submission": ("submit:app", "Check a submission before it is sent."),
+        "leaderboard": ("leaderboard:app", "A board of your own: files, CI, pages."),
+        "seal": ("seal:seal", "Split a benchmark from its truth.", "SEAL_EXAMPLES"),
+        "seal-score": ("seal:seal_score", "Score against a sealed truth.", "SCORE_EXAMPLES"),
     },
     "AirZoo-Mini, which needs no data": {
-        "demo": _Place("demo", "demo", "Run a plain method on every track, and print the tables."),
-        "mini": _Place("mini", "app", "Make the world of AirZoo-Mini, and photos of it."),
+        "demo": ("demo:demo", "Run a plain method on every track, and print the tables."),
+        "mini": ("mini:app", "Make the world of AirZoo-Mini, and photos of it."),
     },
 }
+_PLACES = {name: place for panel in _COMMANDS.values() for name, place in panel.items()}
+
+# Options that library code names, and that not every command has which calls it.
+_SHARED = {
+    "--data", "--depth", "--engine", "--force", "--image-size", "--jobs", "--max-memory",
+    "--names", "--out", "--protocol", "--reader", "--resume",
+}  # fmt: skip
+_OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+_OTHER_CALL = re.compile(r"`[^`]*`(?: with --\w+)?")
+_OR = ", or "
 
 
 class _Main(LightGroup):
     """All commands, in panels; the help imports none of them."""
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        return [*(name for part in _COMMANDS.values() for name in part), *self.commands]
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import a command."""
-        place = next((part[cmd_name] for part in _COMMANDS.values() if cmd_name in part), None)
-        if place is not None and cmd_name not in self._built:
-            self._built[cmd_name] = _command(cmd_name, place)
-        return self._built.get(cmd_name) or super().get_command(ctx, cmd_name)
-
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
         self._built: dict[str, Any] = {}
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*_PLACES, *self.commands]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command."""
+        if cmd_name in _PLACES and cmd_name not in self._built:
+            self._built[cmd_name] = _build_command(cmd_name, *_PLACES[cmd_name])
+        return self._built.get(cmd_name) or super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands panel by panel."""
         for panel, places in _COMMANDS.items():
             with formatter.section(panel):
-                formatter.write_dl([(name, place.help) for name, place in places.items()])
+                formatter.write_dl([(name, place[1]) for name, place in places.items()])
 
 
-def _command(name: str, place: _Place) -> Any:
-    module = import_module(f"airzoo_bench.cli.{place.module}")
-    found = getattr(module, place.attribute)
+def _build_command(name: str, place: str, _: str, examples: str = "EXAMPLES") -> Any:
+    home, attribute = place.split(":")
+    module = import_module(f"airzoo_bench.cli.{home}")
+    found = getattr(module, attribute)
     if isinstance(found, typer.Typer):
         group = typer.main.get_group(found)
         group.name = name
         return group
     app = typer.Typer(add_completion=False)
     panels = in_panels(getattr(module, "PANELS", {}))
-    app.command(name, cls=panels, epilog=getattr(module, place.examples))(found)
+    app.command(name, cls=panels, epilog=getattr(module, examples))(found)
     return typer.main.get_command(app)
 
 
@@ -196,6 +188,30 @@ def _refuse(error: UserError) -> NoReturn:
     error.fix = own_ways(error.fix, options_of(typer.main.get_command(app), sys.argv[1:]))
     say(f"airzoo-bench: {error}{_near_path(error)}")
     sys.exit(_INPUT_IS_WRONG)
+
+
+def options_of(group: Any, words: Sequence[str] | Iterator[str]) -> set[str]:
+    """Return the options of the command that words of a command line name."""
+    rest = iter(words)
+    found = group.get_command(None, next(rest, "")) if hasattr(group, "get_command") else None
+    if found is not None:
+        return options_of(found, rest)
+    return {name for one in group.params for name in one.opts}
+
+
+def own_ways(fix: str | None, options: set[str]) -> str | None:
+    """Leave out ways to mend a fault, with ", or " between, by options that a command lacks.
+
+    Library code is called by many commands, and says how to mend a fault in all of them: "raise
+    --max-memory, or sample the mesh".
+    """
+    foreign = _SHARED - options
+    ways = [
+        way
+        for way in (fix or "").split(_OR)
+        if foreign.isdisjoint(_OPTION.findall(_OTHER_CALL.sub("", way)))
+    ]
+    return _OR.join(ways) or None
 
 
 def _near_path(error: UserError) -> str:

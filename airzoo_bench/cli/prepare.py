@@ -12,15 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from airzoo_bench.cli.built import BuiltGroup, option_parameters, parameter, with_parameters
+from airzoo_bench.cli.built import (
+    BuiltGroup,
+    engine_parameters,
+    option_parameters,
+    parameter,
+    with_parameters,
+)
 from airzoo_bench.cli.common import progress, put, say, working
-from airzoo_bench.cli.engines import choose_progress, engine_parameters
 from airzoo_bench.cli.locations import with_data
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import About, about_file, read_about
-from airzoo_bench.engines.engine import EngineKind, Processes, open_engine
+from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.dataset import Dataset
@@ -112,9 +117,7 @@ def _prepare(
     copy: bool,
     force: bool,
     jobs: int = 1,
-    engine: EngineKind = EngineKind.LOCAL,
-    scheduler: str | None = None,
-    show_progress: bool = False,
+    engine: str = LOCAL,
     **options: Any,
 ) -> None:
     from airzoo_bench.core.files import check_new_folder
@@ -140,9 +143,8 @@ def _prepare(
         say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
         return
     check_new_folder(folder, replace=force)
-    with open_engine(engine, scheduler, jobs=jobs, here=Processes(jobs), note=say) as place:
-        shown = choose_progress(place, show_progress=show_progress)
-        prepared = dataset.prepare(chosen, replace(settings, engine=place, progress=shown))
+    with open_engine(engine, jobs=jobs, here=Processes(jobs), note=say) as place:
+        prepared = dataset.prepare(chosen, replace(settings, engine=place))
     _print_prepared(dataset.about, dataset.about.without_truth, prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"

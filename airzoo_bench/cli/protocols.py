@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import textwrap
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,11 +14,10 @@ from airzoo_bench.cli.locations import DataOption, resolve_data
 if TYPE_CHECKING:
     from airzoo_bench.datasets.about import About
     from airzoo_bench.protocol.model import Protocol
-    from airzoo_bench.tables.model import Row, Table
-
-__all__ = ["EXAMPLES", "protocols"]
 
 EXAMPLES = examples("protocols uav-visloc-retrieval")
+_IN_A_TERMINAL = ("Protocol", "Track", "Scenes", "Queries")
+_TITLES = (*_IN_A_TERMINAL, "Version", "Fingerprint", "Title", "Data", "Licence", "Assumed")
 
 
 def protocols(
@@ -35,7 +32,7 @@ def protocols(
     With a name: its file, and what is known of the benchmark's data.
     """
     from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
-    from airzoo_bench.tables.model import Column, Table
+    from airzoo_bench.tables.model import Cell, Column, Row, Table
 
     folder = resolve_data(data)
     if name is not None:
@@ -43,47 +40,28 @@ def protocols(
         path = Path(name) if name.endswith(".toml") else protocol_files(folder)[name]
         put(_about_lines(_about(protocol.benchmark)) + path.read_text(encoding="utf-8"))
         return
+    loaded = {key: load_protocol(path) for key, path in protocol_files(folder).items()}
+    rows = tuple(Row(tuple(map(Cell, _values(key, one)))) for key, one in loaded.items())
+    table = Table("Protocols", tuple(map(Column, _TITLES)), rows)
     if form is Format.TERMINAL:
         say("protocols NAME prints one and what is assumed of its data; --format json has all")
-    loaded = {key: load_protocol(path) for key, path in protocol_files(folder).items()}
-    rows = tuple(_row(key, protocol) for key, protocol in loaded.items())
-    table = Table("Protocols", tuple(map(Column, _TITLES)), rows)
-    show(_narrow(table) if form is Format.TERMINAL else table, form)
+        few = len(_IN_A_TERMINAL)
+        rows = tuple(replace(row, cells=row.cells[:few]) for row in rows)
+        table = replace(table, columns=table.columns[:few], rows=rows)
+    show(table, form)
 
 
-_TITLES = (
-    *("Protocol", "Version", "Track", "Scenes", "Queries", "Fingerprint", "Title"),
-    *("Data", "Licence", "Assumed"),
-)
-
-
-_IN_A_TERMINAL = ("Protocol", "Track", "Scenes", "Queries")
-
-
-def _narrow(table: Table) -> Table:
-    """Keep the columns that fit a terminal."""
-    kept = [_TITLES.index(title) for title in _IN_A_TERMINAL]
-    rows = [replace(row, cells=tuple(row.cells[i] for i in kept)) for row in table.rows]
-    return replace(table, columns=tuple(table.columns[i] for i in kept), rows=tuple(rows))
-
-
-def _row(key: str, protocol: Protocol) -> Row:
-    from airzoo_bench.tables.model import Cell, Row
-
+def _values(key: str, protocol: Protocol) -> tuple[str | int, ...]:
     about = _about(protocol.benchmark)
     # Published counts are of the whole benchmark, not of what a folder holds of it.
     partial = protocol.benchmark.endswith("-partial")
     counts = [s.queries for s in protocol.scenes if s.queries is not None and not partial]
-    assumed = () if about is None else about.assumptions
-    values = (
-        *(key, protocol.version, protocol.track, len(protocol.scenes)),
-        sum(counts) if len(counts) == len(protocol.scenes) else "",
-        *(protocol.fingerprint[:12], protocol.title),
-        "" if about is None else about.page,
-        "" if about is None else about.licence,
-        " ".join(assumed),
+    queries = sum(counts) if len(counts) == len(protocol.scenes) else ""
+    first = (key, protocol.track, len(protocol.scenes), queries)
+    data = (
+        ("", "", "") if about is None else (about.page, about.licence, " ".join(about.assumptions))
     )
-    return Row(tuple(map(Cell, values)))
+    return (*first, protocol.version, protocol.fingerprint[:12], protocol.title, *data)
 
 
 def _about(benchmark: str) -> About | None:
@@ -94,7 +72,7 @@ def _about(benchmark: str) -> About | None:
     name = benchmark.removesuffix("-partial")
     if about_file(name).is_file():
         return about_of(name)
-    return DATASETS.get(name).about if name in DATASETS.names() else None
+    return DATASETS.get(name).about if name in DATASETS else None
 
 
 def _about_lines(about: About | None) -> str:
@@ -104,17 +82,4 @@ def _about_lines(about: About | None) -> str:
     lines = [f"{about.title}: {about.page}", f"licence: {about.licence}"]
     lines += [f"assumed: {sentence}" for sentence in about.assumptions]
     lines += [f"not verified: {sentence}" for sentence in about.unverified]
-    width = shutil.get_terminal_size((80, 24)).columns
-    return "".join(f"{_comment(line, width)}\n" for line in lines)
-
-
-def _comment(line: str, width: int) -> str:
-    """Wrap a comment at the terminal's width, but no address."""
-    return textwrap.fill(
-        line,
-        max(width, 40),
-        initial_indent="# ",
-        subsequent_indent="#   ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    return "".join(f"# {line}\n" for line in lines)

@@ -11,8 +11,6 @@ import typer
 from airzoo_bench.cli.common import examples, say
 from airzoo_bench.cli.locations import DataOption, resolve_data, with_data
 
-__all__ = ["EXAMPLES", "template"]
-
 EXAMPLES = examples("template airzoo-mini-retrieval --out preds.npz")
 
 
@@ -40,7 +38,6 @@ def template(
         typer.Option(help="Content of a retrieval file (default: ranked-ids)."),
     ] = None,
     data: DataOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random answers.")] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Write over a file that is there.")
     ] = False,
@@ -48,9 +45,8 @@ def template(
     """Write an example prediction: every query, with random tiles, matches or depth maps."""
     from airzoo_bench.evaluation.evaluate import write_template
 
-    written = write_template(
-        protocol, data=resolve_data(data), out=out, kind=kind and kind.value, seed=seed, force=force
-    )
+    folder = resolve_data(data)
+    written = write_template(protocol, data=folder, out=out, kind=kind and kind.value, force=force)
     say(f"wrote {written.out}: replace its arrays, which are random, by your own")
     if written.note is not None:
         say(written.note)

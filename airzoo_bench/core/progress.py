@@ -54,7 +54,6 @@ def report_progress(
     clock: Callable[[], float] = monotonic,
     first_s: float = _FIRST_S,
     every_s: float = _EVERY_S,
-    rate: bool = False,
 ) -> Generator[T, None, None]:
     """Yield the items; name what takes long, and say now and then how long the rest takes."""
     name = Timer(first_s, say, [f"{label} ..."])
@@ -67,8 +66,8 @@ def report_progress(
             now = clock()
             if now - last >= every_s and done < total:
                 left = (now - begin) / done * (total - done)
-                speed = f"{done / (now - begin):.3g}/s, " if rate else ""
-                say(f"{label}: {done:,} of {total:,}, {speed}about {_duration(left)} left")
+                speed = f"{done / (now - begin):.3g}/s"
+                say(f"{label}: {done:,} of {total:,}, {speed}, about {_duration(left)} left")
                 last = now
     finally:
         name.cancel()

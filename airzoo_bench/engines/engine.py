@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,7 +30,7 @@ R = TypeVar("R")
 UNREAD = 4
 """Blocks a worker that may wait to be read, so that memory does not grow with their number."""
 MORE_MEMORY = "lower --jobs, raise --max-memory, or use workers or a machine with more memory"
-LOCAL = "local"
+LOCAL, DASK = "local", "dask"
 _ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s/:@]+):\d{1,5}")
 _IDLE_S = 60
 _QUIET = "ignore:resource_tracker"
@@ -213,27 +212,17 @@ def without_ctrl_c() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class EngineKind(StrEnum):
-    """Where work is done, as options name it."""
-
-    LOCAL = "local"
-    DASK = "dask"
-
-
 @contextmanager
 def open_engine(
-    kind: EngineKind,
-    scheduler: str | None,
+    where: str,
     *,
     jobs: int,
     memory_bytes: int | None = None,
     here: Engine | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Engine]:
-    """Open the engine that options ask for; it ends with the block."""
-    if kind is EngineKind.LOCAL:
-        if scheduler is not None:
-            raise UsageError("--scheduler is of Dask", fix="add --engine dask")
+    """Open the engine that --engine names: local, dask, or a scheduler's address; it ends after."""
+    if where == LOCAL:
         engine = here or Engine()
         try:
             yield engine
@@ -241,22 +230,23 @@ def open_engine(
             if isinstance(engine, Processes):
                 engine.kill()
         return
-    own = scheduler in (None, LOCAL)
-    if not own and not _ADDRESS.fullmatch(str(scheduler)):
+    if where != DASK and not _ADDRESS.fullmatch(where):
         raise UsageError(
-            "that is not the address of a scheduler",
-            where=f"--scheduler {scheduler}",
-            expected="local, tcp://HOST:PORT or tls://HOST:PORT, such as tcp://10.0.0.5:8786",
+            "that is no engine, and not the address of a scheduler",
+            where=f"--engine {where}",
+            expected="local, dask, tcp://HOST:PORT or tls://HOST:PORT",
         )
     if importlib.util.find_spec("distributed") is None:
         raise UsageError(
-            "--engine dask needs Dask, which is not installed",
+            f"--engine {where} needs Dask, which is not installed",
             fix="pip install 'airzoo-bench[dask]'",
         )
     dask = "airzoo_bench.engines.dask"  # Dask is an extra
-    if own:
+    if where == DASK:
         cluster = resolve(f"{dask}:local_cluster")(jobs, memory_bytes)
     else:
-        cluster = resolve(f"{dask}:connect")(str(scheduler), note)
+        cluster = resolve(f"{dask}:connect")(where, note)
     with cluster as engine:
+        if engine.dashboard is not None:
+            note(f"dashboard: {engine.dashboard}")
         yield engine

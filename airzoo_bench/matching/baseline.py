@@ -116,7 +116,7 @@ def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
     size = np.array((task.camera.width[0], task.camera.height[0]))
     photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
     largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
-    fit = min(1.0, settings.max_side_px / largest)
+    fit = min(1.0, settings.long_side_px / largest)
     wanted = np.maximum(np.round(size * photo_scale * fit), 1).astype(int)
     query_xy, crop_xy = match(
         _read_photo(task.photo, size, wanted),

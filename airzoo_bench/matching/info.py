@@ -14,12 +14,10 @@ class SiftSettings:
     """How the baseline matches photos with the map; see `geometry.sift` for features."""
 
     max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
-    max_map_features: Annotated[int, Option("map-features", "SIFT features of a crop.", 4)] = 16384
+    max_map_features: int = 16384  # of a crop
     peak_threshold: float = 0.02 / 3  # pycolmap's own
-    ratio: Annotated[
-        float, Option("ratio", "Largest ratio of nearest to second distance.", 0.01, 1.0)
-    ] = 0.8
-    max_side_px: Annotated[int, Option("long-side", "Pictures are made this small, px.", 64)] = 2000
+    ratio: float = 0.8  # of the nearest to the second distance
+    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 2000
     doubled: Annotated[bool, DOUBLED] = True
 
 

@@ -26,12 +26,10 @@ class SfmSettings:
     peak_threshold: float = 0.02 / 3
     doubled: Annotated[bool, DOUBLED] = True
     ratio: float = 0.8
-    neighbours: Annotated[
-        int | None, Option("neighbours", "Nearest photos, by GPS, to match each photo with.", 2)
-    ] = 12
+    neighbours: int | None = 12
     least_inliers: int = 15
     max_error_px: float = 4.0
-    seed: Annotated[int, Option("seed", "Of every random choice.", 0)] = 0
+    seed: int = 0
 
 
 INFO = TrackInfo(

@@ -39,7 +39,7 @@ def main() -> int:
     with SLURMCluster(**settings) as cluster:
         sys.stderr.write(cluster.job_script())
         cluster.scale(jobs=asked.workers)
-        engine = ["--engine", "dask", "--scheduler", cluster.scheduler_address]
+        engine = ["--engine", cluster.scheduler_address]
         return subprocess.run([*asked.command, *engine], check=False).returncode
 
 

@@ -13,9 +13,9 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from airzoo_bench.cli.main import app
 from tests.support import run_main
 
-MOST_OPTIONS = 251
-COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--scheduler", "--untrusted")
-SCALE = ("jobs", "max_memory", "untrusted", "engine", "scheduler", "resume", "show_progress")
+MOST_OPTIONS = 239
+COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--untrusted")
+SCALE = ("jobs", "max_memory", "untrusted", "engine", "resume")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
 
 

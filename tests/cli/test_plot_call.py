@@ -11,7 +11,6 @@ import pytest
 
 from airzoo_bench.cli import common
 from airzoo_bench.cli.common import progress, working
-from airzoo_bench.cli.engines import rated
 from airzoo_bench.core.progress import report_progress
 from tests.support import run_main, write_predictions
 
@@ -76,7 +75,7 @@ def test_work_within_work_is_shown_below_it(monkeypatch: pytest.MonkeyPatch) -> 
         assert [task.description for task in shown.tasks] == ["scenes"]
     assert shown.tasks == []
     rows = []
-    for scene in rated((piece for piece in ("one",)), "learning [words]", 1):
+    for scene in progress((piece for piece in ("one",)), "learning [words]", 1):
         rows = [(task.description, task.total) for task in displays[-1].tasks]
         assert scene == "one"
     assert rows == [("learning [words]", None)]  # one piece is not half done: its bar pulses

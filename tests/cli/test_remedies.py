@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 import typer
 
-from airzoo_bench.cli.main import app
-from airzoo_bench.cli.remedies import options_of, own_ways
+from airzoo_bench.cli.main import app, options_of, own_ways
 from airzoo_bench.core.errors import PredictionError
 from tests.support import run_main
 

@@ -16,7 +16,7 @@ from airzoo_bench.datasets.dataset import Dataset
 from tests.support import run_main
 
 SHARED = {"out", "tiles", "crops", "copy", "force"}
-SPREAD = {"jobs", "engine", "scheduler"}
+SPREAD = {"jobs", "engine"}
 
 
 @pytest.mark.parametrize("name", DATASETS.names())

@@ -93,4 +93,4 @@ def test_the_run_of_the_manifests_calls_their_scheduler() -> None:
     yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
     cluster = yaml.safe_load((CLUSTER / "kubernetes.yaml").read_text())
     port = cluster["spec"]["scheduler"]["service"]["ports"][0]["port"]
-    assert f"--scheduler=tcp://{cluster['metadata']['name']}-scheduler:{port}" in run
+    assert f"--engine=tcp://{cluster['metadata']['name']}-scheduler:{port}" in run

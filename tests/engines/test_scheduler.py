@@ -20,7 +20,7 @@ import pytest
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.engines import dask, engine
 from airzoo_bench.engines.dask import connect
-from airzoo_bench.engines.engine import EngineKind, open_engine
+from airzoo_bench.engines.engine import open_engine
 from tests.engines import work
 from tests.engines.work import named
 
@@ -158,14 +158,8 @@ def test_workers_that_cannot_go_on_are_waited_for_and_then_one_message(
     assert "dask worker tcp://" in str(caught.value.fix)
 
 
-def opened(
-    address: str | None,
-    kind: EngineKind = EngineKind.DASK,
-    *,
-    jobs: int = 1,
-    memory: int | None = None,
-) -> None:
-    with open_engine(kind, address, jobs=jobs, memory_bytes=memory):
+def opened(where: str, *, jobs: int = 1, memory: int | None = None) -> None:
+    with open_engine(where, jobs=jobs, memory_bytes=memory):
         raise AssertionError("not refused")
 
 
@@ -190,7 +184,7 @@ def test_workers_with_too_little_memory_are_not_started(
 ) -> None:
     monkeypatch.setattr(dask, "MEMORY_LIMIT", 16 << 30)
     with pytest.raises(UsageError, match="MB of memory"):
-        opened("local", jobs=jobs, memory=memory)
+        opened("dask", jobs=jobs, memory=memory)
 
 
 @pytest.mark.parametrize("address", ["tpc://10.0.0.5:8786", "10.0.0.5:8786", "tcp://:8786", ""])
@@ -200,9 +194,7 @@ def test_what_is_no_address_is_refused_before_anything_is_asked(address: str) ->
 
 
 def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match="--scheduler is of Dask"):
-        opened("local", EngineKind.LOCAL)
     monkeypatch.setattr(engine.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match="not installed") as caught:
-        opened(None)
+        opened("dask")
     assert caught.value.fix == "pip install 'airzoo-bench[dask]'"

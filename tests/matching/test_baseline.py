@@ -22,7 +22,7 @@ SETTINGS = SiftSettings(
     max_map_features=8192,
     peak_threshold=0.0067,
     ratio=0.8,
-    max_side_px=2000,
+    long_side_px=2000,
 )
 
 
