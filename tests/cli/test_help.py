@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from airzoo_bench.cli.main import app
 from tests.support import run_main
 
-MOST_OPTIONS = 239
+MOST_OPTIONS = 229
 COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--untrusted")
 SCALE = ("jobs", "max_memory", "untrusted", "engine", "resume")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
