@@ -4,155 +4,106 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations, permutations
 
-from airzoo_bench.audit.counts import (
-    check_counts,
-    check_precision,
-    decimal_text,
-    define_precision,
-    resolve_queries,
-)
+from airzoo_bench.audit.counts import check_counts, define_precision, resolve_queries
 from airzoo_bench.audit.findings import Audit, Finding, Grade, Outcome
 from airzoo_bench.audit.sums import check_averages, check_gains
+from airzoo_bench.audit.values import LOWER, Family, Score, Span, Value, decimal_text, read_values
 from airzoo_bench.core.errors import counted, first_of
-from airzoo_bench.tables.printed import Family, Score, Span
-from airzoo_bench.tables.published import PrintedValue, Published, grouped
+from airzoo_bench.tables.published import Published, grouped
 
-__all__ = ["audit"]
+Values = Sequence[Value]
+Pair = tuple[Value, Value]
 
-Cells = Sequence[PrintedValue]
-
-_LOWER = (Family.ACCURACY, Family.COMPLETENESS, Family.CHAMFER, Family.MEDIAN, Family.ERROR)
 # What is within a distance is within a larger one.
 _GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1, Family.CURVE)
-_LENGTHS = ("mm", "cm", "m", "km")
 _FEWEST_SCORES = 3  # a whole row of fewer says nothing: two scores may agree by chance
 _MOST_NAMES = 10
 _ZERO = Fraction(0)
 
 
-def audit(
-    published: Published, counts: Mapping[str, int] | None = None, variant: str | None = None
-) -> Audit:
-    """Check published tables by arithmetic, with the queries of scenes and the AP that is meant."""
-    published = replace(published, cells=_settled(published.cells))
-    within_rows = [check(published) for check in (_check_ranges, _check_order, _check_f1)]
+def audit(published: Published, counts: Mapping[str, int] | None = None) -> Audit:
+    """Check published tables by arithmetic, with the numbers of queries of scenes where given."""
+    values = read_values(published)
+    within_rows = [check(values) for check in (_check_ranges, _check_order, _check_f1)]
     doubtful = {
         finding.cell.row
         for outcome in within_rows
         for finding in outcome.findings
         if finding.grade is Grade.IMPOSSIBLE
     }
-    # Recalls alone tell whether AP@K is mean precision, so that nothing is proved by itself; that
-    # then tells more of the numbers of queries.
-    by_recalls, _ = resolve_queries(published, counts or {}, (), doubtful)
-    precise = define_precision(published, by_recalls, variant, doubtful)
-    queries, conclusions = resolve_queries(published, counts or {}, precise, doubtful)
-    counted_shares = check_counts(published, queries)
-    averages = check_averages(published, queries, precise)
-    off = {id(finding.cell) for finding in averages.findings}
+    # Recalls alone tell whether AP@K is mean precision, which then tells more of the queries.
+    by_recalls, _ = resolve_queries(values, counts or {}, doubtful)
+    precise, _ = define_precision(values, by_recalls, doubtful)
+    queries, conclusions = resolve_queries(values, counts or {}, doubtful, precise)
+    precise, precisions = define_precision(values, queries, doubtful)
+    averages = check_averages(values, queries, precise)
+    off = {finding.cell for finding in averages.findings}
     ranges, order, f1 = within_rows
     outcomes = (
         ranges,
-        replace(counted_shares, conclusions=(*conclusions, *counted_shares.conclusions)),
-        check_precision(published, queries, precise, variant),
+        check_counts(values, queries, conclusions),
+        precisions,
         order,
         f1,
         averages,
-        _check_agreement(published, off),
-        _check_misplaced_rows(published, off),
-        check_gains(published),
-        _check_bold(published),
+        _check_agreement(values, off),
+        _check_misplaced_rows(values, off),
+        check_gains(values),
+        _check_bold(values, has_bold=published.has_bold),
     )
     unknown = dict.fromkeys(
-        cell.score.name
-        for cell in published.cells
-        if cell.score.family is Family.OTHER and cell.score.higher_is_better is None
+        value.metric
+        for value in values
+        if value.score.family is Family.OTHER and value.score.higher_is_better is None
     )
     note = "scores that are not known, checked only for averages, gains and agreement: "
     notes = (note + first_of(unknown),) if unknown else ()
-    findings = [finding for outcome in outcomes for finding in outcome.findings]
-    common = tuple(_overview(published, findings))
-    return Audit(published.source, len(published.cells), outcomes, notes, common)
+    return Audit(published.path.name, len(values), outcomes, notes)
 
 
-def _settled(cells: Cells) -> tuple[PrintedValue, ...]:
-    """Settle by the whole file whether recalls are of clouds, and accuracy a distance."""
-    of_clouds = {
-        (cell.table, *cell.group, cell.score.thresholds)
-        for cell in cells
-        if cell.score.family in (Family.F1, Family.PRECISION) and cell.score.thresholds
-    }
-    settled = []
-    for cell in cells:
-        score, cloud = cell.score, _of_cloud(cell.score)
-        if cloud and (cell.table, *cell.group, cloud.thresholds) in of_clouds:
-            score = cloud
-        elif score.family in (Family.ACCURACY, Family.COMPLETENESS) and cell.unit not in _LENGTHS:
-            # In percent more is better; without a unit it may be anything.
-            better = True if cell.unit.casefold() in ("%", "percent") else None
-            score = replace(score, family=Family.OTHER, higher_is_better=better)
-        settled.append(replace(cell, score=score))
-    return tuple(settled)
-
-
-def _of_cloud(score: Score) -> Score | None:
-    """Return recall or precision at K as a point cloud's within K; None for other scores."""
-    if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
-        return Score(score.name, Family.PRECISION, ((Fraction(score.cutoff), ""),))
-    if score.family is Family.HITS:
-        return Score(score.name, Family.RECALL, score.thresholds)
-    return None
-
-
-def _check_ranges(published: Published) -> Outcome:
+def _check_ranges(values: Values) -> Outcome:
     """Find shares outside 0 to 100 % and distances below zero."""
-    known = [c for c in published.cells if c.score.is_share or c.score.family in _LOWER]
+    known = [v for v in values if v.score.is_share or v.score.family in LOWER]
     findings = []
-    for cell in known:
-        number, family = cell.number, cell.score.family
-        if cell.score.is_share and not 0 <= number.value <= cell.full:
-            why = f"{number.text} lies outside 0 to {cell.full}, so it is no share of anything"
-            findings.append(Finding(Grade.IMPOSSIBLE, "range", cell, why))
-        elif not cell.score.is_share and number.value < 0:
-            why = f"{number.text} is below 0, and no {family.value} is"
-            findings.append(Finding(Grade.IMPOSSIBLE, "range", cell, why))
+    for value in known:
+        number, why = value.number, ""
+        if value.score.is_share and not 0 <= number.value <= value.full:
+            why = f"{number.text} lies outside 0 to {value.full}, so it is no share of anything"
+        elif not value.score.is_share and number.value < 0:
+            why = f"{number.text} is below 0, and no {value.score.family.value} is"
+        findings += [Finding(Grade.IMPOSSIBLE, "range", value, why)] if why else []
     what = "values, whether shares lie within 0 to 100 % and distances are not negative"
-    unknown = len(published.cells) - len(known)
+    unknown = len(values) - len(known)
     left = f"{counted(unknown, 'value')} of scores that are not known" if unknown else ""
     return Outcome("range", len(known), what, left, tuple(findings))
 
 
-def _pairs(published: Published) -> Iterator[tuple[PrintedValue, PrintedValue]]:
-    """Yield all pairs of each row, either way round."""
-    for row in published.by(lambda cell: cell.row).values():
-        yield from permutations(row, 2)
-
-
 def _of_pairs(
-    check: str,
-    what: str,
-    none: str,
-    pairs: Sequence[tuple[PrintedValue, PrintedValue]],
-    findings: Iterable[Finding | None],
+    check: str, what: str, none: str, pairs: Sequence[Pair], findings: Iterable[Finding | None]
 ) -> Outcome:
     cells = tuple(cell for pair in pairs for cell in pair)
-    found = tuple(filter(None, findings))
-    return Outcome(check, len(pairs), what, "" if pairs else none, found, cells=cells)
+    left = "" if pairs else none
+    return Outcome(check, len(pairs), what, left, tuple(filter(None, findings)), cells=cells)
 
 
-def _check_order(published: Published) -> Outcome:
+def _check_order(values: Values) -> Outcome:
     """Find recalls at a smaller threshold that exceed those at a larger one."""
-    pairs = [pair for pair in _pairs(published) if _at_most(*(cell.score for cell in pair))]
+    rows = grouped(values, lambda value: value.row).values()
+    pairs = [
+        (one, other)
+        for row in rows
+        for one, other in permutations(row, 2)
+        if _is_stricter(one.score, other.score)
+    ]
     what = "pairs such as R@1 and R@5 of one row, whether the stricter one is not larger"
     none = "no row has one kind of recall at two thresholds"
     return _of_pairs("order", what, none, pairs, (_disordered(*pair) for pair in pairs))
 
 
-def _at_most(first: Score, second: Score) -> bool:
+def _is_stricter(first: Score, second: Score) -> bool:
     """Whether all that counts for the first score counts for the second, by their thresholds."""
     if (first.family, first.stem) != (second.family, second.stem) or first.family not in _GROWING:
         return False
@@ -162,13 +113,13 @@ def _at_most(first: Score, second: Score) -> bool:
     return all(small <= large for (small, _), (large, _) in zip(one, two, strict=True))
 
 
-def _disordered(first: PrintedValue, second: PrintedValue) -> Finding | None:
+def _disordered(first: Value, second: Value) -> Finding | None:
     if first.number.decimals == second.number.decimals and first.full == second.full:
         # Rounding alike never turns an order round.
         exceeds = first.number.value > second.number.value
     else:
         exceeds = first.share.low > second.share.high
-    small, large = first.score.name, second.score.name
+    small, large = first.metric, second.metric
     why = (
         f"{small} = {first.number.text} > {large} = {second.number.text}, but whatever counts for "
         f"{small} counts for {large} too, so {large} cannot be smaller"
@@ -176,35 +127,31 @@ def _disordered(first: PrintedValue, second: PrintedValue) -> Finding | None:
     return Finding(Grade.IMPOSSIBLE, "order", first, why) if exceeds else None
 
 
-def _rows_with(published: Published, *needed: Family) -> list[list[PrintedValue]]:
-    """Return the values of several families in one row, with one threshold."""
-    rows = published.by(lambda cell: (*cell.row, cell.score.thresholds))
-    by_family = [{cell.score.family: cell for cell in row} for row in rows.values()]
-    return [[row[family] for family in needed] for row in by_family if set(needed) <= row.keys()]
-
-
-def _check_f1(published: Published) -> Outcome:
+def _check_f1(values: Values) -> Outcome:
     """Find F1 that the precision and recall of its row do not give."""
-    rows = _rows_with(published, Family.F1, Family.PRECISION, Family.RECALL)
+    needed = (Family.F1, Family.PRECISION, Family.RECALL)
+    rows = grouped(values, lambda value: (*value.row, value.score.thresholds)).values()
+    by_family = [{value.score.family: value for value in row} for row in rows]
+    complete = [[row[f] for f in needed] for row in by_family if set(needed) <= row.keys()]
+    found = tuple(finding for row in complete if (finding := _judge_f1(*row)))
     what = "F1 against precision and recall next to them"
-    left = "" if rows else "no row has precision, recall and F1"
-    found = tuple(finding for row in rows if (finding := _judge_f1(*row)))
-    cells = tuple(cell for row in rows for cell in row)
-    return Outcome("F1", len(rows), what, left, found, cells=cells)
+    left = "" if complete else "no row has precision, recall and F1"
+    cells = tuple(cell for row in complete for cell in row)
+    return Outcome("F1", len(complete), what, left, found, cells=cells)
 
 
-def f1_of(precision: Fraction, recall: Fraction) -> Fraction:
+def _f1_of(precision: Fraction, recall: Fraction) -> Fraction:
     """Return the harmonic mean, 0 where both are 0; it grows with either."""
     total = precision + recall
     return 2 * precision * recall / total if total else _ZERO
 
 
-def _judge_f1(cell: PrintedValue, precision: PrintedValue, recall: PrintedValue) -> Finding | None:
+def _judge_f1(cell: Value, precision: Value, recall: Value) -> Finding | None:
     lows = [max(_ZERO, one.share.low) for one in (precision, recall)]
     highs = [max(_ZERO, one.share.high) for one in (precision, recall)]
     # A mean F1 over scenes is at least P + R - 1 of the means.
-    low = max(_ZERO, sum(lows, _ZERO) - 1) if cell.is_summary else f1_of(*lows)
-    possible, digits = Span(low, f1_of(*highs)), cell.number.decimals
+    low = max(_ZERO, sum(lows, _ZERO) - 1) if cell.is_summary else _f1_of(*lows)
+    possible, digits = Span(low, _f1_of(*highs)), cell.number.decimals
     if cell.share.meets(possible):
         return None
     p, r = precision.number.text, recall.number.text
@@ -215,7 +162,7 @@ def _judge_f1(cell: PrintedValue, precision: PrintedValue, recall: PrintedValue)
             f"F1 of the means, which is {' to '.join(ends)}; printed is {cell.number.text}"
         )
     else:
-        middle = f1_of(precision.number.value / precision.full, recall.number.value / recall.full)
+        middle = _f1_of(precision.number.value / precision.full, recall.number.value / recall.full)
         exact = decimal_text(middle * cell.full, digits)
         why = f"F1 = 2 x {p} x {r} / ({p} + {r}) = {exact}, printed is {cell.number.text}"
     # Where all three digits were cut off, or two were rounded before.
@@ -225,128 +172,96 @@ def _judge_f1(cell: PrintedValue, precision: PrintedValue, recall: PrintedValue)
     return Finding(Grade.IMPOSSIBLE, "F1", cell, why)
 
 
-def _scene(cell: PrintedValue) -> str:
+def _scene(cell: Value) -> str:
     return "overall" if cell.is_summary and not cell.is_pooled else cell.scene
 
 
-def _repeated(published: Published) -> list[tuple[PrintedValue, PrintedValue]]:
-    """Return one number in two tables each."""
-    groups = published.by(lambda c: (*c.group, _scene(c), c.method, c.score.name))
-    pairs = [pair for cells in groups.values() for pair in combinations(cells, 2)]
-    return [(first, second) for first, second in pairs if first.table != second.table]
-
-
-def _apart(first: PrintedValue, second: PrintedValue) -> Fraction:
-    """Return how far two numbers are apart, in last digits of the coarser one."""
-    step = 2 * max(first.number.half, second.number.half)
-    return abs(first.number.value - second.number.value) / step
-
-
-def _check_agreement(published: Published, reported: AbstractSet[int]) -> Outcome:
+def _check_agreement(values: Values, off: AbstractSet[Value]) -> Outcome:
     """Find numbers that two tables print differently, where the one with fewer rounds no other."""
-    pairs, findings, known = _repeated(published), [], 0
-    for first, second in pairs:
-        alike = first.number.decimals == second.number.decimals
-        differ = first.number.value != second.number.value
-        if not (differ if alike else not first.number.span.meets(second.number.span)):
-            continue
-        if reported & {id(first), id(second)}:
-            known += 1
-            continue
-        grade = Grade.ROUNDING if _apart(first, second) <= 1 else Grade.INCONSISTENT
-        why = (
-            f"the same number is printed {first.number.text} here and {second.number.text} in "
-            f"{second.table or 'another place'}, line {second.line}"
-        )
-        findings.append(Finding(grade, "agreement", first, why))
-    said = f"{known} differ, each found by the check average" if known else ""
+    groups = grouped(values, lambda v: (*v.group, _scene(v), v.method, v.metric)).values()
+    pairs = [
+        (first, second)
+        for cells in groups
+        for first, second in combinations(cells, 2)
+        if first.table != second.table
+    ]
     what = "pairs of one number in two tables, whether both say the same"
-    outcome = _of_pairs("agreement", what, "nothing is printed in two tables", pairs, findings)
-    return replace(outcome, said=said)
+    # Of averages that are off, the difference has been found.
+    found = (_differing(*pair) for pair in pairs if off.isdisjoint(pair))
+    return _of_pairs("agreement", what, "nothing is printed in two tables", pairs, found)
 
 
-def _overview(published: Published, findings: Iterable[Finding]) -> Iterator[str]:
-    """Name two tables with several different numbers, and count the findings of that."""
-    grave = [finding for finding in findings if finding.grade is Grade.INCONSISTENT]
-    tables = grouped(_repeated(published), lambda pair: (pair[0].table, pair[1].table))
-    for (one, other), pairs in tables.items():
-        apart = [pair for pair in pairs if _apart(*pair) > 1]
-        cells = {id(cell) for pair in apart for cell in pair}
-        rows = {cell.row for pair in apart for cell in pair}
-        of_this = sum(
-            id(f.cell) in cells
-            if f.check in ("average", "agreement")
-            else f.check == "row" and f.cell.row in rows
-            for f in grave
-        )
-        if len(apart) > 1 and of_this > 1:
-            yield (
-                f"{len(apart)} of the {len(pairs)} numbers that both {one or 'one table'} and "
-                f"{other or 'another'} print differ by more than the last digit: {of_this} of the "
-                "inconsistencies are this one fact"
-            )
+def _differing(first: Value, second: Value) -> Finding | None:
+    if first.number.decimals == second.number.decimals:
+        same = first.number.value == second.number.value
+    else:
+        same = first.span.meets(second.span)
+    # In last digits of the coarser one.
+    apart = abs(first.number.value - second.number.value)
+    apart /= 2 * max(first.number.half, second.number.half)
+    why = (
+        f"the same number is printed {first.number.text} here and {second.number.text} in "
+        f"{second.table or 'another place'}, line {second.line}"
+    )
+    grade = Grade.ROUNDING if apart <= 1 else Grade.INCONSISTENT
+    return None if same else Finding(grade, "agreement", first, why)
 
 
-def _check_misplaced_rows(published: Published, reported: AbstractSet[int]) -> Outcome:
+def _check_misplaced_rows(values: Values, off: AbstractSet[Value]) -> Outcome:
     """Find rows that another table prints, number for number, under another method's name."""
-    rows = published.by(lambda cell: cell.row)
+    rows = grouped(values, lambda value: value.row)
     compared = [
         row
         for row in rows.values()
         if len(row) >= _FEWEST_SCORES and any(cell.number.value for cell in row)
     ]
 
-    def content(row: Cells) -> tuple[object, ...]:
-        values = frozenset((cell.score.name, cell.number.value) for cell in row)
-        return row[0].group, _scene(row[0]), values
+    def content(row: Values) -> tuple[object, ...]:
+        numbers = frozenset((cell.metric, cell.number.value) for cell in row)
+        return row[0].group, _scene(row[0]), numbers
 
     findings = []
     for alike in grouped(compared, content).values():
         for row, other in permutations(alike, 2):
             cell, there = row[0], other[0]
             own = rows.get((there.table, *cell.group, there.scene, cell.method), [])
-            printed = {c.score.name: c.number.value for c in own}
-            another = any(printed.get(c.score.name, c.number.value) != c.number.value for c in row)
-            is_known = bool(reported & set(map(id, other))) and not reported & set(map(id, row))
-            if cell.table == there.table or cell.method == there.method or not another or is_known:
+            printed = {c.metric: c.number.value for c in own}
+            has_another = any(printed.get(c.metric, c.number.value) != c.number.value for c in row)
+            # Of two such rows, the one whose averages are off is in the wrong place.
+            is_right = off.isdisjoint(row) and not off.isdisjoint(other)
+            if cell.table == there.table or cell.method == there.method:
                 continue
-            values = ", ".join(f"{cell.score.name} {cell.number.text}" for cell in row)
-            why = (
-                f"all {len(row)} numbers of this row ({values}) are those of {there.method} in "
-                f"{there.table}, {there.scene}, so it may stand under the wrong name"
-            )
-            findings.append(Finding(Grade.INCONSISTENT, "row", cell, why))
-    several = len({row[0].table for row in compared}) > 1
-    left = "" if several else "nothing is printed in two tables"
+            if has_another and not is_right:
+                numbers = ", ".join(f"{cell.metric} {cell.number.text}" for cell in row)
+                why = (
+                    f"all {len(row)} numbers of this row ({numbers}) are those of {there.method} "
+                    f"in {there.table}, {there.scene}, so it may have the wrong name"
+                )
+                findings.append(Finding(Grade.INCONSISTENT, "row", cell, why))
+    if len({row[0].table for row in compared}) < 2:
+        compared = []
+    left = "" if compared else "nothing is printed in two tables"
     what = "rows, whether another table prints one under another method's name"
-    cells = tuple(cell for row in compared for cell in row) if several else ()
-    tested = len(compared) if several else 0
-    return Outcome("row", tested, what, left, tuple(findings), cells=cells)
+    cells = tuple(cell for row in compared for cell in row)
+    return Outcome("row", len(compared), what, left, tuple(findings), cells=cells)
 
 
-def _check_bold(published: Published) -> Outcome:
+def _check_bold(values: Values, *, has_bold: bool) -> Outcome:
     """Find bold values that are not the best of their column, and best ones that are not bold."""
     what = "columns, whether the best is bold and nothing else"
-    if not published.has_bold:
-        return Outcome("bold", 0, what, "the file does not say what is bold")
-    columns = published.by(lambda c: (c.table, *c.group, c.scene, c.score.name)).values()
+    columns = grouped(values, lambda v: (v.table, *v.group, v.scene, v.metric)).values()
     races = [c for c in columns if c[0].score.higher_is_better is not None and len(c) > 1]
-    plain = [column for column in races if not any(cell.bold for cell in column)]
     judged = [column for column in races if any(cell.bold for cell in column)]
-    left = []
-    if plain:
-        places = list(dict.fromkeys(f"{c[0].score.name} of {c[0].place}" for c in plain))
-        shown = ", ".join(places[:3]) + (" ..." if len(places) > 3 else "")
-        left.append(f"{counted(len(plain), 'column')} in which nothing is bold ({shown})")
-    if len(races) < len(columns):
-        others = counted(len(columns) - len(races), "column")
-        left.append(f"{others} of one method or an unknown score")
+    rest = len(columns) - len(judged)
+    left = f"{counted(rest, 'column')} without bold, of one method or an unknown score"
+    if not has_bold:
+        left = "the file does not say what is bold"
     findings = tuple(finding for column in judged for finding in _judge_column(column))
     cells = tuple(cell for column in judged for cell in column)
-    return Outcome("bold", len(judged), what, " and ".join(left), findings, cells=cells)
+    return Outcome("bold", len(judged), what, left if rest else "", findings, cells=cells)
 
 
-def _judge_column(column: Cells) -> Iterator[Finding]:
+def _judge_column(column: Values) -> Iterator[Finding]:
     higher = column[0].score.higher_is_better
     best = (max if higher else min)(column, key=lambda cell: cell.number.value).number
     leaders = [cell for cell in column if cell.number.value == best.value]
@@ -367,7 +282,7 @@ def _judge_column(column: Cells) -> Iterator[Finding]:
         yield Finding(grade, "bold", cell, why)
 
 
-def _names(cells: Cells) -> str:
+def _names(cells: Values) -> str:
     """Name methods, the first few where all of a long table are alike."""
     more = [f"{len(cells) - _MOST_NAMES} more"] if len(cells) > _MOST_NAMES else []
     return " and ".join([*(cell.method for cell in cells[:_MOST_NAMES]), *more])

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
 
+from airzoo_bench.audit.values import Value
 from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
-from airzoo_bench.tables.published import PrintedValue
-
-__all__ = ["Audit", "Conclusion", "Finding", "Grade", "Outcome", "audit_table", "audit_text"]
 
 # Longer lines are hard to read, shorter ones hold no sentence.
 _WIDEST, _NARROWEST = 100, 40
@@ -21,11 +19,11 @@ _WIDEST, _NARROWEST = 100, 40
 class Grade(StrEnum):
     """How sure it is that a printed number is wrong.
 
-    `IMPOSSIBLE` follows from the number itself, the others of its row, and what was given (counts,
-    a definition). `INCONSISTENT` is a contradiction between printed numbers, or to what was
-    concluded from others: one of the two is wrong. `ROUNDING` would be no finding if each printed
-    number involved might be off by nearly one of its last digit, as one that was cut off, rounded
-    up or rounded twice is, instead of half of one.
+    `IMPOSSIBLE` follows from the number itself, the others of its row, and what was given.
+    `INCONSISTENT` is a contradiction between printed numbers, or to what was concluded from others:
+    one of the two is wrong. `ROUNDING` would be no finding if each printed number involved might be
+    off by nearly one of its last digit, as one that was cut off or rounded twice is, instead of
+    half of one.
     """
 
     IMPOSSIBLE = "impossible"
@@ -46,21 +44,8 @@ class Finding:
 
     grade: Grade
     check: str
-    cell: PrintedValue
+    cell: Value
     why: str
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """A conclusion from numbers that are right: a count, a definition, a way to average."""
-
-    check: str
-    place: str
-    text: str
-
-    def __str__(self) -> str:
-        place = f" of {self.place}" if self.place else ""
-        return f"{self.check}{place}: {self.text}"
 
 
 @dataclass(frozen=True)
@@ -68,8 +53,7 @@ class Outcome:
     """The outcome of one check.
 
     It compared a number of things, such as "shares of queries", made of `cells`. `left` says what
-    could not be checked and why, `said` what another check has found. `unchecked` counts averages
-    next to their scenes that may be wrong all the same.
+    could not be checked and why; conclusions are a count, a definition, a way to average.
     """
 
     check: str
@@ -77,77 +61,64 @@ class Outcome:
     what: str
     left: str = ""
     findings: tuple[Finding, ...] = ()
-    conclusions: tuple[Conclusion, ...] = ()
-    cells: tuple[PrintedValue, ...] = ()
-    said: str = ""
-    unchecked: int = 0
+    conclusions: tuple[str, ...] = ()
+    cells: tuple[Value, ...] = ()
 
     @property
     def text(self) -> str:
         """Summarise one check: its cells, its findings, and the cells left out."""
         if not self.tested:
             return f"not checked: {self.left}"
-        found = f"{len(self.findings)} found" if self.findings else ""
-        found = ", ".join(filter(None, (found, self.said))) or "all fine"
+        found = f"{len(self.findings)} found" if self.findings else "all fine"
         left = f"; not checked: {self.left}" if self.left else ""
         return f"{self.tested} {self.what}: {found}{left}"
 
 
 @dataclass(frozen=True)
 class Audit:
-    """All that was found in `cells` values of a source.
-
-    Notes say what of the file was not used, the overview what many findings have in common.
-    """
+    """The outcomes of all checks on `cells` values of a source, and notes on values left out."""
 
     source: str
     cells: int
     outcomes: tuple[Outcome, ...]
-    notes: tuple[str, ...]
-    overview: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The gravest first, then by table and place, in the order of the file."""
         found = [finding for outcome in self.outcomes for finding in outcome.findings]
-        lines: dict[tuple[str, str], int] = {}
-        for finding in sorted(found, key=lambda f: f.cell.line):
-            lines.setdefault((finding.cell.table, finding.cell.place), finding.cell.line)
+        found.sort(key=lambda finding: finding.cell.line)
+        places = [(f.cell.table, f.cell.place) for f in found]
+        grades = list(Grade)
+        first = {place: number for number, place in reversed([*enumerate(places)])}
 
-        def order(finding: Finding) -> tuple[int, int, int]:
-            cell = finding.cell
-            grade = list(Grade).index(finding.grade)
-            return grade, lines[cell.table, cell.place], cell.line
+        def order(finding: Finding) -> tuple[int, int]:
+            place = finding.cell.table, finding.cell.place
+            return grades.index(finding.grade), first[place]
 
         return tuple(sorted(found, key=order))
 
     @property
-    def conclusions(self) -> tuple[Conclusion, ...]:
+    def conclusions(self) -> tuple[str, ...]:
         """The conclusions of all checks."""
-        return tuple(said for outcome in self.outcomes for said in outcome.conclusions)
+        return tuple(text for outcome in self.outcomes for text in outcome.conclusions)
+
+    @property
+    def checked(self) -> int:
+        """The number of values that were compared with others, or with known counts."""
+        return len({cell for outcome in self.outcomes for cell in outcome.cells})
 
     @property
     def summary(self) -> str:
         """All in one line."""
         grades = [finding.grade for finding in self.findings]
         counts = ", ".join(f"{grades.count(grade)} {grade.value}" for grade in Grade)
-        left = f"; {counted(self.unchecked, 'average')} could not be checked against the scenes"
-        left = left if self.unchecked else ""
         if self.checked == self.cells:
-            return f"{self.source}: {counts}, in {counted(self.cells, 'value')}{left}"
-        told = f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
-        told = f"{told} values could be checked, apart from their range"
-        return f"{self.source}: {counts}; {told}{left}"
-
-    @property
-    def checked(self) -> int:
-        """The number of values that were compared with others, or with known counts."""
-        return len({id(cell) for outcome in self.outcomes for cell in outcome.cells})
-
-    @property
-    def unchecked(self) -> int:
-        """How many averages may be wrong although their scenes are printed."""
-        return sum(outcome.unchecked for outcome in self.outcomes)
+            return f"{self.source}: {counts}, in {counted(self.cells, 'value')}"
+        checked = (
+            f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
+        )
+        return f"{self.source}: {counts}; {checked} values could be checked, apart from their range"
 
     @property
     def failed(self) -> bool:
@@ -157,17 +128,17 @@ class Audit:
 
 def audit_table(audit: Audit) -> Table:
     """Lay out an audit: a row a finding; checks and conclusions are notes."""
-    tables = any(finding.cell.table for finding in audit.findings)
-    titles = ["Grade", "Check", *["Table"] * tables, "Scene", "Method", "Score", "Printed", "Why"]
+    titles = ("Grade", "Check", "Table", "Scene", "Method", "Score", "Printed", "Why")
     rows = []
     for one in audit.findings:
         cell = one.cell
-        where = [*[cell.table] * tables, cell.place, cell.method, cell.score.name]
-        texts = [one.grade.value, one.check, *where, cell.number.text, one.why]
-        rows.append(Row(tuple(map(Cell, texts))))
+        where = (cell.table, cell.place, cell.method, cell.metric)
+        rows.append(
+            Row(tuple(map(Cell, (one.grade, one.check, *where, cell.number.text, one.why))))
+        )
     checked = (f"checked, {outcome.check}: {outcome.text}" for outcome in audit.outcomes)
     concluded = (f"concluded, {conclusion}" for conclusion in audit.conclusions)
-    notes = (*audit.overview, *checked, *concluded, *audit.notes)
+    notes = (*checked, *concluded, *audit.notes)
     return Table(audit.summary, tuple(map(Column, titles)), tuple(rows), notes)
 
 
@@ -186,9 +157,7 @@ def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
 def _sections(audit: Audit) -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
     """Yield titles with their paragraphs: indents of the first and further lines, text."""
     none = "Nothing found." if audit.checked else "Nothing could be checked, so nothing was found."
-    if audit.checked and audit.unchecked:
-        none = "Nothing found in what could be checked."
-    yield audit.summary, [("", "", text) for text in (audit.overview if audit.findings else [none])]
+    yield audit.summary, [] if audit.findings else [("", "", none)]
     for grade, of_grade in groupby(audit.findings, key=lambda finding: finding.grade):
         findings, body = list(of_grade), []
         places = groupby(findings, key=lambda finding: (finding.cell.table, finding.cell.place))
@@ -196,12 +165,12 @@ def _sections(audit: Audit) -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
             body.append(("  ", "  ", ", ".join(filter(None, place))))
             for one in own:
                 cell = one.cell
-                printed = f"{cell.method}, {cell.score.name}: {cell.number.text} [{one.check}]"
+                printed = f"{cell.method}, {cell.metric}: {cell.number.text} [{one.check}]"
                 body += [(" " * 4, " " * 4, printed), (" " * 8, " " * 8, one.why)]
         yield f"{grade.value.upper()} ({len(findings)}): {_MEANING[grade]}", body
     yield "CHECKED", [(f"  {o.check:<10} ", " " * 13, o.text) for o in audit.outcomes]
     if audit.conclusions:
-        yield "WHAT THE NUMBERS SAY", [("  ", " " * 6, str(said)) for said in audit.conclusions]
+        yield "WHAT THE NUMBERS SAY", [("  ", " " * 6, text) for text in audit.conclusions]
     if audit.notes:
         yield "NOTES", [("  ", "  ", note) for note in audit.notes]
 

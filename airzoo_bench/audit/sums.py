@@ -9,25 +9,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-import numpy as np
-from scipy.optimize import linprog
-
-from airzoo_bench.audit.counts import (
-    Key,
-    Queries,
-    counted_share,
-    decimal_text,
-    key_of,
-    score_of,
-)
-from airzoo_bench.audit.findings import Conclusion, Finding, Grade, Outcome
+from airzoo_bench.audit.counts import Key, Queries, counted_share, key_of, score_of
+from airzoo_bench.audit.findings import Finding, Grade, Outcome
+from airzoo_bench.audit.values import Family, Span, Value, decimal_text
 from airzoo_bench.core.errors import agreeing, counted
-from airzoo_bench.tables.printed import Family, Rounded, Span
-from airzoo_bench.tables.published import PrintedValue, Published, grouped
-
-__all__ = ["check_averages", "check_gains"]
+from airzoo_bench.tables.published import Rounded, grouped
 
 _BEST = "the best of the others"
+_MOST = Fraction(3, 4)  # of averages over scenes, from which on the others are wrong
 
 
 @dataclass(frozen=True)
@@ -38,68 +27,62 @@ class _Averaged:
     scene for medians, and where it is not known how many queries these have (not `is_weighed`).
     """
 
-    cell: PrintedValue
-    scenes: tuple[PrintedValue, ...]
+    cell: Value
+    scenes: tuple[Value, ...]
     over_scenes: Span
     over_queries: Span
-    of_rounded: Fraction
     is_weighed: bool
 
     @property
-    def is_median(self) -> bool:
-        """Whether it averages medians."""
-        return self.cell.score.family is Family.MEDIAN
+    def kind(self) -> tuple[bool, bool]:
+        """What is known of the weights, medians last; averages of one kind are judged together."""
+        return not self.is_weighed, self.cell.score.family is Family.MEDIAN
+
+    @property
+    def of_rounded(self) -> Fraction:
+        """The mean of the values as printed."""
+        return sum((part.number.value for part in self.scenes), Fraction(0)) / len(self.scenes)
 
     @property
     def fits_scenes(self) -> bool:
         """Whether it rounds the unweighted mean over scenes."""
-        return self.cell.number.span.meets(self.over_scenes)
+        return self.cell.span.meets(self.over_scenes)
 
     @property
     def fits_queries(self) -> bool:
         """Whether it rounds a mean over all queries."""
-        return self.cell.number.span.meets(self.over_queries)
-
-    @property
-    def fits_rounded(self) -> bool:
-        """Whether it rounds the mean of the values as printed."""
-        return abs(self.cell.number.value - self.of_rounded) <= self.cell.number.half
+        return self.cell.span.meets(self.over_queries)
 
 
 def check_averages(
-    published: Published, queries: Mapping[Key, Queries], precise: Collection[Key]
+    values: Sequence[Value], queries: Mapping[Key, Queries], precise: Collection[Key]
 ) -> Outcome:
     """Tell over what a table averages, and find the averages that the scenes do not give."""
-    scenes: dict[tuple[str, ...], dict[str, dict[str, PrintedValue]]] = {}
-    for cell in published.cells:
-        if not cell.is_summary:
-            by_scene = scenes.setdefault((*cell.group, cell.score.name), {})
+    scenes: dict[Key, dict[str, dict[str, Value]]] = {}
+    for value in values:
+        if not value.is_summary:
+            by_scene = scenes.setdefault(score_of(value), {})
             # Of a cell that is printed twice the first counts; another check compares them.
-            by_scene.setdefault(cell.scene, {}).setdefault(cell.method, cell)
-    summaries = [cell for cell in published.cells if cell.is_summary]
+            by_scene.setdefault(value.scene, {}).setdefault(value.method, value)
+    summaries = [value for value in values if value.is_summary]
     same = grouped(summaries, _identity)
-    findings: list[Finding] = []
-    conclusions: list[Conclusion] = []
-    compared: list[PrintedValue] = []
+    findings, conclusions, compared = list[Finding](), list[str](), list[Value]()
     tested = loose = 0
     for place, cells in grouped(summaries, lambda c: (c.table, *c.group, c.scene)).items():
         made = [_averaged(cell, scenes, queries, precise) for cell in cells]
-        known = [average for average in made if average is not None]
-        if not known:
-            continue
-        where = ", ".join(filter(None, place))
-        conclusions.append(Conclusion("average", where, _conclusion(known)))
+        known = sorted((one for one in made if one), key=lambda one: one.kind)
+        if known:
+            where = ", ".join(filter(None, place))
+            conclusions.append(f"average of {where}: {_conclusion(known)}")
         pooled = False
-        # Judged together: by what is known of their weights, medians last.
-        ordered = sorted(known, key=lambda a: (not a.is_weighed, a.is_median))
-        for kind in grouped(ordered, lambda a: (a.is_weighed, a.is_median)).values():
+        for kind in grouped(known, lambda one: one.kind).values():
             # What one kind shows to be averaged over queries, no other need be over scenes.
-            pooled = _is_pooled(kind) or (pooled and not kind[0].is_weighed)
-            compared += [cell for a in kind for cell in (a.cell, *a.scenes)]
-            judged = [_judge(a, same[_identity(a.cell)], pooled=pooled) for a in kind]
-            found = [finding for finding in judged if finding]
-            findings += found
-            free = len(kind) - len(found) if pooled and not kind[0].is_weighed else 0
+            is_loose = not kind[0].is_weighed
+            pooled = _is_pooled(kind) or (pooled and is_loose)
+            compared += [cell for one in kind for cell in (one.cell, *one.scenes)]
+            found = [_judge(one, same[_identity(one.cell)], pooled=pooled) for one in kind]
+            findings += filter(None, found)
+            free = found.count(None) if pooled and is_loose else 0
             tested, loose = tested + len(kind) - free, loose + free
     left = {
         "may be over all queries, whose numbers are not known (--counts), so that only lying "
@@ -115,127 +98,79 @@ def check_averages(
         tuple(findings),
         tuple(conclusions),
         tuple(compared),
-        unchecked=loose,
     )
 
 
-def _identity(cell: PrintedValue) -> tuple[object, ...]:
-    return cell.group, cell.method, cell.score.name
+def _identity(cell: Value) -> tuple[object, ...]:
+    return cell.group, cell.method, cell.metric
 
 
 def _averaged(
-    cell: PrintedValue,
-    scenes: Mapping[tuple[str, ...], Mapping[str, Mapping[str, PrintedValue]]],
+    cell: Value,
+    scenes: Mapping[Key, Mapping[str, Mapping[str, Value]]],
     queries: Mapping[Key, Queries],
     precise: Collection[Key],
 ) -> _Averaged | None:
-    by_scene = scenes.get((*cell.group, cell.score.name), {})
+    by_scene = scenes.get(score_of(cell), {})
     parts = [by_method[cell.method] for by_method in by_scene.values() if cell.method in by_method]
     if len(parts) < 2 or len(parts) < len(by_scene):
         return None
-    values = [_exact(part, queries, precise) for part in parts]
+    spans = [_exact(part, queries, precise) for part in parts]
     counts = [queries[key_of(part)].number for part in parts if key_of(part) in queries]
     is_of_queries = cell.score.family in (Family.HITS, Family.AVERAGE_PRECISION)
     is_weighed = is_of_queries and len(counts) == len(parts)
     # Whatever the weights, a mean or a median of all lies between those of the parts.
-    between = Span(min(v.low for v in values), max(v.high for v in values))
-    return _Averaged(
-        cell,
-        tuple(parts),
-        mean_span(values, [1] * len(values)),
-        mean_span(values, counts) if is_weighed else between,
-        sum((part.number.value for part in parts), Fraction(0)) / len(parts),
-        is_weighed,
-    )
+    between = Span(min(span.low for span in spans), max(span.high for span in spans))
+    over_queries = _mean(spans, counts) if is_weighed else between
+    return _Averaged(cell, tuple(parts), _mean(spans, [1] * len(spans)), over_queries, is_weighed)
 
 
-def _exact(cell: PrintedValue, queries: Mapping[Key, Queries], precise: Collection[Key]) -> Span:
+def _exact(cell: Value, queries: Mapping[Key, Queries], precise: Collection[Key]) -> Span:
     """Return where the true value lies: at a count, where it is one and counts are known."""
-    known = queries.get(key_of(cell))
-    if known is not None and cell.score.family is Family.HITS:
-        return counted_share(cell.number, known.number, cell.full)
-    if known is not None and score_of(cell) in precise:
-        return counted_share(cell.number, known.number * cell.score.cutoff, cell.full)
-    return cell.number.span
+    known, places = queries.get(key_of(cell)), 0
+    if cell.score.family is Family.HITS:
+        places = 1
+    elif score_of(cell) in precise:
+        places = cell.score.cutoff
+    if known is None or not places:
+        return cell.span
+    return counted_share(cell.number, known.number * places, cell.full)
 
 
-def mean_span(parts: Sequence[Span], weights: Sequence[int]) -> Span:
+def _mean(parts: Sequence[Span], weights: Sequence[int]) -> Span:
     """Return where the weighted mean of numbers lies, each known by an interval."""
-    total = sum(weights)
-    low, high = (
-        sum((getattr(part, end) * n for part, n in zip(parts, weights, strict=True)), Fraction(0))
-        for end in ("low", "high")
-    )
-    return Span(low / total, high / total)
+    weighed = list(zip(parts, weights, strict=True))
+    low = sum((part.low * n for part, n in weighed), Fraction(0))
+    high = sum((part.high * n for part, n in weighed), Fraction(0))
+    return Span(low / sum(weights), high / sum(weights))
 
 
 def _is_pooled(known: Sequence[_Averaged]) -> bool:
     """Whether averages of one place and kind are rather over all queries than over scenes."""
+    over_scenes = sum(average.fits_scenes for average in known)
     if known[0].cell.is_pooled:
         return True
-    over_scenes = sum(average.fits_scenes for average in known)
     if known[0].is_weighed:
         return sum(average.fits_queries for average in known) > over_scenes
-    if known[0].is_median:
-        # A median of all queries is no mean of medians by any weights.
-        return 3 * over_scenes < 2 * len(known)
-    return 2 * over_scenes <= len(known) or (over_scenes < len(known) and has_common_weights(known))
-
-
-def has_common_weights(averages: Sequence[_Averaged]) -> bool:
-    """Whether some weights of the scenes, alike for all methods and scores, explain all averages.
-
-    A linear program: with values v between l and h, and an average between a and b, weights w are
-    to satisfy sum w (l - b) <= 0 <= sum w (h - a).
-    """
-    scenes = dict.fromkeys(part.scene for average in averages for part in average.scenes)
-    columns = {scene: index for index, scene in enumerate(scenes)}
-    bounds = np.zeros((2 * len(averages), len(columns)))
-    for row, average in enumerate(averages):
-        printed = average.cell.number.span
-        for part in average.scenes:
-            value, column = part.number.span, columns[part.scene]
-            bounds[2 * row, column] = float(value.low - printed.high)
-            bounds[2 * row + 1, column] = float(printed.low - value.high)
-    nothing, limits = np.zeros(len(columns)), np.zeros(len(bounds))
-    whole = np.ones((1, len(columns)))
-    found = linprog(nothing, bounds, limits, whole, [1.0], bounds=(1e-6, None))
-    return bool(found.status == 0)
+    return over_scenes < _MOST * len(known)
 
 
 def _conclusion(known: Sequence[_Averaged]) -> str:
     exact = sum(average.fits_scenes for average in known)
-    rounded = sum(average.fits_rounded and not average.fits_scenes for average in known)
     weighed = [average for average in known if average.is_weighed]
-    medians = [average for average in known if average.is_median]
     are = agreeing(exact, "is an unweighted mean", "are unweighted means")
     text = f"of {counted(len(known), 'average')}, {exact} {are} over scenes"
-    if medians:
-        fitting = sum(average.fits_scenes for average in medians)
-        text += f" (of {counted(len(medians), 'median')} {fitting})"
-    if rounded:
-        text += f", {rounded} more {agreeing(rounded, 'is', 'are')} so of the rounded values only"
     if weighed:
         pooled = sum(average.fits_queries for average in weighed)
         are = agreeing(pooled, "is a mean", "are means")
         text += f"; {pooled} of {len(weighed)} {are} over all queries"
-    fitting_both = [average for average in weighed if average.fits_scenes]
-    if not fitting_both:
-        return text
-    # The method whose averages tell the two ways apart most.
-    most = max(fitting_both, key=lambda a: abs(a.over_scenes.low - a.over_queries.low))
-    shown = []
-    for average in (a for a in fitting_both if a.cell.method == most.cell.method):
-        ways, digits = (average.over_scenes, average.over_queries), average.cell.number.decimals
-        scenes, queries = (decimal_text((way.low + way.high) / 2, digits) for way in ways)
-        shown.append(f"{average.cell.score.name} {scenes} and {queries}")
-    return f"{text}; {most.cell.method}, over scenes and over all queries: {', '.join(shown)}"
+    return text
 
 
-def _judge(average: _Averaged, same: Sequence[PrintedValue], *, pooled: bool) -> Finding | None:
+def _judge(average: _Averaged, same: Sequence[Value], *, pooled: bool) -> Finding | None:
     cell, number = average.cell, average.cell.number
     mean = average.over_queries if pooled else average.over_scenes
-    if number.span.meets(mean):
+    if cell.span.meets(mean):
         return None
     low, high = (decimal_text(end, number.decimals + 2) for end in (mean.low, mean.high))
     of = counted(len(average.scenes), "scene")
@@ -244,16 +179,15 @@ def _judge(average: _Averaged, same: Sequence[PrintedValue], *, pooled: bool) ->
     else:
         kind = f"mean over all queries of {of}" if pooled else f"mean of {of}"
         shown = low if low == high else f"{low} to {high}"
-        rounded = decimal_text(mean.low, number.decimals)
-        why = f"the {kind} is {shown}, which rounds to {rounded}"
+        why = f"the {kind} is {shown}, which rounds to {decimal_text(mean.low, number.decimals)}"
     why += f"; printed here is {number.text}"
     others = [c for c in same if c.table != cell.table and c.number.value != number.value]
     why += "".join(f", in {other.table} {other.number.text}" for other in others)
-    if not pooled and average.fits_rounded:
+    if not pooled and abs(number.value - average.of_rounded) <= number.half:
         twice = decimal_text(average.of_rounded, number.decimals + 2)
         why += f"; the scenes' values as printed have the mean {twice}, so it was rounded twice"
         return Finding(Grade.ROUNDING, "average", cell, why)
-    if number.span.widened(2 * number.half).meets(mean):
+    if cell.span.widened(2 * number.half).meets(mean):
         return Finding(Grade.ROUNDING, "average", cell, why + ": off by the last digit")
     return Finding(Grade.INCONSISTENT, "average", cell, why)
 
@@ -262,16 +196,13 @@ def _judge(average: _Averaged, same: Sequence[PrintedValue], *, pooled: bool) ->
 class _Gain:
     """A printed gain, its value, and the value that it is over; None where there is none."""
 
-    cell: PrintedValue
+    cell: Value
     gain: Rounded
-    base: PrintedValue | None = None
+    base: Value | None = None
 
     @property
     def off(self) -> Fraction | float:
-        """How far the gain is from the difference, beyond its own rounding.
-
-        What is better low counts either way.
-        """
+        """How far the gain is from the difference; of errors, either way counts as one."""
         if self.base is None:
             return math.inf
         value, base = self.cell.number, self.base.number
@@ -287,28 +218,27 @@ class _Gain:
         return self.off <= self.cell.number.half + self.gain.half + other
 
 
-def check_gains(published: Published) -> Outcome:
+def check_gains(values: Sequence[Value]) -> Outcome:
     """Find printed gains that are not the difference of the printed values."""
-    findings: list[Finding] = []
-    conclusions: list[Conclusion] = []
-    compared: list[PrintedValue] = []
-    columns = published.by(_column)
-    printed = [_Gain(cell, cell.gain) for cell in published.cells if cell.gain]
+    findings, conclusions, compared = list[Finding](), list[str](), list[Value]()
+    columns = grouped(values, _column)
+    printed = [_Gain(value, value.gain) for value in values if value.gain]
     unexplained = 0
     for place, gains in grouped(printed, lambda g: (g.cell.table, g.cell.method)).items():
         base, based = _baseline(gains, columns)
-        if base is None:
-            number = counted(len(gains), "gain")
-            text = f"no method of the table explains more than half of {number}"
-            unexplained += len(gains)
-        else:
+        if base:
             explained = sum(gain.is_explained for gain in based)
             are = agreeing(explained, "is", "are")
             text = f"gains are over {base}: {explained} of {len(gains)} {are} right up to the last "
             text += "digit"
-            compared += [cell for gain in based for cell in (gain.cell, gain.base) if cell]
-            findings += [found for gain in based if (found := _judge_gain(gain, base))]
-        conclusions.append(Conclusion("gain", ", ".join(filter(None, place)), text))
+        else:
+            unexplained += len(gains)
+            text = (
+                f"no method of the table explains more than half of {counted(len(gains), 'gain')}"
+            )
+        compared += [cell for gain in based for cell in (gain.cell, gain.base) if cell]
+        findings += filter(None, (_judge_gain(gain, base) for gain in based))
+        conclusions.append(f"gain of {', '.join(filter(None, place))}: {text}")
     left = f"gains over no method of the table: {unexplained}" if unexplained else ""
     return Outcome(
         "gain",
@@ -321,39 +251,33 @@ def check_gains(published: Published) -> Outcome:
     )
 
 
-def _column(cell: PrintedValue) -> tuple[str, ...]:
-    return cell.table, *cell.group, cell.scene, cell.score.name
+def _column(cell: Value) -> tuple[str, ...]:
+    return cell.table, *cell.group, cell.scene, cell.metric
 
 
 def _baseline(
-    gains: Sequence[_Gain], columns: Mapping[tuple[str, ...], Sequence[PrintedValue]]
-) -> tuple[str | None, list[_Gain]]:
+    gains: Sequence[_Gain], columns: Mapping[tuple[str, ...], Sequence[Value]]
+) -> tuple[str, list[_Gain]]:
     """Return the method that the gains are over, by merit, then name, then place in the file."""
     method = gains[0].cell.method
     stem = re.sub(r"\s*\(.*\)$", "", method).casefold()
     explained: Counter[str] = Counter()
-    lines: dict[str, int] = {}
-    best = []
+    best, named = list[_Gain](), list[dict[str, Value]]()
     for gain in gains:
-        column = columns[_column(gain.cell)]
-        for cell in column:
-            if cell.method != method:
-                lines.setdefault(cell.method, cell.line)
-                explained[cell.method] += replace(gain, base=cell).is_explained
-        plain = [cell for cell in column if cell.gain is None]
+        others = [cell for cell in columns[_column(gain.cell)] if cell.method != method]
+        named.append({cell.method: cell for cell in others})
+        for cell in others:
+            explained[cell.method] += replace(gain, base=cell).is_explained
+        plain = [cell for cell in columns[_column(gain.cell)] if cell.gain is None]
         pick = min if gain.cell.score.higher_is_better is False else max
         best.append(replace(gain, base=pick(plain, key=lambda c: c.number.value, default=None)))
-
-    def merit(name: str) -> tuple[int, bool, int]:
-        return explained[name], name.casefold() == stem, -lines[name]
-
-    over = max(lines, key=merit, default=None)
     over_best = sum(gain.is_explained for gain in best)
-    if over_best > explained[over or ""] and 2 * over_best > len(gains):
+    # The first of equals in the file, unless one has the method's name.
+    over = max(explained, key=lambda n: (explained[n], n.casefold() == stem), default="")
+    if over_best > explained[over] and 2 * over_best > len(gains):
         return _BEST, best
-    if over is None or not (over.casefold() == stem or 2 * explained[over] > len(gains)):
-        return None, []
-    named = [{c.method: c for c in reversed(columns[_column(g.cell)])} for g in gains]
+    if not over or not (over.casefold() == stem or 2 * explained[over] > len(gains)):
+        return "", []
     return over, [replace(g, base=cells.get(over)) for g, cells in zip(gains, named, strict=True)]
 
 

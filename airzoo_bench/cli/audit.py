@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,15 +24,6 @@ EXAMPLES = examples(
 _FOUND = 1
 
 
-class Variant(StrEnum):
-    """Which average precision at K is meant."""
-
-    PRECISION = "precision"
-    MIN = "min"
-    TREC = "trec"
-    HITS = "hits"
-
-
 def audit(
     table: Annotated[
         Path,
@@ -50,12 +40,6 @@ def audit(
             "(default: what the file says, else what the values imply)."
         ),
     ] = None,
-    ap: Annotated[
-        Variant | None,
-        typer.Option(
-            "--ap", help="Which average precision at K is meant (default: what the values imply)."
-        ),
-    ] = None,
 ) -> None:
     """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
 
@@ -67,7 +51,7 @@ def audit(
     from airzoo_bench.tables.published import read_published
 
     given = parse_counts(counts or [])
-    done = audit_published(read_published(table), given, ap.value if ap else None)
+    done = audit_published(read_published(table), given)
     _show(done, form)
     if done.failed:
         raise typer.Exit(_FOUND)

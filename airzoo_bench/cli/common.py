@@ -249,12 +249,12 @@ def _write(text: str, stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def show(table: Table, form: Format, *, fit: bool = False) -> None:
+def show(table: Table, form: Format) -> None:
     """Print a table on stdout, as wide as the terminal; the notes of CSV go to stderr."""
     from airzoo_bench.tables.render import render
 
     width = shutil.get_terminal_size((80, 24)).columns
-    put(render(table, form.value, width=width, styled=sys.stdout.isatty(), fit=fit), form)
+    put(render(table, form.value, width=width, styled=sys.stdout.isatty()), form)
     if form is Format.CSV:
         for note in table.notes:
             say(note)

@@ -55,7 +55,7 @@ def reported_rows(
     tables = published_tables(benchmark, track)
     if not tables:
         return [], []
-    empty = MethodTable("", benchmark, track, tuple(columns), scenes, {}, ())
+    empty = MethodTable("", benchmark, track, tuple(columns), scenes)
     scenic = any(table.has_scenes for table in tables)
     made = with_published(empty, tables, by_scene=scenic)
     rows = {row.method: row for row in made.rows}

@@ -24,27 +24,12 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.tables.intervals import brackets_note, notes_by_reason, score_cell, score_title
-from airzoo_bench.tables.marks import mark_best
-from airzoo_bench.tables.method_table import UNITS
+from airzoo_bench.tables.marks import mark_cells
+from airzoo_bench.tables.method_table import UNITS, score_column
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = [
-    "UNKNOWN",
-    "Grouping",
-    "breakdown_table",
-    "check_column",
-    "condition_names",
-    "condition_title",
-    "even_edges",
-    "group_averages",
-    "group_intervals",
-    "group_records",
-    "is_condition",
-    "number_texts",
-]
 
 UNKNOWN = "unknown"
 """The group of the queries for which a condition has no value."""
@@ -83,16 +68,16 @@ class Grouping:
         return Grouping(self.by, tuple(self.labels[k] for k in left), codes, self.edges)
 
 
-def is_condition(name: str, track: str) -> bool:
-    """Whether a column of a track's records, and no score, tells of queries, not of methods."""
-    return not any(fnmatchcase(name, pattern) for pattern in _recorded(track))
-
-
 @cache
 def _recorded(track: str) -> frozenset[str]:
     if track not in TRACKS:  # its package is not installed here
         return frozenset(("scene", "query", "answered"))
     return frozenset(load_track(track).recorded)
+
+
+def is_condition(name: str, track: str) -> bool:
+    """Whether a column of a track's records, and no score, tells of queries, not of methods."""
+    return not any(fnmatchcase(name, pattern) for pattern in _recorded(track))
 
 
 def condition_names(method: Scored) -> list[str]:
@@ -172,8 +157,8 @@ def _checked_bins(by: str, column: pd.Series[str], bins: Sequence[float]) -> tup
             fix="leave --bins out: every value is then a group",
         )
     if not all(map(math.isfinite, edges)) or list(edges) != sorted(set(edges)) or not edges:
-        given = ",".join(f"{edge:.15g}" for edge in edges)
-        raise UsageError(f"--bins {given} do not ascend", expected="edges such as 50,100,200")
+        numbers = ",".join(f"{edge:.15g}" for edge in edges)
+        raise UsageError(f"--bins {numbers} do not ascend", expected="edges such as 50,100,200")
     return edges
 
 
@@ -208,14 +193,13 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
     shown = column.to_numpy() if numbers else column.astype(str).to_numpy(object)
     if not numbers:
         missing = missing | (shown == UNKNOWN)  # who writes it means what an empty field does
-    values = sorted(set(shown[~missing].tolist()))
+    values, codes_of = np.unique(shown[~missing], return_inverse=True)
     if len(values) > _MOST_GROUPS:
         many = f"--by {by}: {len(values)} different values are no groups"
         raise UsageError(many, fix="choose a column with fewer values")
-    places = {value: place for place, value in enumerate(values)}
     codes = np.full(len(column), len(values), np.int64)
-    codes[~missing] = [places[value] for value in shown[~missing].tolist()]
-    labels = number_texts(values) if numbers else values
+    codes[~missing] = codes_of
+    labels = number_texts(values.tolist()) if numbers else values.tolist()
     return Grouping(by, (*labels, UNKNOWN), codes).without_empty()
 
 
@@ -245,7 +229,7 @@ def group_intervals(
     named = tuple(grouping.labels[group] for group in filled)
     found = sample_intervals(replace(sample, groups=named, values=parts), resampling).groups
     few = f"fewer than {FEWEST} {plural(unit)}"
-    nothing = [Interval(None, None, "")] * len(values)
+    nothing = [Interval.lacking("")] * len(values)
     return [
         [replace(i, reason=few) if 0 < count < FEWEST else i for i in found.get(label, nothing)]
         for label, count in counts.items()
@@ -263,40 +247,37 @@ def breakdown_table(
     """Lay out scores by group: over all queries of the group, whatever their scene."""
     check_same_column(methods, by)
     grouping = group_records(methods[0].records, by, bins, keep_empty=True)
-    shown = [(score, method) for score in scores for method in methods]
     sample, result = pooled_sample(methods, scores), methods[0].result
-    averages = group_averages(
-        sample.values[0], sample.medians, grouping.codes, len(grouping.labels)
-    )
-    intervals = [] if resampling is None else group_intervals(sample, grouping, resampling)
+    counts, protocol = grouping.counts.tolist(), result.protocol
+    averages = group_averages(sample.values[0], sample.medians, grouping.codes, len(counts))
+    intervals = group_intervals(sample, grouping, resampling) if resampling else []
     titles = result.truth.scene_titles if by == "scene" else {}
     labels = [titles.get(label, label) for label in grouping.labels]
     rows = []
-    for place, (label, count) in enumerate(zip(labels, grouping.counts.tolist(), strict=True)):
-        found = intervals[place] if intervals else [None] * len(shown)
-        values = averages[:, place].tolist() if count else [None] * len(shown)
-        cells = [score_cell(s, *pair) for (s, _), *pair in zip(shown, values, found, strict=True)]
-        rows.append(Row((Cell(label), Cell(count), *cells)))
-    units = plural(result.unit)
+    for place, (label, count) in enumerate(zip(labels, counts, strict=True)):
+        cells = [Cell(label), Cell(count)]
+        for number, score in enumerate(scores):
+            race = range(number * len(methods), (number + 1) * len(methods))
+            spans = [intervals[place][i] if intervals else None for i in race]
+            values = [float(averages[i, place]) if count else None for i in race]
+            race_cells = [score_cell(score, *p) for p in zip(values, spans, strict=True)]
+            cells += mark_cells(score_column(score), race_cells)
+        rows.append(Row(tuple(cells)))
     notes = _notes(methods[0], grouping, sample, averages)
     if resampling is not None:
-        reasons = [
-            (interval.reason, score, label if len(methods) == 1 else f"{label} ({method.name})")
-            for label, part in zip(labels, intervals, strict=True)
-            for interval, (score, method) in zip(part, shown, strict=True)
-        ]
-        listed = [interval for part in intervals for interval in part]
-        notes += notes_by_reason(reasons, "no interval; ")
-        notes += brackets_note(listed, resampling, f"{units} within each group")
-    table = Table(
-        _title(methods, scores, by),
-        (Column(condition_title(by)), Column(units.capitalize()), *_columns(methods, scores)),
+        notes += _interval_notes(methods, scores, labels, intervals, resampling)
+    units, several = plural(result.unit).capitalize(), len(methods) > 1
+    what = methods[0].name
+    if several:
+        what = f"{', '.join(score.title for score in scores)} of {len(methods)} methods"
+    return Table(
+        f"{what} by {condition_title(by)}, {protocol.name} v{protocol.version}",
+        (Column(condition_title(by)), Column(units), *_columns(methods, scores)),
         tuple(rows),
         tuple(notes),
         leading=2,
         groups_per_block=len(scores),  # where a page takes them
     )
-    return table if len(methods) == 1 else _best_of_rows(table, scores, len(methods))
 
 
 def _columns(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> list[Column]:
@@ -313,15 +294,8 @@ def _columns(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> list[C
     ]
 
 
-def _title(methods: Sequence[Scored], scores: Sequence[ScoreColumn], by: str) -> str:
-    protocol, what = methods[0].result.protocol, methods[0].name
-    if len(methods) > 1:
-        what = f"{', '.join(score.title for score in scores)} of {len(methods)} methods"
-    return f"{what} by {condition_title(by)}, {protocol.name} v{protocol.version}"
-
-
 def _notes(method: Scored, grouping: Grouping, sample: Sample, averages: Floats) -> list[str]:
-    """Say over what values are, between which numbers there is something, why some are infinite."""
+    """Say over which values, between which numbers there is something, why some are infinite."""
     notes, values = [], method.records[grouping.by]
     if grouping.by != "scene":
         notes.append(
@@ -341,15 +315,22 @@ def _notes(method: Scored, grouping: Grouping, sample: Sample, averages: Floats)
     return notes
 
 
-def _best_of_rows(table: Table, scores: Sequence[ScoreColumn], count: int) -> Table:
-    """Mark the best method of each group: a score's cells are turned, marked, and put back."""
-    rows = []
-    for row in table.rows:
-        cells = list(row.cells[:2])
-        for number, score in enumerate(scores):
-            column = Column("", "", score.higher_is_better)
-            part = row.cells[2 + number * count : 2 + (number + 1) * count]
-            turned = mark_best(Table("", (column,), tuple(Row((cell,)) for cell in part)))
-            cells += [marked.cells[0] for marked in turned.rows]
-        rows.append(replace(row, cells=tuple(cells)))
-    return replace(table, rows=tuple(rows))
+def _interval_notes(
+    methods: Sequence[Scored],
+    scores: Sequence[ScoreColumn],
+    labels: Sequence[str],
+    intervals: Sequence[Sequence[Interval]],
+    resampling: ResamplingConfig,
+) -> list[str]:
+    shown = [(score, method) for score in scores for method in methods]
+    reasons = [
+        (interval.reason, score, label if len(methods) == 1 else f"{label} ({method.name})")
+        for label, part in zip(labels, intervals, strict=True)
+        for interval, (score, method) in zip(part, shown, strict=True)
+    ]
+    drawn = f"{plural(methods[0].result.unit)} within each group"
+    made = [interval for part in intervals for interval in part]
+    return [
+        *notes_by_reason(reasons, "no interval; "),
+        *brackets_note(made, resampling, drawn),
+    ]

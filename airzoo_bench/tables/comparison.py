@@ -9,7 +9,6 @@ from itertools import groupby
 import numpy as np
 
 from airzoo_bench.core.errors import agreeing, counted, plural
-from airzoo_bench.results.comparable import first_names
 from airzoo_bench.results.comparison import FLOOR_MARK, Comparison, Pair, make_sample
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
@@ -26,25 +25,11 @@ from airzoo_bench.tables.intervals import (
 from airzoo_bench.tables.method_table import UNITS, as_shown
 from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent, show_number
 
-__all__ = [
-    "LEAST_P",
-    "comparison_table",
-    "differences_table",
-    "disagreement",
-    "sentence",
-    "verdict",
-]
-
 LEAST_P = 1e-4
 """A p-value below is shown as less than it."""
 
 _OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 _SENTENCES = 4
-_NAMES = 6
-_VERDICTS = ("better", "worse", "unclear", "equal")
-_TITLES = ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")
-_TITLES_OF_ONE = ("Score", "Against", "Verdict", "Value", "Other", "Difference")
-_COMPARED = {"unclear": "unclear against", "equal": "equal to"}
 
 
 def verdict(pair: Pair) -> str:
@@ -74,10 +59,8 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
         untold = f"Too few to tell {both} apart {on}"
     if pair.difference is None:
         return f"{untold}: both are infinite."
-    standing = f"{ahead} is ahead by {_amount(pair)}"
-    if pair.difference == 0:
-        standing = "both have the same value"
-    return f"{untold}: {standing}{evidence}."
+    lead = f"{ahead} is ahead by {_amount(pair)}"
+    return f"{untold}: {lead if pair.difference else 'both have the same value'}{evidence}."
 
 
 def _amount(pair: Pair) -> str:
@@ -129,14 +112,16 @@ def disagreement(pair: Pair) -> str:
 
 def comparison_table(comparison: Comparison) -> Table:
     """Lay out a comparison: a row a score and method, for each score the best method first."""
-    pairs = []
+    pairs: list[Pair] = []
     for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key):
         of_score = list(part)
         sign = -1 if of_score[0].score.higher_is_better else 1
         side = "reference_value" if comparison.of_one else "value"
         pairs += sorted(of_score, key=lambda pair: sign * getattr(pair, side))
+    is_one = comparison.of_one
     columns = (
-        *map(Column, _TITLES_OF_ONE if comparison.of_one else _TITLES),
+        *map(Column, ("Score", "Against" if is_one else "Method", "Verdict", "Value")),
+        *map(Column, ("Other" if is_one else "Ref.", "Difference")),
         *(Column(title, decimals=4, group="p") for title in ("Paired", "Holm", "McNemar")),
         *(
             Column(title, group=plural(comparison.unit).capitalize())
@@ -147,16 +132,9 @@ def comparison_table(comparison: Comparison) -> Table:
         _title(comparison),
         columns,
         tuple(_row(pair, comparison) for pair in pairs),
-        (
-            *_findings(pairs, comparison),
-            *_notes(pairs, comparison),
-            *comparison.notes,
-            *_how(comparison),
-        ),
+        (*_notes(pairs, comparison), *comparison.notes, *_how(comparison)),
         leading=2,
-        # What belongs to a pair stands in one line, wherever a width does not forbid it.
-        groups_per_block=len(columns),
-        fixed=True,
+        groups_per_block=None,  # since one line has everything about a pair
     )
 
 
@@ -188,47 +166,8 @@ def _row(pair: Pair, comparison: Comparison) -> Row:
     )
 
 
-def _has_sentences(pairs: Sequence[Pair]) -> bool:
-    """Whether there are two methods, and few scores: then a sentence for each has room."""
-    return len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES
-
-
-def _findings(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
-    """Say what was found, as far as it can be decided."""
-    scores = list(dict.fromkeys(pair.score for pair in pairs))
-    decidable = [pair for pair in pairs if verdict(pair) != "too few"]
-    if _has_sentences(pairs):
-        return [sentence(pair, comparison.resampling) for pair in decidable]
-    if len(pairs) == len(scores):
-        parts = _by_verdict(decidable, lambda pair: pair.score.title)
-        said = "; ".join(f"{word} on {names}" for word, names in parts)
-        return [f"{pairs[0].method} against {pairs[0].reference}: {said}"] if said else []
-    by_finding: dict[str, list[str]] = {}
-    for score in scores:
-        parts = _by_verdict([p for p in decidable if p.score == score], comparison.other)
-        said = "; ".join(
-            f"{_COMPARED.get(word, f'{word} than')} {names}"
-            if comparison.of_one
-            else f"{names} {word}"
-            for word, names in parts
-        )
-        by_finding.setdefault(said, []).append(score.title)
-    of = f"of {comparison.reference}" if comparison.of_one else f"against {comparison.reference}"
-    return [
-        f"{first_names(titles, _NAMES)} {of}: {said}" for said, titles in by_finding.items() if said
-    ]
-
-
-def _by_verdict(pairs: Sequence[Pair], name: Callable[[Pair], str]) -> list[tuple[str, str]]:
-    """Return each verdict that occurs, and the names of the pairs that have it."""
-    found: dict[str, list[str]] = {}
-    for pair in pairs:
-        found.setdefault(verdict(pair), []).append(name(pair))
-    return [(word, first_names(found[word], _NAMES)) for word in _VERDICTS if word in found]
-
-
 def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
-    """Say where verdict and interval differ, too few units do, or there is no interval."""
+    """Say a sentence about each of few pairs, and where there are too few units or no interval."""
 
     def noted(prefix: str, why: Callable[[Pair], str]) -> list[str]:
         reasons = [(why(pair), pair.score, comparison.other(pair)) for pair in pairs]
@@ -247,50 +186,44 @@ def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
         differ = f"only {counted(count, comparison.unit)} {agreeing(count, 'differs', 'differ')}"
         return f"{differ}, so p {agreeing(count, 'is', 'cannot be below')} {pair.p_floor:g}"
 
-    return [
-        *([] if _has_sentences(pairs) else noted("", doubt)),
-        *noted("too few to tell; ", too_few),
-        *noted("no interval; ", lambda pair: pair.interval.reason),
-    ]
+    # Of two methods by few scores, sentences have room.
+    if len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES:
+        told = [pair for pair in pairs if verdict(pair) != "too few"]
+        notes = [sentence(pair, comparison.resampling) for pair in told]
+    else:
+        notes = noted("", doubt)
+    notes += noted("too few to tell; ", too_few)
+    return notes + noted("no interval; ", lambda pair: pair.interval.reason)
 
 
 def _how(comparison: Comparison) -> list[str]:
-    """Say how intervals and tests were made, and what p was corrected for."""
-    pairs, resampling = comparison.pairs, comparison.resampling
+    """Say how intervals and tests were made, and for how many comparisons p was corrected."""
+    pairs, plan, family = comparison.pairs, comparison.resampling, comparison.family
     kinds = {pair.test.kind for pair in pairs}
     tests = []
     if "permutation" in kinds:
         exact = {pair.test.exact for pair in pairs if pair.test.kind == "permutation"}
-        random = f"{resampling.resamples} random patterns, seed {resampling.seed}"
+        random = f"{plan.resamples} random patterns, seed {plan.seed}"
         tried = " or ".join(["all patterns"] * (True in exact) + [random] * (False in exact))
         tests.append(f"paired permutation, two-sided, {tried}")
     if "student" in kinds:
         tests.append("Student's t over scenes, paired, two-sided")
     if "bootstrap" in kinds:
         of_medians = f"{'of medians ' * bool(tests)}paired bootstrap, two-sided"
-        tests.append(f"{of_medians}, {resampling.resamples} resamples, seed {resampling.seed}")
-    if comparison.family <= len({comparison.other(pair) for pair in pairs}):
-        correction = "corrected by Holm for the number of methods, not of scores"
+        tests.append(f"{of_medians}, {plan.resamples} resamples, seed {plan.seed}")
+    chosen = "method" if comparison.of_one else "reference"
+    if family <= len({comparison.other(pair) for pair in pairs}):
+        tests.append("corrected by Holm for the number of methods, not of scores")
     else:
-        correction = (
-            f"corrected by Holm for all {comparison.family} pairs of methods, since the "
-            f"{'method' if comparison.of_one else 'reference'} was chosen for being the best, "
-            "not for the number of scores"
+        tests.append(
+            f"corrected by Holm for all {family} pairs of methods, since the {chosen} was chosen "
+            "for being the best, not for the number of scores"
         )
-    hits = any(pair.p_mcnemar is not None for pair in pairs)
-    made = [pair.interval for pair in pairs]
-    notes = brackets_note(
-        made, resampling, resampled(comparison.unit), "intervals of the difference"
-    )
-    notes.append(f"p: {'; '.join([*tests, correction, *['McNemar exact, for hits'] * hits])}")
-    # Random patterns may be too few for any p to be a finding after Holm.
-    least = (2 if "bootstrap" in kinds else 1) * comparison.family / (resampling.resamples + 1)
-    if least > LEVEL and not all(pair.test.exact for pair in pairs):
-        notes.append(
-            f"p of random patterns, Holm, cannot be below {min(least, 1.0):.4f}: name a reference, "
-            "or fewer methods"
-        )
-    return notes
+    if any(pair.p_mcnemar is not None for pair in pairs):
+        tests.append("McNemar exact, for hits")
+    made, drawn = [pair.interval for pair in pairs], resampled(comparison.unit)
+    notes = brackets_note(made, plan, drawn, "intervals of the difference")
+    return [*notes, f"p: {'; '.join(tests)}"]
 
 
 def differences_table(
@@ -301,9 +234,9 @@ def differences_table(
     *,
     base: int = 0,
 ) -> Table:
-    """List the queries on which methods differ most by the first score."""
-    sample, score, two = make_sample(methods, scores, scene), scores[0], len(methods) == 2
-    by_score = np.concatenate(sample.values, axis=1).reshape(len(scores), len(methods), -1)
+    """List the queries on which two methods differ most by the first score."""
+    sample, score, other = make_sample(methods, scores, scene), scores[0], 1 - base
+    by_score = np.concatenate(sample.values, axis=1).reshape(len(scores), 2, -1)
     spread = difference(by_score.max(axis=1), by_score.min(axis=1))
     # The rows of the records in the order of the sample's units.
     of_row = methods[0].records["scene"].to_numpy(str)
@@ -314,32 +247,26 @@ def differences_table(
     ids = methods[0].records["query"].to_numpy(str)[rows]
     found = int((spread[0] > 0).sum())
     chosen = np.lexsort([ids, *(-spread[::-1])])[: min(count, found)]
-    values = by_score[0][:, chosen]
-    titles = [Column(m.name, UNITS[score.unit], score.higher_is_better) for m in methods]
-    if two:
-        titles.append(Column("Difference", UNITS[score.unit]))
-        numbers = [*values, difference(values[1 - base], values[base])]
-    else:
-        titles.insert(0, Column("Best to worst", UNITS[score.unit]))
-        numbers = [difference(values.max(0), values.min(0)), *values]
-    columns = [(Column(sample.unit.capitalize()), [Cell(name) for name in ids[chosen].tolist()])]
-    columns += [
-        (title, [score_cell(score, number) for number in row.tolist()])
-        for title, row in zip(titles, numbers, strict=True)
-    ]
-    differ = agreeing(found, "differs", "differ")
-    notes = [f"{found} of {counted(len(ids), sample.unit)} {differ} on {score.title}"]
-    if two:
-        columns += [
-            (Column(condition_title(name)), _condition_cells(methods[0], name, rows[chosen]))
-            for name in condition_names(methods[0])
-        ]
-        notes.append(f"difference: {methods[1 - base].name} minus {methods[base].name}")
+    values, unit = by_score[0][:, chosen], UNITS[score.unit]
+    numbers = [*values, difference(values[other], values[base])]
+    cells = [list(map(Cell, ids[chosen].tolist()))]
+    cells += [[score_cell(score, number) for number in row.tolist()] for row in numbers]
+    conditions = condition_names(methods[0])
+    cells += [_condition_cells(methods[0], name, rows[chosen]) for name in conditions]
     return Table(
         f"Where the methods differ most on {score.title}",
-        tuple(column for column, _ in columns),
-        tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True)),
-        tuple(notes),
+        (
+            Column(sample.unit.capitalize()),
+            *(Column(method.name, unit, score.higher_is_better) for method in methods),
+            Column("Difference", unit),
+            *(Column(condition_title(name)) for name in conditions),
+        ),
+        tuple(map(Row, zip(*cells, strict=True))),
+        (
+            f"{found} of {counted(len(ids), sample.unit)} {agreeing(found, 'differs', 'differ')} "
+            f"on {score.title}",
+            f"difference: {methods[other].name} minus {methods[base].name}",
+        ),
         leading=1,
     )
 

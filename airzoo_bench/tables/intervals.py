@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from airzoo_bench.core.errors import plural
@@ -15,49 +15,26 @@ from airzoo_bench.statistics.intervals import Interval, SampleIntervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.layouts import AVERAGE
 from airzoo_bench.tables.method_table import OVERALL, UNITS, MethodTable, as_shown
-from airzoo_bench.tables.model import (
-    Between,
-    Cell,
-    Column,
-    Row,
-    Table,
-    share_to_percent,
-    show_number,
-)
+from airzoo_bench.tables.model import Between, Cell, Column, Row, Table, share_to_percent
 
-__all__ = [
-    "brackets_note",
-    "intervals_made",
-    "intervals_table",
-    "notes_by_reason",
-    "resampled",
-    "score_cell",
-    "score_texts",
-    "score_title",
-    "with_intervals",
-]
-
-_NAMES = {
+_CLOSED = {
     "wilson": "Wilson",
     "mover": "MOVER",
     "student": "Student's t",
     "lognormal": "log-normal",
-    "bca": "BCa",
-    "percentile": "percentile",
 }
-_DRAWN = ("bca", "percentile")
+_DRAWN = {"bca": "BCa", "percentile": "percentile"}
 _SHOWN = 6
-_ONE_RECORD = "a scene has one record"
 
 
 def score_title(score: ScoreColumn) -> str:
-    """Return title and unit of a score whose numbers stand in rows."""
+    """Return title and unit of a score whose numbers are in rows."""
     return f"{score.title} [{UNITS[score.unit]}]"
 
 
 def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]:
     """Write values of a score as tables do."""
-    return ["–" if v is None else show_number(as_shown(score, float(v)), 2) for v in values]
+    return [score_cell(score, None if v is None else float(v)).text(2) for v in values]
 
 
 def score_cell(score: ScoreColumn, value: float | None, interval: Interval | None = None) -> Cell:
@@ -84,12 +61,12 @@ def intervals_made(
     """Say how intervals were made, by the kinds that there are; empty where there are none."""
     listed = list(intervals)
     made = {interval.method for interval in listed}
-    closed = " or ".join(n for key, n in _NAMES.items() if key in made and key not in _DRAWN)
-    by_draws = " or ".join(n for key, n in _NAMES.items() if key in made and key in _DRAWN)
-    how = [f"{closed} over {drawn}"] if closed else []
+    closed = [name for key, name in _CLOSED.items() if key in made]
+    by_draws = [name for key, name in _DRAWN.items() if key in made]
+    how = [f"{' or '.join(closed)} over {drawn}"] if closed else []
     if by_draws:
         number, seed = resampling.resamples, resampling.seed
-        how.append(f"{by_draws}, {number} resamples of {drawn}, seed {seed}")
+        how.append(f"{' or '.join(by_draws)}, {number} resamples of {drawn}, seed {seed}")
     if not how:
         return ""
     if any(one.method == "lognormal" and one.high == math.inf for one in listed):
@@ -108,25 +85,19 @@ def brackets_note(
 def notes_by_reason(
     entries: Iterable[tuple[str, ScoreColumn, str]], prefix: str = "", linked: str = "in"
 ) -> list[str]:
-    """Name each reason once, with the scores, scenes or methods that share it."""
-    listed = list(entries)
-    every_score = list(dict.fromkeys(score.title for _, score, _ in listed))
-    every_member = list(dict.fromkeys(member for *_, member in listed))
-    found: dict[str, dict[str, list[str]]] = {}
-    for reason, score, member in listed:
-        found.setdefault(reason, {}).setdefault(score.title, []).append(member)
+    """Name each reason, with the scores and the scenes or methods that share it."""
+    members: dict[tuple[str, str], list[str]] = {}
+    every = dict[str, None]()
+    for reason, score, member in entries:
+        members.setdefault((reason, score.title), []).append(member)
+        every[member] = None
+    titles: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (reason, title), those in members.items():
+        titles.setdefault((reason, tuple(those)), []).append(title)
     notes = []
-    for reason, members_of in found.items():
-        by_members: dict[tuple[str, ...], list[str]] = {}
-        for title, members in members_of.items():
-            by_members.setdefault(tuple(members), []).append(title)
-        parts = []
-        for those, titles in by_members.items():
-            every = titles == every_score and len(titles) > 1
-            named = "all scores" if every else first_names(titles, _SHOWN)
-            where = "" if [*those] == every_member else f" {linked} {first_names(those)}"
-            parts.append(named + where)
-        notes += [f"{'; '.join(parts)}: {prefix}{reason}"] if reason else []
+    for (reason, shared), scores in titles.items():
+        where = "" if len(shared) == len(every) else f" {linked} {first_names(shared)}"
+        notes += [f"{first_names(scores, _SHOWN)}{where}: {prefix}{reason}"] if reason else []
     return notes
 
 
@@ -137,13 +108,14 @@ def with_intervals(
     shown: Sequence[str],
 ) -> MethodTable:
     """Put intervals next to the numbers of methods, and notes how they were made, or why not."""
-    rows, seen = [], []
-    missing: dict[str, dict[str, dict[str, list[str]]]] = {}  # by reason, scene, method: scores
+    rows, seen = [], list[Interval]()
+    missing: dict[str, dict[str, None]] = {}  # titles of scenes by reason
+    titles = {**table.scenes, OVERALL: "the average"}
     for row, method in zip(table.rows, methods, strict=True):
         known = {column.key for column in method.result.columns}
         scores = [score for score in table.scores if score.key in known]
         found = score_intervals(method, scores, resampling)
-        parts = {OVERALL: found.overall} | found.groups
+        parts = {OVERALL: found.overall, **found.groups}
         spans = {
             scene: {
                 score.key: limits
@@ -153,35 +125,15 @@ def with_intervals(
             for scene, intervals in parts.items()
         }
         rows.append(replace(row, uncertainties=spans))
-        without = [Interval(None, None, "", _ONE_RECORD)] * len(scores)
+        without = [Interval.lacking("a scene has one record")]
         for scene in shown:
             seen += parts.get(scene, [])
-            for score, interval in zip(scores, parts.get(scene, without), strict=True):
+            for interval in parts.get(scene, without):
                 if interval.low is None:
-                    scenes = missing.setdefault(interval.reason, {})
-                    scenes.setdefault(scene, {}).setdefault(row.method, []).append(score.title)
-    notes = [f"no interval for {_places(table, places)}: {why}" for why, places in missing.items()]
-    made = brackets_note(seen, resampling, resampled(methods[0].result.unit))
-    return replace(table, rows=tuple(rows)).noted(*made, *notes)
-
-
-def _places(table: MethodTable, by_scene: Mapping[str, Mapping[str, list[str]]]) -> str:
-    """Name numbers in as few words as tell which they are: scenes, in them methods and scores."""
-    titles = {**table.scenes, OVERALL: "the average"}
-    parts: dict[str, list[str]] = {}
-    for scene, by_method in by_scene.items():
-        by_scores: dict[str, list[str]] = {}
-        for method, scores in by_method.items():
-            named = "" if len(scores) == len(table.scores) else ", ".join(scores)
-            by_scores.setdefault(named, []).append(method)
-        which = []
-        for named, methods in by_scores.items():
-            # Of all methods, as of one alone, their names go without saying.
-            names = "" if len(methods) == len(table.rows) else ", ".join(methods)
-            which.append(": ".join(filter(None, [names, named])))
-        said = "; ".join(filter(None, which))
-        parts.setdefault(f" ({said})" if said else "", []).append(titles[scene])
-    return "; ".join(", ".join(scenes) + which for which, scenes in parts.items())
+                    missing.setdefault(interval.reason, {})[titles[scene]] = None
+    notes = brackets_note(seen, resampling, resampled(methods[0].result.unit))
+    notes += [f"no interval for {', '.join(where)}: {why}" for why, where in missing.items()]
+    return replace(table.noted(*notes, legend=False), rows=tuple(rows), about_intervals=(*notes,))
 
 
 def intervals_table(
@@ -206,22 +158,18 @@ def intervals_table(
         is_average = scene is None and place == len(parts) - 1
         for score, interval in zip(scores, intervals, strict=True):
             number = score_cell(score, values[score.key], interval)
-            kind = Cell(_NAMES.get(interval.method))
+            kind = Cell((_CLOSED | _DRAWN).get(interval.method))
             rows.append(Row((Cell(title), Cell(score_title(score)), number, kind), is_average))
             reasons.append((interval.reason, score, title))
-    notes = (
-        *notes_by_reason(reasons, "no interval; "),
-        *notes_of(result),
-        *brackets_note(
-            [interval for *_, part in parts for interval in part],
-            resampling,
-            resampled(result.unit),
-        ),
-    )
+    drawn = [interval for *_, part in parts for interval in part]
     return Table(
         f"{method.name} on {result.protocol.name} v{result.protocol.version}",
         (Column("Scene"), Column("Score"), Column("Value"), Column("Interval")),
         tuple(rows),
-        notes,
+        (
+            *notes_by_reason(reasons, "no interval; "),
+            *notes_of(result),
+            *brackets_note(drawn, resampling, resampled(result.unit)),
+        ),
         leading=2,
     )

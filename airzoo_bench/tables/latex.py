@@ -1,9 +1,8 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
-``booktabs`` is needed, ``xcolor`` with its option ``table`` for coloured rows, gains and floors,
-and ``graphicx`` to shrink a table. Blocks of different tracks are tabulars of their own. The notes
-without which numbers mislead stand under them, broken into lines here, since a tabular does not
-know its width.
+``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
+floors. Blocks of different tracks are tabulars of their own. The notes without which numbers
+mislead are printed under them, broken into lines here, since a tabular does not know its width.
 """
 
 from __future__ import annotations
@@ -14,12 +13,6 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from airzoo_bench.tables.model import Cell, Column, Row, Table, by_block, by_count, plain
-
-__all__ = ["escape", "latex"]
-
-_HIGHLIGHT = r"\rowcolor{yellow!25}"
-# By TeX itself, which alone knows the width: graphicx gives that of the content as \width.
-_SHRINK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 
 # Digits of the table are wider than letters of its notes, and two gaps as wide as five letters.
 _PER_LETTER, _PER_GAP, _SHORTEST = 1.25, 2.5, 30
@@ -59,7 +52,7 @@ def escape(text: str) -> str:
 
 
 def _escape_number(text: str) -> str:
-    """Escape a printed number, which may stand between brackets, with a true minus."""
+    """Escape a printed number, which may be between brackets, with a true minus."""
     return re.sub(r"^(\{\[\})?-(?=[0-9.]+[],]?$)", r"\1$-$", escape(text))
 
 
@@ -67,26 +60,21 @@ def _bold(text: str) -> str:
     return rf"\textbf{{{text}}}"
 
 
-def latex(table: Table, *, fit: bool = False) -> str:
-    """Lay out a table as a ``tabular``, or several of them where blocks must stand apart."""
+def latex(table: Table) -> str:
+    """Lay out a table as a ``tabular``, or several of them where blocks must be apart."""
     packages = [r"\usepackage{booktabs}"]
     gains = any(cell.gain is not None for row in table.rows for cell in row.cells)
     if gains or any(row.highlighted or row.floor for row in table.rows):
         packages.append(r"\usepackage[table]{xcolor}")
-    if fit:
-        packages.append(r"\usepackage{graphicx}")
     comments = [table.title, *(note for note in table.notes if note not in table.legend)]
     lines = [f"needs {' '.join(packages)}", *map(plain, comments)]
     tabulars = [_tabular(part) for part in by_block(table)]
-    if fit:
-        tabulars = [f"{_SHRINK}\n{tabular}}}\n" for tabular in tabulars]
     return "".join(f"% {line}\n" for line in lines) + "\n\\medskip\n".join(tabulars)
 
 
 def _tabular(table: Table) -> str:
     """Set pieces below each other, the columns of smaller ones spread over those of the widest."""
-    pieces = by_count(table)
-    leading = table.leading_columns
+    pieces, leading = by_count(table), table.leading_columns
     room = max(len(piece.columns) for piece in pieces) - leading
     cells = [cell for row in table.rows for cell in row.cells]
     # With something next to the numbers these are centred, as in the paper.
@@ -104,23 +92,19 @@ def _tabular(table: Table) -> str:
 
 
 def _types(pieces: Sequence[Table], piece: Table, number: str) -> list[str]:
+    """Return the type of each column; one that is a whole group with a wide title is centred."""
+    groups = [column.group for column in piece.columns]
+    lone = [c for c in piece.columns if c.group and groups.count(c.group) == 1]
+    is_wide = any(len(column.group) > len(column.heading) for column in lone)
     types = []
-    for index in range(len(piece.columns)):
+    for index, column in enumerate(piece.columns):
         if any(one.is_text(index) for one in pieces if index < len(one.columns)):
             types.append("l")
         elif index < piece.leading_columns:
             types.append("r")
         else:
-            types.append("c" if _stands_alone(piece, index) else number)
+            types.append("c" if is_wide and column in lone else number)
     return types
-
-
-def _stands_alone(piece: Table, index: int) -> bool:
-    """Whether a column is its whole group, and the title of such a one is wider than it."""
-    groups = [column.group for column in piece.columns]
-    lone = [c for c in piece.columns if c.group and groups.count(c.group) == 1]
-    wider = any(len(column.group) > len(column.heading) for column in lone)
-    return piece.columns[index] in lone and wider
 
 
 def _titles(piece: Table, span: int, unused: list[str]) -> list[str]:
@@ -128,15 +112,14 @@ def _titles(piece: Table, span: int, unused: list[str]) -> list[str]:
     titles, rules, at = [""] * leading, [], leading + 1
     for group, members in groupby(piece.columns[leading:], key=lambda column: column.group):
         width = len(list(members)) * span
-        named = rf"\multicolumn{{{width}}}{{c}}{{{_bold(escape(group))}}}"
-        titles += [named] if group else [""] * width
+        titles += [_spanned(_bold(escape(group)), width)] if group else [""] * width
         rules += [rf"\cmidrule(lr){{{at}-{at + width - 1}}}"] if group else []
         at += width
     shown = []
     for index, column in enumerate(piece.columns):
         suffix = escape(column.title_suffix)
         text = _bold(escape(column.title)) + f" {suffix}" * bool(suffix)
-        shown.append(_spanned(text, span if index >= leading else 1))
+        shown.append(_spanned(text, span) if index >= leading and span > 1 else text)
     above = [_line([*titles, *unused]), "".join(rules)] if piece.has_groups else []
     return [*above, _line([*shown, *unused])]
 
@@ -145,12 +128,14 @@ def _body(piece: Table, span: int, unused: list[str]) -> list[str]:
     lines = []
     for above, row in zip((None, *piece.rows), piece.rows, strict=False):
         lines += [r"\midrule"] * row.is_apart(above)
-        lines += [_HIGHLIGHT] * row.highlighted
+        lines += [r"\rowcolor{yellow!25}"] * row.highlighted
         texts = [_cell(*pair, row) for pair in zip(row.cells, piece.columns, strict=True)]
         cite = row.cells[0].cite
         texts[0] += rf"~\cite{{{cite}}}" * bool(cite) + escape("†") * bool(row.reported)
-        wide = [_spanned(text, span) for text in texts[piece.leading_columns :]]
-        lines.append(_line([*texts[: piece.leading_columns], *wide, *unused]))
+        if span > 1:
+            leading = piece.leading_columns
+            texts[leading:] = [_spanned(text, span) for text in texts[leading:]]
+        lines.append(_line([*texts, *unused]))
     return lines
 
 
@@ -167,7 +152,7 @@ def _cell(cell: Cell, column: Column, row: Row) -> str:
 
 
 def _spanned(text: str, span: int) -> str:
-    return text if span == 1 else rf"\multicolumn{{{span}}}{{c}}{{{text}}}"
+    return rf"\multicolumn{{{span}}}{{c}}{{{text}}}"
 
 
 def _line(cells: list[str]) -> str:
@@ -190,7 +175,6 @@ def _legend(table: Table, pieces: Sequence[Table], width: int) -> list[str]:
 
 def _letters(table: Table) -> int:
     """Estimate how many letters of a footnote are as wide as a table."""
-    titles = [column.heading for column in table.columns]
-    widest = [max(map(len, texts)) for texts in zip(titles, *table.texts(), strict=True)]
+    widest = table.text_widths()
     widest[0] += len("[12]") * any(row.cells[0].cite for row in table.rows)
     return round(_PER_LETTER * sum(widest) + _PER_GAP * (len(widest) - 1))

@@ -23,16 +23,6 @@ from airzoo_bench.tables.method_table import (
 )
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 
-__all__ = [
-    "AVERAGE",
-    "POOLED",
-    "benchmarks_layout",
-    "methods_layout",
-    "methods_table",
-    "scenes_layout",
-    "scenes_table",
-]
-
 AVERAGE = "Average"
 """The title of the average over scenes."""
 
@@ -40,14 +30,10 @@ POOLED = "Pooled"
 """The row of means over all queries, whatever their scene."""
 
 
-def _cells(row: MethodRow, scenes: Sequence[str], scores: Sequence[ScoreColumn]) -> list[Cell]:
-    return [row.cell(scene, score) for scene in scenes for score in scores]
-
-
 def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
     return tuple(
         Row(
-            (Cell(row.method, mark=row.mark), *_cells(row, scenes, methods.scores)),
+            (Cell(row.method, mark=row.mark), *row.cells(scenes, methods.scores)),
             summary=row.floor,
             reported=row.reported,
             floor=row.floor,
@@ -75,11 +61,9 @@ def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
     )
 
 
-def scenes_layout(methods: MethodTable, *, average: bool = True, queries: bool = False) -> Table:
+def scenes_layout(methods: MethodTable, *, average: bool = True) -> Table:
     """Lay out scenes side by side, the scores under each, and the average over scenes last."""
     titles = dict(methods.scenes)
-    if queries:
-        titles |= {key: f"{titles[key]} ({n})" for key, n in methods.queries.items()}
     # Of published scenes alone an average may be printed nowhere.
     if average and any(row.values.get(OVERALL) for row in methods.rows):
         titles[OVERALL] = AVERAGE
@@ -94,7 +78,7 @@ def scenes_layout(methods: MethodTable, *, average: bool = True, queries: bool =
 
 
 def _units_note(scores: Sequence[ScoreColumn]) -> str:
-    """Say the units of scores, whose columns stand under other titles."""
+    """Say the units of scores, whose columns are under other titles."""
     by_unit: dict[str, dict[str, None]] = {}
     for score in scores:
         by_unit.setdefault(UNITS[score.unit], {})[score.title] = None
@@ -113,29 +97,31 @@ def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
     titles = _benchmark_titles(parts)
     numbered = [_numbered(part.rows) for part in parts]
     keys = sorted(dict.fromkeys(key for found in numbered for key in found), key=lambda key: key[2])
-    columns = [
-        score_column(score, title, part.track)
-        for part, title in zip(parts, titles, strict=True)
-        for score in part.scores
-    ]
     rows = []
     for key in keys:
         entries = [found.get(key, MethodRow("", {})) for found in numbered]
-        cells = [
-            cell
-            for part, entry in zip(parts, entries, strict=True)
-            for cell in _cells(entry, [OVERALL], part.scores)
-        ]
-        reported = "; ".join(filter(None, dict.fromkeys(entry.reported for entry in entries)))
+        pairs = zip(parts, entries, strict=True)
+        cells = [cell for part, row in pairs for cell in row.cells([OVERALL], part.scores)]
+        reported = "; ".join(filter(None, dict.fromkeys(row.reported for row in entries)))
         name, _, is_floor, _ = key
         rows.append(Row((Cell(name), *cells), is_floor, reported=reported, floor=is_floor))
     notes = _notes(parts, titles)
-    made_by = [f"{part.title}: {part.identity}" for part in parts if part.identity]
     return Table(
         "Averages over scenes: " + ", ".join(part.title for part in parts),
-        (Column("Method"), *columns),
+        (
+            Column("Method"),
+            *(
+                score_column(score, title, part.track)
+                for part, title in zip(parts, titles, strict=True)
+                for score in part.scores
+            ),
+        ),
         tuple(rows),
-        (_units_note([s for part in parts for s in part.scores]), *notes.values(), *made_by),
+        (
+            _units_note([score for part in parts for score in part.scores]),
+            *notes.values(),
+            *(f"{part.title}: {part.identity}" for part in parts if part.identity),
+        ),
         groups_per_block=4,
         legend=tuple(dict.fromkeys(notes[note] for part in parts for note in part.whole_legend)),
     )
@@ -192,12 +178,12 @@ def scenes_table(
     counted = "points" if result.unit == "scene" else "queries"
     titles = result.truth.scene_titles
     rows = [
-        Row((Cell(titles[s]), Cell(result.counts[s].get(counted)), *_cells(own, [s], scores)))
+        Row((Cell(titles[s]), Cell(result.counts[s].get(counted)), *own.cells([s], scores)))
         for s in result.scenes
     ]
     floor = floor_note(result)
     average = Cell(AVERAGE, mark=FLOOR_MARK * bool(floor))
-    rows.append(Row((average, Cell(None), *_cells(own, [OVERALL], scores)), summary=True))
+    rows.append(Row((average, Cell(None), *own.cells([OVERALL], scores)), summary=True))
     total = sum(counts["queries"] for counts in result.counts.values())
     if total > len(result.scenes):
         pooled = [Cell(as_shown(score, result.pooled[score.key])) for score in scores]
@@ -210,7 +196,7 @@ def scenes_table(
         if len(reference.scenes) > 1:
             parts |= {scene: f"in {titles[scene]}" for scene in result.scenes}
         for scene, title in parts.items():
-            cells = (Cell(title), Cell(None), *_cells(row, [scene], scores))
+            cells = (Cell(title), Cell(None), *row.cells([scene], scores))
             rows.append(Row(cells, summary=True, floor=True))
     meanings = [f"{name}: {reference.meaning}" for name, reference in references.items()]
     return Table(

@@ -1,29 +1,12 @@
-"""The one table model: values apart from how they are shown; wide tables in pieces."""
+"""The one table model: values apart from how they are shown, and wide tables in pieces."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Literal
-
-__all__ = [
-    "FLOOR",
-    "REPORTED",
-    "Between",
-    "Cell",
-    "Column",
-    "Row",
-    "Table",
-    "as_asked",
-    "by_block",
-    "by_count",
-    "by_width",
-    "plain",
-    "share_to_percent",
-    "show_number",
-]
+from typing import Literal, NamedTuple
 
 REPORTED = "reported, not re-scored"
 """The mark of rows with numbers that somebody else has printed."""
@@ -58,8 +41,7 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
 
 
-@dataclass(frozen=True)
-class Between:
+class Between(NamedTuple):
     """An interval, shown as ``[a, b]``."""
 
     low: float
@@ -129,10 +111,10 @@ class Cell:
 
     def suffix(self, decimals: int) -> list[str]:
         """Return what follows the value: mark, uncertainty, then gain."""
-        parts = [self.mark] * bool(self.mark)
+        parts = [self.mark] if self.mark else []
         if self.uncertainty is not None:
-            limits = (self.uncertainty.low, self.uncertainty.high)
-            parts.append("[" + ", ".join(show_number(limit, decimals) for limit in limits) + "]")
+            limits = ", ".join(show_number(limit, decimals) for limit in self.uncertainty)
+            parts.append(f"[{limits}]")
         if self.gain is not None:
             parts.append(f"({show_number(self.gain, decimals, '+')})")
         return parts
@@ -159,6 +141,11 @@ class Row:
         return not (self.reported or self.floor)
 
     @property
+    def standing(self) -> str:
+        """The mark of reported rows and floors; empty for methods scored here."""
+        return FLOOR if self.floor else f"{REPORTED}: {self.reported}" if self.reported else ""
+
+    @property
     def name(self) -> str:
         """The text of the first column."""
         return str(self.cells[0].value)
@@ -174,8 +161,8 @@ class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
     A format that breaks a wide table puts `groups_per_block` groups of columns side by side, fewer
-    where they are too wide unless the number is `fixed`. Every piece repeats the `leading` columns,
-    by default all before the first score. LaTeX prints the notes in `legend` under the table, since
+    where they are too wide, or all where it is None. Every piece repeats the `leading` columns, by
+    default all before the first score. LaTeX prints the notes in `legend` under the table, since
     numbers mislead without them, and the others as comments.
     """
 
@@ -183,9 +170,8 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
-    groups_per_block: int = 2
+    groups_per_block: int | None = 2
     leading: int | None = None
-    fixed: bool = False
     legend: tuple[str, ...] = ()
 
     def texts(self) -> list[list[str]]:
@@ -198,6 +184,11 @@ class Table:
             ]
             for row in self.rows
         ]
+
+    def text_widths(self) -> list[int]:
+        """Return how many letters the widest text of each column has."""
+        titles = [column.heading for column in self.columns]
+        return [max(map(len, texts)) for texts in zip(titles, *self.texts(), strict=True)]
 
     @property
     def dagger_note(self) -> tuple[str, ...]:
@@ -238,10 +229,36 @@ class Table:
         ]
 
 
+def take_columns(table: Table, pieces: Sequence[Sequence[list[int]]]) -> list[Table]:
+    """Return a table of each piece's columns, the leading ones before them.
+
+    Methods that have nothing in a piece of groups are left out of it.
+    """
+    if len(pieces) < 2:
+        return [table]
+    leading = table.leading_columns
+
+    def is_filled(row: Row) -> bool:
+        return any(cell.value is not None for cell in row.cells[leading:])
+
+    made = []
+    for piece in pieces:
+        indices = [*range(leading), *(i for unit in piece for i in unit)]
+        rows = [replace(row, cells=tuple(row.cells[i] for i in indices)) for row in table.rows]
+        filled = [
+            row
+            for whole, row in zip(table.rows, rows, strict=True)
+            if not table.has_groups or is_filled(row) or not is_filled(whole)
+        ]
+        columns = tuple(table.columns[i] for i in indices)
+        made.append(replace(table, columns=columns, rows=tuple(filled or rows)))
+    return made
+
+
 def by_block(table: Table) -> list[Table]:
     """Split a table between columns of different blocks; leave any other whole."""
     runs = groupby(table.units(), key=lambda unit: table.columns[unit[0]].block)
-    return _pieces(table, [list(members) for _, members in runs])
+    return take_columns(table, [list(members) for _, members in runs])
 
 
 def by_count(table: Table) -> list[Table]:
@@ -250,76 +267,14 @@ def by_count(table: Table) -> list[Table]:
 
 
 def _counted(table: Table) -> list[Table]:
-    found, step = table.units(), table.groups_per_block
-    if not table.has_groups:
+    units, most = table.units(), table.groups_per_block
+    if not table.has_groups or most is None:
         return [table]
-    if not table.fixed:
-        step = max(1, min(step, _WIDEST // max(map(len, found))))
-        while step > _PAPERS and max(map(_page_width, _abreast(table, found, step))) > _PAGE:
-            step -= 1
-    return _abreast(table, found, step)
-
-
-def _abreast(table: Table, found: list[list[int]], step: int) -> list[Table]:
-    return _pieces(table, [found[at : at + step] for at in range(0, len(found), step)])
-
-
-def _page_width(table: Table) -> float:
-    """Estimate the width of a table on a page, in em."""
-    headings = [column.heading for column in table.columns]
-    widest = [max(map(len, texts)) for texts in zip(headings, *table.texts(), strict=True)]
-    return sum(_LETTER * width + _GAP for width in widest)
-
-
-def as_asked(table: Table) -> list[Table]:
-    """Split a table only where it must be: between blocks, and by a count that is fixed."""
-    return by_count(table) if table.fixed else by_block(table)
-
-
-def by_width(
-    table: Table, measure: Callable[[list[int]], int], room: int, space: int
-) -> list[Table]:
-    """Split a table into pieces that fit a width, wherever a single score does."""
-    taken = sum(measure([index]) + space for index in range(table.leading_columns))
-    # A very long name shall not put every score into a piece of its own.
-    left = max(room - taken, room // 2)
-    pieces: list[list[list[int]]] = []
-    used = 0
-    for unit in [part for whole in table.units() for part in _halved(whole, measure, left)]:
-        width = measure(unit)
-        used += space + width
-        if not pieces or used > left:
-            pieces.append([])
-            used = width
-        pieces[-1].append(unit)
-    return _pieces(table, pieces)
-
-
-def _halved(unit: list[int], measure: Callable[[list[int]], int], left: int) -> list[list[int]]:
-    if len(unit) == 1 or measure(unit) <= left:
-        return [unit]
-    middle = (len(unit) + 1) // 2
-    return [*_halved(unit[:middle], measure, left), *_halved(unit[middle:], measure, left)]
-
-
-def _pieces(table: Table, pieces: list[list[list[int]]]) -> list[Table]:
-    """Take columns, with the leading ones; leave out the methods that have nothing in a piece."""
-    if len(pieces) < 2:
-        return [table]
-    leading = table.leading_columns
-    made = []
-    for piece in pieces:
-        indices = [*range(leading), *(i for unit in piece for i in unit)]
-        rows = [replace(row, cells=tuple(row.cells[i] for i in indices)) for row in table.rows]
-        filled = [
-            row
-            for whole, row in zip(table.rows, rows, strict=True)
-            if not table.has_groups or _is_filled(row, leading) or not _is_filled(whole, leading)
-        ]
-        columns = tuple(table.columns[i] for i in indices)
-        made.append(replace(table, columns=columns, rows=tuple(filled or rows)))
-    return made
-
-
-def _is_filled(row: Row, leading: int) -> bool:
-    return any(cell.value is not None for cell in row.cells[leading:])
+    step = max(1, min(most, _WIDEST // max(map(len, units))))
+    while True:
+        starts = range(0, len(units), step)
+        pieces = take_columns(table, [units[at : at + step] for at in starts])
+        widths = [sum(_LETTER * n + _GAP for n in piece.text_widths()) for piece in pieces]
+        if step <= _PAPERS or max(widths) <= _PAGE:
+            return pieces
+        step -= 1

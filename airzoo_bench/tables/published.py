@@ -1,14 +1,15 @@
 """Published numbers of papers, a line a number of a CSV file, with their source.
 
-A source is a TOML file that says where numbers come from and what the paper's names mean here,
-beside its CSV file. Such numbers were not scored here: they have no fingerprint, and stand next to
-results, never among them.
+A source is a TOML file that says where numbers come from and how the suite calls the paper's names,
+beside its CSV file. Such numbers were not scored here: they have no fingerprint, and are shown next
+to results, never among them.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,28 +19,10 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field
 
-from airzoo_bench.core.errors import ResultError, first_of
+from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import Name, Strict, nearest, read_toml, validated
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.tables.printed import Rounded, Score, Span, parse_number, read_score
-
-__all__ = [
-    "OVERALL",
-    "PrintedValue",
-    "Published",
-    "PublishedTable",
-    "Source",
-    "grouped",
-    "published_benchmarks",
-    "published_sources",
-    "published_tables",
-    "read_published",
-    "read_source",
-    "read_source_file",
-    "shipped_fingerprints",
-]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -51,16 +34,40 @@ _NEEDED = ("method", "scene", "metric", "value")
 _OPTIONAL = ("table", "benchmark", "track", "unit", "n", "bold", "gain", "printed_delta")
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _MISSING = {"", "-", "–", "—", "n/a", "na", "inf", "∞"}
-_FULL = {"": 100, "%": 100, "percent": 100, "share": 1, "1": 1}
+_SHARES = {"share", "1"}  # units of numbers from 0 to 1
 _BOLD = {"": False, "0": False, "1": True}
+_NUMBER = re.compile(r"[+-]?[0-9]{1,9}(\.[0-9]{1,9})?")
+_MINUS = str.maketrans({"−": "-", "–": "-"})
 
 
 @dataclass(frozen=True)
+class Rounded:
+    """A number as printed, trailing zeros included: its exact value, digits behind the point."""
+
+    text: str
+    value: Fraction
+    decimals: int
+
+    @property
+    def half(self) -> Fraction:
+        """Half a step of the last digit."""
+        return Fraction(1, 2 * 10**self.decimals)
+
+
+def parse_number(text: str) -> Rounded | None:
+    """Read a printed number; None for what is none."""
+    plain = text.strip().replace("--", "-").translate(_MINUS)
+    if not _NUMBER.fullmatch(plain):
+        return None
+    return Rounded(plain, Fraction(plain), len(plain.partition(".")[2]))
+
+
+@dataclass(frozen=True, eq=False)
 class PrintedValue:
     """A printed number and its place.
 
-    `line` is of the file; `full` is what a share of all is printed as, 100 or 1; `gain` is the
-    difference that is printed next to it; `queries` are those of its scene, where the file says so.
+    `line` is of the file; `gain` is the difference that is printed next to the number; `queries`
+    are those of its scene, where the file says so.
     """
 
     line: int
@@ -69,9 +76,8 @@ class PrintedValue:
     track: str
     scene: str
     method: str
-    score: Score
+    metric: str
     unit: str
-    full: int
     number: Rounded
     gain: Rounded | None
     bold: bool
@@ -83,9 +89,9 @@ class PrintedValue:
         return self.scene.casefold() in _SUMMARIES
 
     @property
-    def is_pooled(self) -> bool:
-        """Whether it says of itself that it is over all queries, whatever their scene."""
-        return self.scene.casefold() == "pooled"
+    def is_share(self) -> bool:
+        """Whether its unit says that it is from 0 to 1."""
+        return self.unit.casefold() in _SHARES
 
     @property
     def group(self) -> tuple[str, str]:
@@ -102,23 +108,14 @@ class PrintedValue:
         """Benchmark and scene, for people."""
         return ", ".join(part for part in (self.benchmark, self.scene) if part)
 
-    @property
-    def share(self) -> Span:
-        """Where the true number lies, as a share from 0 to 1."""
-        return self.number.span.times(Fraction(1, self.full))
-
 
 @dataclass(frozen=True)
 class Published:
     """The numbers of one file, in its order, and whether it says what is bold."""
 
-    source: str
+    path: Path
     cells: tuple[PrintedValue, ...]
     has_bold: bool
-
-    def by(self, key: Callable[[PrintedValue], T]) -> dict[T, list[PrintedValue]]:
-        """Group the cells, in the order of the file."""
-        return grouped(self.cells, key)
 
 
 def grouped(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
@@ -132,14 +129,24 @@ def grouped(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
 def read_published(path: Path) -> Published:
     """Read published numbers from a CSV file of a line a number."""
     rows = list(_rows(path))
-    cells = tuple(
-        _value(path, line, row) for line, row in rows if row["value"].casefold() not in _MISSING
-    )
+    printed = [(line, row) for line, row in rows if row["value"].casefold() not in _MISSING]
+    cells = tuple(_value(f"{path}, line {line}", line, row) for line, row in printed)
     if not cells:
         raise ResultError("no printed number", where=path, expected="a line a number")
-    _refuse_repeated(path, cells)
-    _refuse_ambiguous(path, cells)
-    return Published(path.name, cells, "bold" in rows[0][1])
+    for same in grouped(cells, _identity).values():
+        if len(same) > 1:
+            raise ResultError(
+                f"{same[1].metric} of {same[1].method} on {same[1].place} again",
+                where=f"{path}, line {same[1].line}",
+                expected=f"once in a table; line {same[0].line} has it",
+                fix="tell tables apart by a column 'table'",
+            )
+    return Published(path, cells, "bold" in rows[0][1])
+
+
+def _identity(cell: PrintedValue) -> tuple[str, ...]:
+    # Average and average are one.
+    return cell.table, *cell.group, cell.scene.casefold(), cell.method, cell.metric.casefold()
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
@@ -166,91 +173,55 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 def _check_columns(path: Path, columns: Sequence[str]) -> None:
     known = [*_NEEDED, *_OPTIONAL]
-    expected = f"the columns {', '.join(_NEEDED)}, and any of {', '.join(_OPTIONAL)}"
     lacking = [name for name in _NEEDED if name not in columns]
     odd = [name for name in columns if name not in known]
+    what = ""
     if lacking:
         what = f"no column {', '.join(lacking)} (found: {', '.join(columns)[:200] or 'none'})"
+    elif odd:
+        what = f"unknown column {odd[0][:80]!r}{nearest(odd[0], known)}"
+    elif len(set(columns)) < len(columns) or {"gain", "printed_delta"} <= set(columns):
+        what = "two columns for the same; there may be one of gain or printed_delta"
+    if what:
+        expected = f"the columns {', '.join(_NEEDED)}, and any of {', '.join(_OPTIONAL)}"
         fix = "write a line a number; see docs/audit.md"
         raise ResultError(what, where=path, expected=expected, fix=fix)
-    if odd:
-        what = f"unknown column {odd[0][:80]!r}{nearest(odd[0], known)}"
-        raise ResultError(what, where=path, expected=expected)
-    if len(set(columns)) < len(columns) or {"gain", "printed_delta"} <= set(columns):
-        once = "each once, and gain or printed_delta"
-        raise ResultError("two columns for the same", where=path, expected=once)
 
 
-def _value(path: Path, line: int, row: Mapping[str, str]) -> PrintedValue:
-    def refuse(column: str, expected: str) -> ResultError:
-        where = f"{path}, line {line}, column {column!r}"
-        return ResultError(f"{column} is {row[column][:80]!r}", where=where, expected=expected)
+def _value(where: str, line: int, row: Mapping[str, str]) -> PrintedValue:
+    def check(fits: object, column: str, expected: str) -> None:
+        if not fits:
+            place = f"{where}, column {column!r}"
+            raise ResultError(f"{column} is {row[column][:80]!r}", where=place, expected=expected)
 
-    def number(column: str) -> Rounded:
-        parsed = parse_number(row[column])
-        if parsed is None:
-            raise refuse(column, "the digits as printed, such as 96.21, with at most 9 decimals")
-        return parsed
-
-    for name in ("method", "metric"):
-        if not row[name]:
-            raise refuse(name, "a name")
-    score, unit, bold = read_score(row["metric"]), row.get("unit", ""), row.get("bold", "")
-    if score.is_share and unit.casefold() not in _FULL:
-        raise refuse("unit", "% or share")
-    if bold not in _BOLD:
-        raise refuse("bold", "1 or 0")
-    n = row.get("n", "")
-    if n and not (n.isascii() and n.isdigit() and 0 < int(n) < 10**9):
-        raise refuse("n", "the number of queries of the scene")
     gain = "printed_delta" if "printed_delta" in row else "gain"
+    has_gain = row.get(gain, "").casefold() not in _MISSING
+    bold, n = row.get("bold", ""), row.get("n", "")
+    for name in ("method", "metric"):
+        check(row[name], name, "a name")
+    digits = "the digits as printed, such as 96.21, with at most 9 decimals"
+    number = parse_number(row["value"])
+    check(number, "value", digits)
+    difference = parse_number(row[gain]) if has_gain else None
+    check(difference or not has_gain, gain, digits)
+    check(bold in _BOLD, "bold", "1 or 0")
+    check(not n or re.fullmatch(r"0*[1-9][0-9]{0,8}", n), "n", "the number of queries of the scene")
+    assert number is not None
     return PrintedValue(
         line=line,
-        table=row.get("table", ""),
-        benchmark=row.get("benchmark", ""),
-        track=row.get("track", ""),
         scene=row["scene"] or "overall",
         method=row["method"],
-        score=score,
-        unit=unit,
-        full=_FULL[unit.casefold()] if score.is_share else 1,
-        number=number("value"),
-        gain=None if row.get(gain, "").casefold() in _MISSING else number(gain),
+        metric=row["metric"],
+        **{name: row.get(name, "") for name in ("table", "benchmark", "track", "unit")},
+        number=number,
+        gain=difference,
         bold=_BOLD[bold],
         queries=int(n) if n else None,
     )
 
 
-def _refuse_repeated(path: Path, cells: Iterable[PrintedValue]) -> None:
-    first: dict[tuple[str, ...], int] = {}
-    for cell in cells:
-        # Average and average are one.
-        scene, score = cell.scene.casefold(), cell.score.name.casefold()
-        line = first.setdefault((cell.table, *cell.group, scene, cell.method, score), cell.line)
-        if line != cell.line:
-            raise ResultError(
-                f"{cell.score.name} of {cell.method} on {cell.place} again",
-                where=f"{path}, line {cell.line}",
-                expected=f"once in a table; line {line} has it",
-                fix="tell tables apart by a column 'table'",
-            )
-
-
-def _refuse_ambiguous(path: Path, cells: Iterable[PrintedValue]) -> None:
-    shares = [cell for cell in cells if cell.score.is_share and not cell.unit]
-    # Nothing at all is 0 by either.
-    printed = [cell.number.value for cell in shares if cell.number.value]
-    if printed and all(0 < value <= 1 for value in printed):
-        names = first_of(dict.fromkeys(cell.score.name for cell in shares))
-        raise ResultError(
-            f"all shares are at most 1: percent, or from 0 to 1? {names}",
-            where=path,
-            expected="a column 'unit' that says % or share",
-        )
-
-
 class Source(Strict):
-    """Where published numbers come from, and what its names mean here."""
+    """Where published numbers come from, and how the suite calls its names."""
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Name
@@ -281,10 +252,6 @@ class PublishedTable:
         """Whether there is more than an average."""
         return any(scene != OVERALL for scenes in self.values.values() for scene in scenes)
 
-    def average_of(self, method: str) -> Mapping[str, float]:
-        """Return the scores of a method over scenes, none where none are printed."""
-        return self.values.get(method, {}).get(OVERALL, {})
-
 
 def published_sources() -> dict[str, Path]:
     """Return the sources that travel with the package, by name."""
@@ -292,30 +259,25 @@ def published_sources() -> dict[str, Path]:
     return {path.stem: path for folder in sorted(folders) for path in sorted(folder.glob("*.toml"))}
 
 
+@cache
+def _shipped_tables() -> list[PublishedTable]:
+    return [table for path in published_sources().values() for table in read_source(path)]
+
+
 def published_tables(benchmark: str, track: str) -> list[PublishedTable]:
     """Return what the shipped sources print of one benchmark and track."""
     return [t for t in _shipped_tables() if (t.benchmark, t.track) == (benchmark, track)]
 
 
-def published_benchmarks(track: str, *, by_scene: bool = False) -> list[str]:
-    """Return the benchmarks on which something is published in a track, and by scene if asked."""
-    tables = _shipped_tables()
-    fitting = [t for t in tables if t.track == track and (t.has_scenes or not by_scene)]
-    return list(dict.fromkeys(table.benchmark for table in fitting))
-
-
-def _shipped_tables() -> list[PublishedTable]:
-    return [table for path in published_sources().values() for table in read_source(path)]
+def published_benchmarks(track: str) -> list[str]:
+    """Return the benchmarks on which something is published in a track."""
+    return list(dict.fromkeys(t.benchmark for t in _shipped_tables() if t.track == track))
 
 
 @cache
-def _shipped() -> list[Protocol]:
-    return [load_protocol(path) for path in shipped_protocols().values()]
-
-
 def shipped_fingerprints(benchmark: str, track: str) -> set[str]:
     """Return the fingerprints of the shipped protocols of one benchmark and track."""
-    protocols = _shipped()
+    protocols = [load_protocol(path) for path in shipped_protocols().values()]
     return {p.fingerprint for p in protocols if (p.benchmark, p.track) == (benchmark, track)}
 
 
@@ -334,17 +296,15 @@ def read_source(path: Path) -> list[PublishedTable]:
         where = f"{place}, line {cell.line}"
         benchmark = _explained(source.benchmarks, cell.benchmark, "benchmark", where)
         scores = _explained(source.scores, cell.track, "track", where)
-        key = _explained(scores, cell.score.name, "metric", where)
+        key = _explained(scores, cell.metric, "metric", where)
         scene = OVERALL if cell.is_summary else cell.scene
         table = found.setdefault((cell.table, benchmark, cell.track), {})
         values = table.setdefault(cell.method, {}).setdefault(scene, {})
         if key in values:
             once = "one average a table, and one number for each score of the TOML file"
-            what = f"{cell.method} has {cell.score.name} twice"
-            raise ResultError(what, where=where, expected=once)
+            raise ResultError(f"{cell.method} has {cell.metric} twice", where=where, expected=once)
         # Shares become percent, and anything else stays as it is printed.
-        factor = 100 // cell.full if cell.score.is_share else 1
-        values[key] = float(cell.number.value * factor)
+        values[key] = float(cell.number.value * (100 if cell.is_share else 1))
     return [PublishedTable(source.name, *key, values) for key, values in found.items()]
 
 

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
-from functools import cached_property
+from collections.abc import Iterator, Sequence
 
-from rich import box
 from rich.cells import cell_len
-from rich.console import Console
-from rich.table import Table as RichTable
-from rich.text import Text
 
-from airzoo_bench.tables.model import Table, as_asked, by_width, plain
-
-__all__ = ["TERMINAL_WIDTH", "terminal"]
+from airzoo_bench.tables.model import Table, by_block, plain, take_columns
 
 TERMINAL_WIDTH = 80
 """Where nothing is known of the terminal, or there is none."""
@@ -23,100 +16,122 @@ _EDGE = 2  # blanks at either end of a line
 _PADDING = 3  # between columns
 _WITHIN = 2  # between columns of a group
 _NARROWEST = 40
+# Escape codes of a terminal.
+_BOLD, _UNDERLINE, _GREY, _ITALIC_GREY, _ON_GREY = "1", "4", "90", "3;90", "48;5;237"
 
 
 def terminal(table: Table, *, width: int = TERMINAL_WIDTH, styled: bool = False) -> str:
-    """Lay out a table as text."""
-    shown = [_line(table.title, width, styled)] if table.title else []
-    for asked in as_asked(table):
-        for piece in by_width(asked, _Layout(asked).width_of, width - 2 * _EDGE, _PADDING):
-            out, layout = io.StringIO(), _Layout(piece)
-            room = max(_NARROWEST, layout.width)
-            console = Console(file=out, width=room, force_terminal=styled, highlight=False)
-            console.print(layout.drawn())
-            shown.append(out.getvalue())
-    return "".join(shown) + "".join(_line(note, width, styled, _EDGE) for note in table.all_notes)
-
-
-def _line(text: str, width: int, wrapped: bool, indent: int = 0) -> str:
-    if not wrapped:
-        return f"{' ' * indent}{plain(text)}\n"
-    lines = textwrap.wrap(
-        plain(text),
-        max(width, _NARROWEST),
-        initial_indent=" " * indent,
-        subsequent_indent=" " * (indent + _EDGE),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    """Lay out a table as text, with bold values and wrapped notes where it is `styled`."""
+    lines = _wrapped(table.title, width if styled else None)
+    for block in by_block(table):
+        for piece in _by_width(block, width - 2 * _EDGE):
+            lines += _Layout(piece, styled).lines()
+    for note in table.all_notes:
+        lines += _wrapped(note, width if styled else None, " " * _EDGE)
     return "".join(f"{line}\n" for line in lines)
 
 
-class _Layout:
-    """A table's columns as they are drawn: a group is one column with parts."""
+def _wrapped(text: str, width: int | None, indent: str = "") -> list[str]:
+    if width is None:
+        return [indent + plain(text)] if text else []
+    return textwrap.wrap(
+        plain(text),
+        max(width, _NARROWEST),
+        initial_indent=indent,
+        subsequent_indent=indent + " " * _EDGE,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
-    def __init__(self, table: Table) -> None:
-        self.table = table
-        self.columns = [*([index] for index in range(table.leading_columns)), *table.units()]
+
+def _by_width(table: Table, room: int) -> list[Table]:
+    """Split a table into pieces that fit a width, wherever a single score does."""
+    layout = _Layout(table)
+    taken = sum(layout.width_of([i]) + _PADDING for i in range(table.leading_columns))
+    # A very long name must not put every score into a piece of its own.
+    left = max(room - taken, room // 2)
+
+    def halves(unit: list[int]) -> list[list[int]]:
+        if len(unit) == 1 or layout.width_of(unit) <= left:
+            return [unit]
+        middle = (len(unit) + 1) // 2
+        return [*halves(unit[:middle]), *halves(unit[middle:])]
+
+    pieces: list[list[list[int]]] = []
+    used = 0
+    for unit in [part for whole in table.units() for part in halves(whole)]:
+        width = layout.width_of(unit)
+        used += _PADDING + width
+        if not pieces or used > left:
+            pieces.append([])
+            used = width
+        pieces[-1].append(unit)
+    return take_columns(table, pieces)
+
+
+class _Layout:
+    """A table's columns as they are drawn: those of a group stand closer, under its title."""
+
+    def __init__(self, table: Table, styled: bool = False) -> None:
+        self.table, self.styled = table, styled
+        self.units = [*([index] for index in range(table.leading_columns)), *table.units()]
         self.texts = table.texts()
         self.titles = [plain(column.heading) for column in table.columns]
+        columns = zip(self.titles, *self.texts, strict=True)
+        self.widths = [max(map(cell_len, texts)) for texts in columns]
 
-    @cached_property
-    def widths(self) -> list[int]:
-        return [max(map(cell_len, texts)) for texts in zip(self.titles, *self.texts, strict=True)]
+    def group_of(self, unit: Sequence[int]) -> str:
+        return plain(self.table.columns[unit[0]].group)
 
-    def width_of(self, indices: list[int]) -> int:
+    def width_of(self, unit: Sequence[int]) -> int:
         """Measure columns that stand together under one title."""
-        parts = [self.widths[index] for index in indices]
-        return max(sum(parts) + _WITHIN * (len(parts) - 1), cell_len(self._group(indices)))
+        width = sum(self.widths[i] for i in unit) + _WITHIN * (len(unit) - 1)
+        return max(width, cell_len(self.group_of(unit)))
 
-    @property
-    def width(self) -> int:
-        widths = [self.width_of(indices) for indices in self.columns]
-        return sum(widths) + _PADDING * (len(widths) - 1) + 2 * _EDGE
+    def lines(self) -> Iterator[str]:
+        """Draw titles, a rule and rows between two blank lines."""
+        width = sum(self.width_of(unit) + _PADDING for unit in self.units) - _PADDING + 2 * _EDGE
+        yield " " * width
+        if self.table.has_groups:
+            yield self._line([self._above(unit) for unit in self.units], _BOLD)
+        yield self._line([self._within(unit, self.titles) for unit in self.units], _BOLD)
+        yield f" {'─' * (width - 2)} "
+        rows = self.table.rows
+        for number, (row, texts) in enumerate(zip(rows, self.texts, strict=True)):
+            if number and row.is_apart(rows[number - 1]):
+                yield " " * width
+            style = _ON_GREY if row.highlighted else _ITALIC_GREY if row.floor else ""
+            yield self._line([self._within(unit, texts, number) for unit in self.units], style)
+        yield " " * width
 
-    def _group(self, indices: list[int]) -> str:
-        return plain(self.table.columns[indices[0]].group)
+    def _line(self, parts: Sequence[str], style: str) -> str:
+        edge = " " * _EDGE
+        return self._painted(edge + (" " * _PADDING).join(parts) + edge, style)
 
-    def drawn(self) -> RichTable:
-        """Return the table for a console."""
-        shown = RichTable(box=box.SIMPLE_HEAD)
-        for indices in self.columns:
-            left = self._group(indices) or self.table.is_text(indices[0])
-            side = "left" if left else "right"
-            title = self._title(indices)
-            shown.add_column(title, justify=side, no_wrap=True, vertical="bottom")  # type: ignore[arg-type]
-        for number, row in enumerate(self.table.rows):
-            if row.is_apart(self.table.rows[number - 1] if number else None):
-                shown.add_section()
-            floor = "italic bright_black" if row.floor else None
-            style = "on grey23" if row.highlighted else floor
-            shown.add_row(*(self._body(indices, number) for indices in self.columns), style=style)
-        return shown
+    def _above(self, unit: Sequence[int]) -> str:
+        group, width = self.group_of(unit), self.width_of(unit)
+        left = (width - cell_len(group)) // 2 if group else width
+        return " " * (width - cell_len(group) - left) + group + " " * left
 
-    def _title(self, indices: list[int]) -> Text:
-        group, titles = self._group(indices), [self.titles[index] for index in indices]
-        if not group:
-            return Text(titles[0])
-        width = self.width_of(indices)
-        above = _to_width(group, width - (width - cell_len(group)) // 2)
-        within = (self.widths[index] for index in indices)
-        below = (" " * _WITHIN).join(map(_to_width, titles, within))
-        return Text(f"{above}\n{_to_width(below, width)}")
+    def _within(self, unit: Sequence[int], texts: Sequence[str], row: int | None = None) -> str:
+        """Draw the texts of a unit to its width, numbers to the right."""
+        parts = []
+        for index in unit:
+            pad = " " * (self.widths[index] - cell_len(texts[index]))
+            is_left = not self.group_of(unit) and self.table.is_text(index)
+            shown = texts[index] if row is None else self._value(row, index, texts[index])
+            parts.append(shown + pad if is_left else pad + shown)
+        used = sum(self.widths[i] for i in unit) + _WITHIN * (len(unit) - 1)
+        return " " * (self.width_of(unit) - used) + (" " * _WITHIN).join(parts)
 
-    def _body(self, indices: list[int], number: int) -> Text:
-        line, grouped = Text(), bool(self._group(indices))
-        for place, index in enumerate(indices):
-            cell, text = self.table.rows[number].cells[index], self.texts[number][index]
-            value = cell.text(self.table.columns[index].decimals)
-            width = self.widths[index] if grouped else 0
-            line.append(" " * (width - cell_len(text) + _WITHIN * bool(place)))
-            line.append(value, style="bold" if cell.best else "underline" if cell.second else "")
-            line.append(text.removeprefix(value), style="bright_black")
-        if grouped:
-            line.pad_left(self.width_of(indices) - line.cell_len)
-        return line
+    def _value(self, row: int, index: int, text: str) -> str:
+        cell = self.table.rows[row].cells[index]
+        value = cell.text(self.table.columns[index].decimals)
+        mark = _BOLD if cell.best else _UNDERLINE if cell.second else ""
+        return self._painted(value, mark) + self._painted(text.removeprefix(value), _GREY)
 
-
-def _to_width(text: str, width: int) -> str:
-    return " " * (width - cell_len(text)) + text
+    def _painted(self, text: str, style: str) -> str:
+        if not (self.styled and style and text):
+            return text
+        end, begin = "\x1b[0m", f"\x1b[{style}m"
+        return begin + text.replace(end, end + begin) + end  # what was painted inside ends itself

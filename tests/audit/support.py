@@ -8,18 +8,11 @@ from fractions import Fraction
 from pathlib import Path
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.counts import decimal_text
 from airzoo_bench.audit.findings import Audit, Finding
-from airzoo_bench.tables.printed import Rounded, parse_number
+from airzoo_bench.audit.values import decimal_text
 from airzoo_bench.tables.published import Published, read_published
 
 Rows = list[dict[str, object]]
-
-
-def number(text: str) -> Rounded:
-    parsed = parse_number(text)
-    assert parsed is not None
-    return parsed
 
 
 def rows_of(values: dict[str, dict[str, dict[str, str]]], **extra: object) -> Rows:
@@ -71,14 +64,14 @@ def published(folder: Path, rows: Rows) -> Published:
     return read_published(path)
 
 
-def audited(folder: Path, rows: Rows, variant: str | None = None, **counts: int) -> Audit:
-    return audit(published(folder, rows), counts, variant)
+def audited(folder: Path, rows: Rows, **counts: int) -> Audit:
+    return audit(published(folder, rows), counts)
 
 
 def told(found: Audit, check: str | None = None) -> list[tuple[str, str, str, str]]:
     """Return grade, check, method and score of the findings."""
     return [
-        (f.grade.value, f.check, f.cell.method, f.cell.score.name)
+        (f.grade.value, f.check, f.cell.method, f.cell.metric)
         for f in found.findings
         if check in (None, f.check)
     ]

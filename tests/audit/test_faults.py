@@ -102,9 +102,9 @@ FAULTS: dict[str, tuple[Fault, float, float]] = {
 def found_in(rows: Rows, counts: dict[str, int]) -> set[tuple[object, ...]]:
     with tempfile.TemporaryDirectory() as folder:
         table = published(Path(folder), rows)
-    found = audit(table, counts, "precision" if counts else None)
+    found = audit(table, counts)
     return {
-        (f.grade, f.check, f.cell.method, f.cell.scene, f.cell.score.name)
+        (f.grade, f.check, f.cell.method, f.cell.scene, f.cell.metric)
         for f in found.findings
         if f.grade is not Grade.ROUNDING or f.check != "bold"
     }
