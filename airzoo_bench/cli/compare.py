@@ -48,8 +48,8 @@ def compare(
         int | None,
         typer.Option(
             min=1,
-            help="Instead of tests: list this many queries on which the first score differs most, "
-            "with the value of every method and, for two methods, the conditions.",
+            help="Instead of tests: list this many queries on which two methods differ most by the "
+            "first score, with their conditions.",
         ),
     ] = None,
 ) -> None:
@@ -66,10 +66,15 @@ def compare(
     paths, scores = results_here(results), score or []
     if every and scores:
         raise UsageError("--all and --score exclude each other", fix="leave one of them out")
-    if len(paths) == 1 and (reference or method or most_different):
+    if len(paths) == 1 and (reference or method):
         raise UsageError(
-            "--reference, --method and --most-different need two or more results",
+            "--reference and --method need two or more results",
             fix="name another result, or leave the option out",
+        )
+    if most_different and len(paths) != 2:
+        raise UsageError(
+            f"--most-different compares two results, and here are {len(paths)}",
+            fix="name two results",
         )
     if most_different is None:
         found = face.compare(
@@ -77,12 +82,6 @@ def compare(
         )
         show(found.table, form)
         return
-    if len(paths) > 2 and (reference or method):
-        raise UsageError(
-            "--most-different of more than two results has no reference",
-            expected="two results, or neither --reference nor --method: the best is then compared "
-            "with the worst",
-        )
     methods, chosen = face.methods_of(paths, scores, every=every, all_columns=True)
     where = scene and find_scene(methods[0].result.truth.scene_titles, scene)
     one = find_one(methods, reference, method, chosen[0], where)

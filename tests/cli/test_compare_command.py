@@ -93,7 +93,7 @@ def test_options_that_one_result_cannot_take(
     files: list[Path], compare: Callable[..., str]
 ) -> None:
     for option in (["--reference", "best"], ["--method", "x"], ["--most-different", 3]):
-        assert "two or more results" in compare(files[0], *option, code=2)
+        assert option[0] in compare(files[0], *option, code=2)
 
 
 def test_one_method_against_each_other(files: list[Path], compare: Callable[..., str]) -> None:
@@ -110,8 +110,7 @@ def test_one_method_against_each_other(files: list[Path], compare: Callable[...,
     two = (*files[:2], "--most-different", 3, "--method")
     assert "difference: method00 minus method01" in compare(*two, "method00")
     assert "difference: method01 minus method00" in compare(*two, "method01")
-    ask = ("--most-different", 3, "--method", "method01")
-    assert "more than two results has no reference" in compare(*files, *ask, code=2)
+    assert "here are 3" in compare(*files, "--most-different", 3, code=2)
     assert "did you mean 'method01'" in compare(*files, "--method", "metod01", code=2)
 
 

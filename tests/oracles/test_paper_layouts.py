@@ -149,7 +149,7 @@ def board_of(table: PublishedTable) -> MethodTable:
     printed = {key for scores in first.values() for key in scores}
     scores = tuple(score for score in scores_of(table.track) if score.key in printed)
     scenes = {scene: scene for scene in first if scene}
-    empty = MethodTable(table.label, table.benchmark, table.track, scores, scenes, {}, ())
+    empty = MethodTable(table.label, table.benchmark, table.track, scores, scenes)
     board = with_published(empty, [table], by_scene=table.has_scenes)
     assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.rows)
     return replace(board, rows=tuple(replace(e, reported="") for e in board.rows))

@@ -21,8 +21,6 @@ def test_scenes_side_by_side(files: list[Path], show: Show) -> None:
     rows = show(*files, "--layout", "scenes")
     assert list(rows[0]) == ["Method", "City R@1", "Rural R@1", "Average R@1"]
     assert list(rows[1].values()) == ["MegaLoc", "60.00", "25.00", "42.50"]
-    rows = show(*files, "--layout", "scenes", "--queries", "--no-average")
-    assert list(rows[0]) == ["Method", "City (161) R@1", "Rural (190) R@1"]
 
 
 @pytest.mark.parametrize("form", ["terminal", "latex", "markdown", "html", "json", "csv"])
@@ -33,10 +31,14 @@ def test_every_format_says_that_numbers_are_reported(
     assert "reported, not re-scored" in capsys.readouterr().out
 
 
-def bold(files: list[Path], capsys: pytest.CaptureFixture[str], *options: str) -> list[str]:
-    assert run_main("table", *files, "--format", "markdown", *options) == 0
-    lines = capsys.readouterr().out.splitlines()
-    return [line.split(" |")[0].strip("| ") for line in lines if "**" in line]
+def test_published_numbers_alone(show: Show, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = show("airzoo-real-retrieval", "--published", "--layout", "scenes")
+    assert list(rows[0])[:3] == ["Method", "City R@1", "City R@3"]
+    assert [row["City R@1"] for row in rows] == ["0.62", "6.83", "21.12", "8.70", "9.94"]
+    several = show("airzoo-real-retrieval", "uav-visloc-retrieval", "--published")
+    assert {name.rpartition(" ")[0] for name in several[0]} >= {"AirZoo-Real", "UAV-VisLoc"}
+    assert run_main("table", "airzoo-demo-retrieval", "--published") == 2
+    assert "nothing is published on airzoo-demo-retrieval" in capsys.readouterr().err
 
 
 def test_another_protocol_and_another_benchmark(
@@ -80,10 +82,9 @@ def test_a_document_with_everything(
 @pytest.mark.parametrize(
     ("options", "fragments"),
     [
-        (["--layout", "result"], ["layout result shows one result", "2 results"]),
+        (["--layout", "result"], ["layout result", "2 results"]),
         (["--layout", "scenes", "--scene", "City"], ["--scene does not go with layout scenes"]),
-        (["--queries"], ["--queries does not go with layout methods"]),
-        (["--fit", "--cite", "a=b"], ["--fit", "--cite", "--format latex"]),
+        (["--cite", "a=b"], ["--cite", "--format latex"]),
         (["--baseline", "Megaloc"], ["no row is called 'Megaloc' (did you mean 'MegaLoc'?)"]),
         (["--baseline", "Mine=Megaloc"], ["no row is called 'Mine=Megaloc'"]),
         (
@@ -135,9 +136,7 @@ def test_intervals(
     rows = {row[0]: spans for row, spans in zip(own["rows"], own["uncertainties"], strict=True)}
     assert rows["Scene east"][2] == shown["uncertainties"][0][place]
     assert rows["Pooled"] == [None] * len(own["columns"])
-    assert any(note.startswith("no interval for Pooled") for note in own["notes"])
     assert run_main("table", tmp_path / "out", "--intervals", *LATEX) == 0
     lines = capsys.readouterr().out.splitlines()
     (legend,) = [line for line in lines if "footnotesize" in line]
     assert "in square brackets: 95 \\% intervals, Wilson over" in legend.replace(r"\\ ", "")
-    assert "no interval for Pooled" in legend.replace(r"\\ ", "")

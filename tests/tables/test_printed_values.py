@@ -8,7 +8,7 @@ import pytest
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.tables.published import read_published
-from tests.audit.support import published, row
+from tests.audit.support import published
 
 HEAD = "method,scene,metric,value\n"
 
@@ -31,12 +31,6 @@ def test_the_simple_layout(tmp_path: Path) -> None:
     assert first.gain is not None
     assert first.gain.text == "+1.24"
     assert (second.line, second.is_summary, second.bold, second.gain) == (4, True, False, None)
-
-
-def test_units(tmp_path: Path) -> None:
-    rows = [{**r, "unit": "share"} for r in row(R_1="0.5")]
-    (cell,) = published(tmp_path, rows).cells
-    assert (cell.full, cell.share.low) == (1, cell.number.span.low)
 
 
 def test_a_byte_order_mark_and_quoted_names(tmp_path: Path) -> None:
@@ -65,9 +59,7 @@ BAD = {
     "bad bold": (HEAD[:-1] + ",bold\nA,E,R@1,5,B\n", ["line 2", "'bold'", "'B'"]),
     "bad n": (HEAD[:-1] + ",n\nA,E,R@1,5,-3\n", ["line 2", "'n'", "'-3'"]),
     "n zero": (HEAD[:-1] + ",n\nA,E,R@1,5,0\n", ["line 2", "'n'", "'0'"]),
-    "bad unit": (HEAD[:-1] + ",unit\nA,E,R@1,5,m\n", ["line 2", "'unit'", "'m'"]),
     "cell twice": (HEAD + "A,E,R@1,5\nA,E,R@1,5\n", ["line 3", "line 2", "'table'"]),
-    "percent or share": (HEAD + "A,E,R@1,0.5\n", ["R@1", "'unit'"]),
     "open quote": (HEAD + 'A,E,R@1,"5\n', ["line 2"]),
     "not text": (b"\xff\xfe\x00", ["UTF-8"]),
     "NUL": (HEAD + "A\0,E,R@1,x\n", ["line 2"]),

@@ -26,8 +26,8 @@ from tests.cli.results_of_all_tracks import (
 BASE = ("--baseline", NAMES[0])
 TABLES: dict[str, tuple[str, ...]] = {
     "methods": (),
-    "scenes": ("--layout", "scenes", "--queries"),
-    "no average": ("--layout", "scenes", "--no-average", "--all"),
+    "scenes": ("--layout", "scenes"),
+    "every score": ("--layout", "scenes", "--all"),
     "benchmarks": ("--layout", "benchmarks"),
     "published": ("--published",),
     "scenes with intervals": ("--layout", "scenes", "--intervals", *BASE),

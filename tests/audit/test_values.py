@@ -1,10 +1,15 @@
+"""Printed names of scores, and units of values."""
+
 from __future__ import annotations
 
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 
-from airzoo_bench.tables.printed import Family, read_score
+from airzoo_bench.audit.values import Family, read_score, read_values
+from airzoo_bench.core.errors import ResultError
+from tests.audit.support import Rows, published, rows_of
 
 
 @pytest.mark.parametrize(
@@ -22,10 +27,10 @@ from airzoo_bench.tables.printed import Family, read_score
         ("F-score", Family.F1, True),
         ("Precision", Family.PRECISION, True),
         ("Recall", Family.RECALL, True),
-        ("Chamfer distance", Family.CHAMFER, False),
-        ("CD", Family.CHAMFER, False),
-        ("Accuracy", Family.ACCURACY, False),
-        ("Comp", Family.COMPLETENESS, False),
+        ("Chamfer distance", Family.ERROR, False),
+        ("CD", Family.ERROR, False),
+        ("Accuracy", Family.DISTANCE, False),
+        ("Comp", Family.DISTANCE, False),
         ("median_translation_error", Family.MEDIAN, False),
         ("Med. ↓", Family.MEDIAN, False),
         ("ATE", Family.ERROR, False),
@@ -54,3 +59,21 @@ def test_an_average_precision_may_name_its_definition(name: str, variant: str | 
 def test_thresholds_have_units() -> None:
     assert read_score("recall@(5m, 1°)").thresholds == ((Fraction(5), "m"), (Fraction(1), "deg"))
     assert read_score("recall@0.25m").thresholds == ((Fraction(1, 4), "m"),)
+
+
+def rows(value: str, unit: str) -> Rows:
+    return rows_of({"A": {"East": {"R@1": value}}}, unit=unit)
+
+
+def test_units(tmp_path: Path) -> None:
+    (value,) = read_values(published(tmp_path, rows("0.5", "share")))
+    assert (value.full, value.share) == (1, value.span)
+    (value,) = read_values(published(tmp_path, rows("50.0", "")))
+    assert (value.full, value.share.low) == (100, Fraction(4995, 10000))
+
+
+@pytest.mark.parametrize(("value", "unit"), [("5", "m"), ("0.5", "")])
+def test_a_unit_that_leaves_open_what_is_meant(tmp_path: Path, value: str, unit: str) -> None:
+    with pytest.raises(ResultError, match="'unit'") as raised:
+        read_values(published(tmp_path, rows(value, unit)))
+    assert "table.csv" in str(raised.value)
