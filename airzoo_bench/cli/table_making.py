@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from airzoo_bench.cli.common import scores_of
-from airzoo_bench.cli.table import Layout, TableRequest
+from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.protocol.lookup import shipped_protocols
