@@ -149,11 +149,11 @@ def _implied_count(shares: Sequence[Value]) -> tuple[int, str]:
             fit = lowest * 2 * full <= (2 * value + high) * counted_of - row  # cut ones are below
             fits[row] += fit
             merit[row] += np.where(fit, -np.log(_chance(counted_of, full)), math.log(_MISPRINT))
-    row, best = np.unravel_index(np.argmax(merit), merit.shape)
+    row, best = (int(place) for place in np.unravel_index(np.argmax(merit), merit.shape))
     top = float(merit[row, best])
     rivals = float(np.exp(merit - top).max(axis=0).sum()) + math.exp(-max(top, -700.0))
     text = f"n = {totals[best]} fits {fits[row, best]} of {len(printed)} different values"
-    text += ", with digits cut off" * int(row)
+    text += ", with digits cut off" * row
     return (int(totals[best]), text) if 1 / rivals >= _SURE else (0, "")
 
 

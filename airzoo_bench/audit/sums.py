@@ -35,7 +35,7 @@ class _Averaged:
 
     @property
     def kind(self) -> tuple[bool, bool]:
-        """What is known of the weights, medians last; averages of one kind are judged together."""
+        """How its weights are known, medians last; averages of one kind are judged together."""
         return not self.is_weighed, self.cell.score.family is Family.MEDIAN
 
     @property

@@ -16,7 +16,6 @@ from airzoo_bench.results.files import method_names, result_paths, results_here
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.tables import layouts, marks
 from airzoo_bench.tables.method_table import (
-    OVERALL,
     MethodTable,
     empty_table,
     method_table,
@@ -24,7 +23,7 @@ from airzoo_bench.tables.method_table import (
     with_published,
 )
 from airzoo_bench.tables.model import Table
-from airzoo_bench.tables.published import published_sources, published_tables
+from airzoo_bench.tables.published import OVERALL, published_sources, published_tables
 
 
 @dataclass(frozen=True)

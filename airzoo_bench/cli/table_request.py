@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,7 +21,7 @@ class Layout(StrEnum):
     BENCHMARKS = "benchmarks"
 
 
-def _option(help_text: str, *names: str, **bounds: int) -> typer.models.OptionInfo:
+def _option(help_text: str, *names: str, **bounds: Any) -> typer.models.OptionInfo:
     option: typer.models.OptionInfo = typer.Option(*names, help=help_text, **bounds)
     return option
 

@@ -14,8 +14,9 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, SampleIntervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.layouts import AVERAGE
-from airzoo_bench.tables.method_table import OVERALL, UNITS, MethodTable, as_shown
+from airzoo_bench.tables.method_table import UNITS, MethodTable, as_shown
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table, share_to_percent
+from airzoo_bench.tables.published import OVERALL
 
 _CLOSED = {
     "wilson": "Wilson",

@@ -11,7 +11,6 @@ from airzoo_bench.results.comparison import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.result import Result, ScoreColumn
 from airzoo_bench.tables.marks import mark_best
 from airzoo_bench.tables.method_table import (
-    OVERALL,
     UNITS,
     MethodRow,
     MethodTable,
@@ -22,6 +21,7 @@ from airzoo_bench.tables.method_table import (
     shown_values,
 )
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
+from airzoo_bench.tables.published import OVERALL
 
 AVERAGE = "Average"
 """The title of the average over scenes."""

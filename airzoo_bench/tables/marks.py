@@ -39,11 +39,11 @@ def mark_best(table: Table, *, second: bool = False) -> Table:
 def mark_cells(column: Column, cells: Sequence[Cell], *, second: bool = False) -> list[Cell]:
     """Mark the best of several cells of a score, and the second best where it is asked for."""
     several = sum(isinstance(cell.value, float) for cell in cells) > 1
-    best, *others = [*(best_texts(column, cells) if several else []), None, None]
-    runner_up = others[0] if second else None
+    ranked = best_texts(column, cells) if several else []
+    best, runner_up = ranked[:1], ranked[1:2] if second else []
     texts = [cell.text(column.decimals) for cell in cells]
     return [
-        replace(cell, best=text == best, second=text == runner_up)
+        replace(cell, best=text in best, second=text in runner_up)
         for cell, text in zip(cells, texts, strict=True)
     ]
 
