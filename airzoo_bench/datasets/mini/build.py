@@ -11,6 +11,7 @@ little off.
 from __future__ import annotations
 
 import hashlib
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -323,14 +324,11 @@ def build_world(region: str, seed: int) -> World:
 
 
 def _walls(plan: Plan) -> Buildings:
-    columns: dict[str, Any] = {"base_m": np.float64, "storey_m": np.float64, "bay_m": np.float64}
-    columns |= {"wall_colour": np.uint8, "window_colour": np.uint8, "style": np.uint8}
-    return Buildings(
-        **{
-            name: np.array([getattr(building, name) for building in plan.buildings], kind)
-            for name, kind in columns.items()
-        }
-    )
+    def column(name: str) -> NDArray[Any]:
+        kind = np.float64 if name.endswith("_m") else np.uint8
+        return np.array([getattr(building, name) for building in plan.buildings], kind)
+
+    return Buildings(**{one.name: column(one.name) for one in fields(Buildings)})
 
 
 def _tree_colours(plan: Plan) -> _Rgb:

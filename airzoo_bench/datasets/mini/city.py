@@ -29,7 +29,7 @@ from airzoo_bench.datasets.mini.plan import (
     steps,
 )
 from airzoo_bench.datasets.mini.world import SIDE_M
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 
 _STREAM = 11
 _STREETS_M = (20.0, 18.0, 14.0, 12.0, 9.0, 8.0, 7.0, 7.0)  # width, by depth of division
@@ -129,7 +129,7 @@ class District:
 
     def plant(self, frame: Frame, radius: float, kind: str = "broad") -> None:
         """Add a tree at a frame's origin, of about that radius, where it may stand."""
-        if _leaves_region([frame.origin]) or not self._holds([frame.origin], _TOWPATH_M):
+        if not self._holds([frame.origin], _TOWPATH_M):
             return
         radius *= self.dice.real(0.7, 1.3)
         height = radius * self.dice.real(2.1, 2.9) if kind == "broad" else radius * 3.4
@@ -162,22 +162,24 @@ class District:
 
     def allows(self, rect: Rect) -> bool:
         """Return whether a building may stand there."""
-        points = rect.grid(2)
-        return not _leaves_region(points) and self._holds(points, _BANK_M)
+        return self._holds(rect.grid(2), _BANK_M)
 
     def _holds(self, points: Sequence[Point], bank_m: float) -> bool:
-        """Return whether points are on this side and that far from the canal's middle."""
+        """Return whether points are on this side, in the region, and that far from the canal."""
         x, y = np.array(points).T
-        north = y > line_height(x, self.plan.divide)
+        inside = (np.minimum(x, y) > 4.0) & (np.maximum(x, y) < SIDE_M - 4.0)
         apart = distance_to_line(x, y, self.plan.divide) > bank_m
-        return bool(np.all(north == (self.side == 1)) and np.all(apart))
+        return bool(np.all(inside & apart & self._is_here(x, y)))
+
+    def _is_here(self, x: Floats, y: Floats) -> Bools:
+        """Return which points are on this side of the divide."""
+        return (y > line_height(x, self.plan.divide)) == (self.side == 1)
 
     def reaches(self, block: Rect) -> bool:
         """Return whether any of a block may be seen."""
         x, y = np.array(block.grid(8)).T
         seen = (np.maximum(x, y) < SIDE_M + 5) & (np.minimum(x, y) > -5)
-        north = y > line_height(x, self.plan.divide)
-        return bool(np.any(seen & (north == (self.side == 1))))
+        return bool(np.any(seen & self._is_here(x, y)))
 
     def anywhere(self, rect: Rect) -> Frame:
         """Return the rectangle's axes about a point in it."""
@@ -493,11 +495,6 @@ class District:
             half = dice.pick(((3.0, 1.2), (1.5, 1.2), (2.2, 0.9)))
             key = dice.integer(0, 99)
             self.paint(kind, spot.box(*half), key, season=dice.integer(0, 2))
-
-
-def _leaves_region(points: Sequence[Point]) -> bool:
-    """Return whether any point is outside the region or within 4 m of its border."""
-    return any(not (4.0 < x < SIDE_M - 4.0 and 4.0 < y < SIDE_M - 4.0) for x, y in points)
 
 
 # Where the border or the canal cuts a block, one big hall would leave a waste.

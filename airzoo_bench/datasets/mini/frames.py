@@ -23,7 +23,7 @@ from PIL import Image
 from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.mini.noise import seed_of
-from airzoo_bench.datasets.mini.renderer import RENDERER_VERSION, Frame, Renderer
+from airzoo_bench.datasets.mini.renderer import RENDERER_VERSION, Renderer
 from airzoo_bench.datasets.mini.weather import conditions
 from airzoo_bench.datasets.mini.world import CRS, load_world, world_key, world_region
 from airzoo_bench.engines.engine import HERE, Engine
@@ -191,13 +191,21 @@ def _jobs(frames: FrameList, key: str) -> list[_Job]:
 
 
 def _is_done(folder: Path, job: _Job) -> bool:
-    """Return whether both files are there, whole, and made from the same inputs as now."""
     return all(_read_mark(path) == job.mark for path in frame_paths(folder, job.name))
 
 
 def _render_job(shared: tuple[Path, str, Path], job: _Job) -> None:
+    """Write a frame's files, each whole or not at all, with the mark of its inputs."""
     world, key, folder = shared
-    _write_frame(folder, job.name, _renderer(world, key).render(*job.view), job.mark)
+    frame = _renderer(world, key).render(*job.view)
+    image, depth = frame_paths(folder, job.name)
+    with atomic_write(depth) as stream:
+        tags = {_PREDICTOR_TAG: _FLOATING_POINT, _DESCRIPTION_TAG: job.mark}
+        picture = Image.fromarray(frame.depth)
+        picture.save(stream, format="TIFF", compression="tiff_adobe_deflate", tiffinfo=tags)
+    with atomic_write(image) as stream:
+        picture = Image.fromarray(frame.rgb)
+        picture.save(stream, format="JPEG", quality=92, subsampling=0, comment=job.mark)
 
 
 @lru_cache(maxsize=1)
@@ -209,18 +217,6 @@ def _renderer(world: Path, key: str) -> Renderer:
 def frame_paths(folder: Path, name: str) -> tuple[Path, Path]:
     """Return the places of a frame's photo and depth."""
     return folder / "images" / f"{name}{IMAGE_SUFFIX}", folder / "depth" / f"{name}.tif"
-
-
-def _write_frame(folder: Path, name: str, frame: Frame, mark: str) -> None:
-    """Write a frame's files, each whole or not at all, and a mark of its inputs."""
-    image, depth = frame_paths(folder, name)
-    with atomic_write(depth) as stream:
-        tags = {_PREDICTOR_TAG: _FLOATING_POINT, _DESCRIPTION_TAG: mark}
-        picture = Image.fromarray(frame.depth)
-        picture.save(stream, format="TIFF", compression="tiff_adobe_deflate", tiffinfo=tags)
-    with atomic_write(image) as stream:
-        picture = Image.fromarray(frame.rgb)
-        picture.save(stream, format="JPEG", quality=92, subsampling=0, comment=mark)
 
 
 def _read_mark(path: Path) -> str | None:

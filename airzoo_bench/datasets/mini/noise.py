@@ -137,26 +137,22 @@ class Dice:
         return items[self.integer(0, len(items) - 1)]
 
 
-def value_noise(seed: int, stream: int, size: int, cell: int) -> NDArray[np.int32]:
-    """Return smooth noise from -2048 to 2047, (size, size), on a lattice `cell` pixels apart."""
-    index = np.arange(size // cell + 2)
-    lattice = hash_of(seed, _STREAM, stream, index[:, None], index[None, :]) >> np.uint64(52)
-    values = lattice.astype(np.int32) - 2048
-    if cell == 1:
-        return values[:size, :size]
-    low, step = np.divmod(np.arange(size), cell)
-    # 3t^2 - 2t^3 in units of 1/1024.
-    weight = (1024 * step * step * (3 * cell - 2 * step) // cell**3).astype(np.int32)[:, None]
-    for _ in range(2):  # along rows, then columns
-        values = (values[low] + ((values[low + 1] - values[low]) * weight >> 10)).T
-    return np.ascontiguousarray(values)
-
-
 def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray[np.int32]:
-    """Return noise (size, size) of several scales, ``{cell: weight}`` with weights of 16 in all."""
+    """Return noise (size, size) of several scales, ``{cell: weight}`` with weights of 16 in all.
+
+    Each is from -2048 to 2047 on a lattice `cell` pixels apart, and smooth between.
+    """
     result = np.zeros((size, size), np.int32)
-    for cell, weight in cells.items():
-        result += value_noise(seed, stream + cell, size, cell) * np.int32(weight)
+    for cell, share in cells.items():
+        index = np.arange(size // cell + 2)
+        lattice = hash_of(seed, _STREAM, stream + cell, index[:, None], index[None, :])
+        values = (lattice >> np.uint64(52)).astype(np.int32) - 2048
+        low, step = np.divmod(np.arange(size), cell)
+        # 3t^2 - 2t^3 in units of 1/1024; 0 where cells are pixels.
+        weight = (1024 * step * step * (3 * cell - 2 * step) // cell**3).astype(np.int32)[:, None]
+        for _ in range(2):  # along rows, then columns
+            values = (values[low] + ((values[low + 1] - values[low]) * weight >> 10)).T
+        result += values * np.int32(share)
     return result // np.int32(16)
 
 

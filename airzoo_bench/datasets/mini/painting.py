@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -90,26 +91,26 @@ class Material(NamedTuple):
     middle: int
     coarse: int
 
-
-def _material(numbers: list[int]) -> Material:
-    red, green, blue, *mottling = numbers
-    return Material((red, green, blue), *mottling)
+    @classmethod
+    def of_numbers(cls, numbers: Sequence[float]) -> Material:
+        """Make a material of a row of a table."""
+        red, green, blue, *mottling = map(int, numbers)
+        return cls((red, green, blue), *mottling)
 
 
 def _materials(season: int) -> dict[str, Material]:
     part = slice(-6, None) if season == OLDER else slice(6)
     rows = (line.split() for line in _MATERIALS.split("\n") if line)
-    return {name: _material([*map(int, words)][part]) for name, *words in rows}
+    return {name: Material.of_numbers([*map(int, words)][part]) for name, *words in rows}
 
 
 def _crops(season: int) -> list[tuple[Material, Material, float, float]]:
     """Return rows, gaps, distance and share of gaps of the crops."""
     crops = []
     for line in filter(None, _CROPS.split("\n")):
-        words = line.split()[11:] if season == OLDER else line.split()[:11]
-        numbers = list(map(int, words[:9]))
-        gap = _material(numbers[6:] + numbers[3:6])
-        crops.append((_material(numbers[:6]), gap, float(words[9]), float(words[10])))
+        numbers = [float(word) for word in line.split()][11 * (season == OLDER) :][:11]
+        gap = Material.of_numbers(numbers[6:9] + numbers[3:6])
+        crops.append((Material.of_numbers(numbers[:6]), gap, numbers[9], numbers[10]))
     return crops
 
 
@@ -149,7 +150,10 @@ class Canvas:
                 patch = patch._replace(mask=patch.mask & (north == (side == 1)))
             if patch.mask.any():
                 brush = DecalBrush(self, patch, key)
-                brush.paint(kind) if kind in self.materials else getattr(brush, f"_paint_{kind}")()
+                if kind in self.materials:
+                    brush.paint(kind)
+                else:
+                    getattr(brush, f"_paint_{kind}")()
 
     def paint_roof(self, index: int, owner: NDArray[np.int32], colour: Colour) -> None:
         """Paint the roof of one building where it is on top, given the owner of each pixel."""

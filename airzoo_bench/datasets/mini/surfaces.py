@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.datasets.mini.noise import Singles, floor_log2, hash64, uniforms, volume_noise
 from airzoo_bench.datasets.mini.world import Buildings, Material, Mesh, World
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 
 _Indices = NDArray[np.int64]
 _Numbers = NDArray[np.uint64]
@@ -178,8 +178,18 @@ def _lamp_light(world: World, gsd: float) -> Singles:
 
 
 def _lamp_places(world: World) -> list[list[int]]:
-    """Rows and columns of lamps: in each cell of a grid, the first tried place that is paved."""
-    paved = _paved(world)
+    """Rows and columns of lamps: in each cell of a grid, the first tried place that is paved.
+
+    That is where the land is grey, not bright and not built over.
+    """
+    step = len(world.ground_albedo) // len(world.dsm)
+    ground, top = (
+        albedo[::step, ::step].astype(np.int16)
+        for albedo in (world.ground_albedo, world.top_albedo)
+    )
+    bright, bare = ground.max(axis=-1), (top == ground).all(axis=-1)
+    grey = (bright - ground.min(axis=-1) < 16) & (bright > 60) & (bright < 190)
+    paved = grey & bare & ~world.water[::step, ::step]
     count = max(round(world.region.side_m / _LAMP_CELL_M), 1)
     hashes = hash64(np.arange(count * count * _LAMP_TRIES, dtype=np.uint64), world.seed + 0x1A3B)
     draws = np.stack([uniforms(hashes, k).reshape(count, count, _LAMP_TRIES) for k in (0, 1)])
@@ -189,17 +199,6 @@ def _lamp_places(world: World) -> list[list[int]]:
     first = np.take_along_axis(places, good.argmax(axis=2)[None, ..., None], 3)[..., 0]
     found: list[list[int]] = first[:, good.any(axis=2)].T.tolist()
     return found
-
-
-def _paved(world: World) -> Bools:
-    """Where the land is grey, not bright and not built over, on the surface model's grid."""
-    step = len(world.ground_albedo) // len(world.dsm)
-    ground = world.ground_albedo[::step, ::step].astype(np.int16)
-    bright = ground.max(axis=-1)
-    covered = (world.top_albedo[::step, ::step] != ground).any(axis=-1)
-    grey = (bright - ground.min(axis=-1) < 16) & (bright > 60) & (bright < 190)
-    paved: Bools = grey & ~covered & ~world.water[::step, ::step]
-    return paved
 
 
 class Facades:

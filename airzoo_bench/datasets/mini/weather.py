@@ -5,6 +5,7 @@ All colours are display values, 1.0 being the white of the image, as the survey'
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cos, radians, sin
 from typing import Any
@@ -90,15 +91,15 @@ def conditions(weather: str, time: str) -> Conditions:
         return clear
     brightness, tint, haze_per_m, noisier, changes = _GREY[weather]
     height = max(clear.light.direction[2], 0.3)
-    red, green, blue = (
+    sky = [
         brightness * (sky + 0.8 * sun * height)
         for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
-    )
+    ]
     dim = min(brightness, 1.0)
     horizon = _times(_greyed(clear.horizon, 0.5), _times(tint, (dim, dim, dim)))
     return replace(
         clear,
-        light=Light(clear.light.direction, _BLACK, _times(_greyed((red, green, blue), 0.35), tint)),
+        light=Light(clear.light.direction, _BLACK, _times(_greyed(sky, 0.35), tint)),
         zenith=_times(horizon, (0.86, 0.88, 0.92)),
         horizon=horizon,
         glow=_BLACK,
@@ -111,11 +112,11 @@ def conditions(weather: str, time: str) -> Conditions:
     )
 
 
-def _greyed(colour: Colour, share: float) -> Colour:
+def _greyed(colour: Sequence[float], share: float) -> Colour:
     """Mix a colour with grey, keeping only a share of it."""
-    red, green, blue = colour
-    grey = 0.299 * red + 0.587 * green + 0.114 * blue
-    return grey + share * (red - grey), grey + share * (green - grey), grey + share * (blue - grey)
+    grey = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2]
+    red, green, blue = (grey + share * (part - grey) for part in colour)
+    return red, green, blue
 
 
 def _times(a: Colour, b: Colour) -> Colour:
