@@ -173,7 +173,7 @@ class District:
 
     def _is_here(self, x: Floats, y: Floats) -> Bools:
         """Return which points are on this side of the divide."""
-        return (y > line_height(x, self.plan.divide)) == (self.side == 1)
+        return np.asarray((y > line_height(x, self.plan.divide)) == (self.side == 1))
 
     def reaches(self, block: Rect) -> bool:
         """Return whether any of a block may be seen."""
