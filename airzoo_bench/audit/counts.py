@@ -140,6 +140,9 @@ def _implied_count(shares: Sequence[Value]) -> tuple[int, str]:
     if not printed:
         return 0, ""
     totals = np.arange(1, min(_LARGEST, max(full for _, full, _ in printed)) + 1, dtype=np.int64)
+    surprises = {
+        kind: -np.log(_chance(totals * kind[1], kind[0])) for kind in {one[1:] for one in printed}
+    }
     fits, merit = np.zeros((2, len(totals)), np.int64), np.tile(-np.log(totals), (2, 1))
     for value, full, places in printed:
         counted_of = totals * places
@@ -148,7 +151,7 @@ def _implied_count(shares: Sequence[Value]) -> tuple[int, str]:
             lowest = -((-(2 * value + low) * counted_of) // (2 * full))
             fit = lowest * 2 * full <= (2 * value + high) * counted_of - row  # cut ones are below
             fits[row] += fit
-            merit[row] += np.where(fit, -np.log(_chance(counted_of, full)), math.log(_MISPRINT))
+            merit[row] += np.where(fit, surprises[full, places], math.log(_MISPRINT))
     row, best = (int(place) for place in np.unravel_index(np.argmax(merit), merit.shape))
     top = float(merit[row, best])
     rivals = float(np.exp(merit - top).max(axis=0).sum()) + math.exp(-max(top, -700.0))
@@ -212,7 +215,7 @@ def check_counts(
         len(known),
         f"shares of queries in {number}, whether each is a whole number of queries",
         left,
-        _no_counts("counts", known),
+        tuple(_no_count("counts", one) for one in known if one.off > Fraction(1, 2)),
         tuple(conclusions),
         cells=tuple(share.cell for share in known),
     )
@@ -255,7 +258,7 @@ def define_precision(
         len(shares),
         "mean precisions, whether each is a whole number of positives",
         f"{left} that are not known to be mean precision" if left else none * (not shares),
-        _no_counts("AP counts", shares),
+        tuple(_no_count("AP counts", one) for one in shares if one.off > Fraction(1, 2)),
         tuple(conclusions),
         tuple(share.cell for share in shares),
     )
@@ -275,10 +278,6 @@ def _is_precision(shares: Sequence[_Share], doubtful: Collection[tuple[str, ...]
         chances.append(float(chance) if number.value else 1.0)
     fits = len(own) - misfits
     return bool(fits and bdtrc(fits - 1, len(own), sum(chances) / len(own)) < _RARE)
-
-
-def _no_counts(check: str, shares: Iterable[_Share]) -> tuple[Finding, ...]:
-    return tuple(_no_count(check, share) for share in shares if share.off > Fraction(1, 2))
 
 
 def _no_count(check: str, share: _Share) -> Finding:
