@@ -293,7 +293,7 @@ def check(
     Parameters
     ----------
     predictions, protocol, data, reader, names, max_memory : optional
-        See `evaluate`. Without the benchmark folder, all is done that can be.
+        As in `evaluate`; without the benchmark folder fewer checks are made.
 
     Returns
     -------
