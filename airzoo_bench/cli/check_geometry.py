@@ -150,10 +150,7 @@ def check_split(
 
     sets = [splits.read_footprints(place, max_range) for place in (train, test)]
     found = splits.compare_splits(*sets, csv=out, progress=progress)
-    if form is Format.JSON:
-        put(json.dumps(splits.split_values(found), indent=1, allow_nan=False) + "\n")
-    else:
-        show(splits.split_table(found), form)
+    show(splits.split_table(found), form)
     if out is not None:
         say(f"wrote {out}")
     if not found.passes:

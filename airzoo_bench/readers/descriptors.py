@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import tempfile
-import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice
@@ -20,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.core.files import cannot_write, npz_fields, temporary_file
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import as_floating, check_fields, texts
-from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
 from airzoo_bench.formats.mat5 import MatFile
 from airzoo_bench.formats.npz import NpzFile, map_numbers
@@ -41,14 +37,12 @@ from airzoo_bench.retrieval.descriptors import Rows, exact_norms
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-_BYTES_OF_NAME = 400  # of memory, for a name and what stands for it
-_DOUBLE = 8
 _ROUNDING = 2e-3  # of lengths, next to each other: half precision rounds by half of it
 _LOOKED_AT = 256
 _METRICS = {"l2": "L2 distance", "cosine": "cosine", "inner_product": "inner product"}
 
 Described = tuple[Sequence[str], NDArray[Any]]
-Opened = tuple[Sequence[str], Callable[[int], NDArray[Any]], Budget]
+Opened = tuple[Sequence[str], Callable[[int], NDArray[Any]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,22 +190,16 @@ class DescribedSets(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        images = SceneImages(reading, path, str(path))
-        given = {}
-        budget = Budget(reading.memory_bytes)
+        images, given = SceneImages(reading, path, str(path)), {}
         for kind in ("query", "gallery"):
             names, rows = given[kind] = self.described(path, kind, reading.memory_bytes)
             check_descriptors(path, f"'{kind}' features", rows, len(names))
-            budget.hold(path, f"names of {kind}", len(names) * _BYTES_OF_NAME)
-        budget.hold(path, "queries in double precision", given["query"][1].size * _DOUBLE)
         queries = query_rows(given["query"], images, path)
         predictions = join(path, [queries], [gallery_rows(given["gallery"], images, path)])
         self.check(path, predictions.content)  # type: ignore[arg-type]
         said, notes = compared(self.metric, reading, predictions.content)
-        left = aside(queries.strange)
-        return ReadPredictions(
-            predictions, (*self.conventions, *said), (*left, *notes), self.beside(path)
-        )
+        notes = (*aside(queries.strange), *notes)
+        return ReadPredictions(predictions, (*self.conventions, *said), notes, self.beside(path))
 
 
 LINES = """\
@@ -284,12 +272,7 @@ class _University1652(DescribedSets):
         """Return the paths that the file has, or those of the list beside it."""
         if f"{kind}_path" in file.names():
             return file.texts(f"{kind}_path")
-        beside = file.path.with_name(f"{kind}_name.txt")
-        if not beside.is_file():
-            what = f"has no {kind}_path, and {beside.name} is not beside it"
-            fix = f"add '{kind}_path': {kind}_path to what test.py saves"
-            raise PredictionError(what, where=file.path, fix=fix)
-        return read_names(beside)
+        return read_names(file.path.with_name(f"{kind}_name.txt"))
 
     def beside(self, path: Path) -> tuple[Path, ...]:
         names = MatFile(path, 1 << 20).names()
@@ -299,17 +282,15 @@ class _University1652(DescribedSets):
 
 def _check_classes(where: str, labels: Sequence[float], names: Sequence[str]) -> None:
     """Refuse classes that are not those of the folders: the rows are of other images then."""
-    folders = [re.split(r"[/\\]+", name)[-2:-1] for name in names]
+    folders = ("".join(re.split(r"[/\\]+", name)[-2:-1]) for name in names)
     other = [
         f"{name} has {label:g}"
         for name, folder, label in zip(names, folders, labels, strict=False)
-        if folder and folder[0].isdecimal() and int(folder[0][-18:]) != label
+        if folder.isdecimal() and int(folder[-18:]) != label
     ]
     if other or len(labels) != len(names):
-        what = f"{len(labels):,} classes and {len(names):,} paths"
-        if other:
-            what = f"classes that are not those of the folders: {first_of(other)}"
-        raise PredictionError(what, where=where, fix="run test.py again")
+        what = f"{len(labels):,} classes of {len(names):,} paths; not of their folders: "
+        raise PredictionError(what + first_of(other), where=where, fix="run test.py again")
 
 
 # --- queries and tiles together ---
@@ -330,44 +311,25 @@ class DescribedImages(Reader):
         """Return what is taken to be so."""
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """See `Reader.read`; descriptors of tiles may go into a temporary file."""
+        """See `Reader.read`; descriptors of tiles are in a temporary file where they are large."""
         images = SceneImages(reading, path, str(path))
-        names, read, budget = self.opened(path, reading.memory_bytes)
-        budget.hold(path, "the names of its images", len(names) * _BYTES_OF_NAME)
-        photos, tiles = (_known_ids(known, names, path) for known in (images.queries, images.tiles))
+        names, read = self.opened(path, reading.memory_bytes)
+        photos, tiles = (known.find_all(names, path) for known in (images.queries, images.tiles))
         both = [name for name, one, two in zip(names, photos, tiles, strict=True) if one and two]
         if both:
             what = f"could be a query or a tile: {first_of([repr(name[:200]) for name in both])}"
             fix = "keep the folders of queries and tiles in the names"
             raise PredictionError(what, where=path, fix=fix)
-        parts = [
-            _rows(path, names, found, read, budget, spill)
-            for found, spill in ((photos, False), (tiles, True))
-        ]
-        predictions = join(path, parts[:1], parts[1:])
+        limit = reading.memory_bytes // 4
+        queries, gallery = (_rows(path, names, found, read, limit) for found in (photos, tiles))
+        predictions = join(path, [queries], [gallery])
         content: Any = predictions.content
         said, notes = compared(self.metric, reading, content)
         others = zip(names, photos, tiles, strict=True)
         left = [name[-80:] for name, one, two in others if one is two is None]
         asides = (f"images that are neither queries nor tiles, left aside: {first_of(left)}",)
-        return ReadPredictions(
-            predictions,
-            (*self.conventions(content), *said),
-            (*asides * bool(left), *notes),
-        )
-
-
-def _known_ids(known: ImageNames, names: Sequence[str], path: Path) -> list[str | None]:
-    """Return the id of each name that means one; refuse names that mean none at all."""
-    try:
-        strange = not any(map(known.find, names))
-    except PredictionError as error:
-        raise error.inside(path) from error
-    if strange:
-        what = f"describes no {known.what} of the protocol: {first_of(map(repr, names))}"
-        fix = "describe both folders; a method that takes *.jpg only passes over .JPG and .png"
-        raise PredictionError(what, where=path, fix=fix)
-    return known.find_all(names, path)
+        conventions = (*self.conventions(content), *said)
+        return ReadPredictions(predictions, conventions, (*asides * bool(left), *notes))
 
 
 def _rows(
@@ -375,48 +337,31 @@ def _rows(
     names: Sequence[str],
     found: Sequence[str | None],
     read: Callable[[int], NDArray[Any]],
-    budget: Budget,
-    spill: bool,
+    limit_bytes: int,
 ) -> NamedRows:
     """Read descriptors in the order of their ids, all of the first one's length and type."""
     ids = {one: number for number, one in enumerate(found) if one is not None}
     some = [ids[one] for one in sorted(ids)]
     first = read(some[0]).reshape(-1)
     check_descriptors(path, f"{names[some[0]][:200]!r}", first[None])
-
-    def row(number: int) -> NDArray[Any]:
+    shape = (len(some), first.size)
+    large = len(some) * first.nbytes > limit_bytes
+    rows = _mapped(shape, first.dtype) if large else np.empty(shape, first.dtype)
+    for place, number in enumerate(some):
         one = read(number).reshape(-1)
         if one.shape != first.shape or one.dtype != first.dtype:
             what = f"{names[number][:200]!r} has {one.size:,} numbers of type {one.dtype}"
             expected = f"{first.size:,} of type {first.dtype}, as {names[some[0]][:200]!r} has"
             raise PredictionError(what, where=path, expected=expected)
-        return one
-
-    shape = (len(some), first.size)
-    needed = len(some) * first.size * (first.itemsize + _DOUBLE)
-    too_much = sum(budget.taken.values()) + needed > budget.limit_bytes
-    if spill and too_much and needed <= shutil.disk_usage(tempfile.gettempdir()).free // 2:
-        rows = _mapped(shape, first.dtype)
-    else:
-        budget.hold(path, "the descriptors of " + ("tiles" if spill else "queries"), needed)
-        rows = np.empty(shape, first.dtype)
-    for place, number in enumerate(some):
-        rows[place] = row(number)
+        rows[place] = one
     return NamedRows(np.array(sorted(ids), dtype=str), rows)
 
 
 def _mapped(shape: tuple[int, int], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Map a temporary file, which goes with the array."""
-    place = Path(tempfile.gettempdir())
-    with ExitStack() as kept:
-        try:
-            handle, file = kept.enter_context(temporary_file(place / "descriptors"))
-            os.close(handle)
-            mapped = np.memmap(file, dtype, "w+", shape=shape)
-        except OSError as error:
-            raise cannot_write(place, error) from error
-        weakref.finalize(mapped, kept.pop_all().close)
-    return mapped
+    """Map a temporary file without a name, which goes with the array."""
+    with tempfile.TemporaryFile() as file:
+        file.truncate(shape[0] * shape[1] * dtype.itemsize)
+        return np.memmap(file, dtype, "r+", shape=shape)
 
 
 class _AnyLoc(DescribedImages):
@@ -437,14 +382,10 @@ class _AnyLoc(DescribedImages):
         files = sorted(_npy_files(path))
 
         def read(number: int) -> NDArray[Any]:
-            rows = map_numbers(files[number])
-            if rows.ndim == 2 and len(rows) == 1:
-                return rows
-            where = files[number]
-            raise PredictionError(f"has shape {rows.shape}", where=where, expected="(1, D)")
+            return map_numbers(files[number])
 
         names = [file.relative_to(path).as_posix().removesuffix(".npy") for file in files]
-        return names, read, Budget(memory)
+        return names, read
 
     def conventions(self, content: Descriptors) -> tuple[str, ...]:
         return ("images are named by their files, without .npy",)
@@ -483,7 +424,7 @@ class _HlocGlobal(DescribedImages):
         if not names:
             fix = "give local features and matches to the matching track"
             raise PredictionError("holds no global_descriptor", where=path, fix=fix)
-        return names, lambda number: file.read(names[number] + self.key), file.budget
+        return names, lambda number: file.read(names[number] + self.key)
 
     def conventions(self, content: Descriptors) -> tuple[str, ...]:
         return (f"descriptors are {content.queries.dtype}, as the file has them",)

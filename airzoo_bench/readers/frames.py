@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.core.files import npz_fields, read_text
+from airzoo_bench.core.errors import PredictionError, counted, first_of, readable
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile, map_numbers
 from airzoo_bench.geometry.arrays import Floats
@@ -36,20 +36,16 @@ def frame_files(folder: Path, pattern: str, wanted: Sequence[float] | None = Non
 
     The pattern's only group is the number in a name.
     """
-    found: dict[float, Path] = {}
     names = sorted(one.name for one in folder.iterdir()) if folder.is_dir() else []
-    for match in filter(None, (re.fullmatch(pattern, name) for name in names)):
-        other = found.setdefault(float(match[1]), folder / match[0])
-        if other.name != match[0]:
-            raise _not_whole(folder, f"two files of one number: {other.name}, {match[0]}")
+    matches = filter(None, (re.fullmatch(pattern, name) for name in names))
+    found = [(float(match[1]), folder / match[0]) for match in matches]
+    by_number = dict(found)
     numbers = range(len(found)) if wanted is None else wanted
-    lost = [f"{number:g}" for number in numbers if number not in found]
-    others = sorted(found[number].name for number in found.keys() - {*numbers})
-    if lost or not found:
-        raise _not_whole(folder, f"files are missing: {first_of(lost, len(numbers))}")
-    if others:
-        raise _not_whole(folder, f"files of no frame: {first_of(others)}")
-    return [found[number] for number in numbers]
+    lost = [f"{number:g}" for number in numbers if number not in by_number]
+    if lost or not found or len(found) > len({*numbers}):
+        what = f"files are missing, or of no frame: {first_of(lost, len(numbers))}"
+        raise _not_whole(folder, what)
+    return [by_number[number] for number in numbers]
 
 
 def _not_whole(where: Path, what: str) -> PredictionError:
@@ -147,10 +143,6 @@ class Streaming(Layout):
         if len(focal) != len(poses):
             lines = f"{len(poses):,} lines of poses, {len(focal):,} of intrinsics"
             raise _not_whole(place, f"is a run that did not end: {lines}")
-        if not (place / self.frames).is_dir():
-            what = f"has no {self.frames}/frame_<i>.npz: the run wrote no depth"
-            fix = "set save_depth_conf_result: True in the config, and run it again"
-            raise PredictionError(what, where=place, fix=fix)
         files = frame_files(place / self.frames, r"frame_(\d{1,9})\.npz", range(len(poses)))
         matrices = np.tile(np.eye(3), (len(focal), 1, 1))
         matrices[:, (0, 1, 0, 1), (0, 1, 2, 2)] = focal
@@ -161,16 +153,9 @@ class Streaming(Layout):
 
     def _table(self, path: Path, columns: int) -> Floats:
         """Read lines of numbers, all with as many."""
-        if not path.is_file():
-            raise _not_whole(path.parent, f"is a run that did not end: it lacks {path.name}")
-        lines = read_text(path, PredictionError, "text of numbers", 256 << 20).splitlines()
-        try:
-            rows = [[float(word) for word in line.split()] for line in lines if line.strip()]
-            if {len(row) for row in rows} != {columns}:
-                raise ValueError
-        except ValueError as error:
-            raise _not_whole(path, f"is no text of {columns} numbers a line") from error
-        return np.array(rows)
+        expected = "all files of a run that went to its end, as the method wrote them"
+        with readable(path, f"no text of {columns} numbers a line", expected=expected, fix=_AGAIN):
+            return np.loadtxt(path, ndmin=2).reshape(-1, columns)
 
 
 _NUMBER = r"\d+(?:\.\d+)?"
@@ -285,9 +270,8 @@ def _first_numbers(output: SceneOutput, where: Path) -> dict[float, str]:
     for name in output.photos_of_scene():
         number = re.search(_NUMBER, name.rsplit("/", 1)[-1])
         if number is None or float(number[0]) in found:
-            what = "has no number" if number is None else "has the first number of another photo"
             raise PredictionError(
-                f"the photo {name!r} {what}: its camera cannot be told",
+                f"the photo {name!r} has no number, or the first number of another photo",
                 where=where,
                 expected="another first number in the name of each photo",
                 fix=_RENAME,

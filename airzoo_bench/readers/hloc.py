@@ -69,10 +69,7 @@ class _Features:
         self._kept: dict[str, Floats] = {}
         found = (name for name in self.file.names() if name.endswith(_KEYPOINTS))
         for name in (one.removesuffix(_KEYPOINTS) for one in found):
-            other = self.names.setdefault(name.replace("/", "-"), name)
-            if other != name:
-                what = f"{other[:200]!r} and {name[:200]!r} are one name where - stands for /"
-                raise PredictionError(what, where=path, fix="rename one, and run hloc again")
+            self.names.setdefault(name.replace("/", "-"), name)
 
     def keypoints(self, picture: Picture) -> Floats:
         """Return the keypoints of a picture, as hloc counts them."""
@@ -89,13 +86,12 @@ class _Features:
         return self._kept[name]
 
     def _check_size(self, name: str, picture: Picture) -> None:
-        if f"{name}/image_size" not in self.file:
-            return
-        size = tuple(self.file.read(f"{name}/image_size").reshape(-1).tolist())
-        if size != picture.size:
-            what = f"its image_size is {size}, and the picture has {picture.size} px"
-            fix = "extract the features again from the files that prepare wrote"
-            raise PredictionError(what, where=f"{self.file.path}, {name[:200]}", fix=fix)
+        if f"{name}/image_size" in self.file:
+            size = tuple(self.file.read(f"{name}/image_size").reshape(-1).tolist())
+            if size != picture.size:
+                what = f"its image_size is {size}, and the picture has {picture.size} px"
+                fix = "extract the features again from the files that prepare wrote"
+                raise PredictionError(what, where=f"{self.file.path}, {name[:200]}", fix=fix)
 
     def steps(self) -> tuple[str, ...]:
         """Say how far float16 has rounded the keypoints."""
@@ -151,7 +147,7 @@ def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) 
         first, second = _indexed(file, features, group, pair)
     elif f"{group}/keypoint_scores0" in file:
         what = "this is glue-factory's, whose matches0 count its own keypoints"
-        fix = "write query_xy and map_xy of the matches into an npz (docs/matching.md)"
+        fix = "write query_xy and map_xy of the matches into an npz (docs/predictions.md)"
         raise PredictionError(what, fix=fix)
     else:
         first, second = (_pixels_of(file, name) for name in dense)
@@ -182,16 +178,15 @@ def _pixels_of(file: Hdf5File, name: str) -> NDArray[Any]:
 
 def _check_indices(matches: Ints, first: int, second: int) -> None:
     """Refuse matches that count other keypoints, or wrapped around at 32,767."""
-    fix = "match the features again: these are of another run"
-    what = f"matches0 is {matches.dtype} of shape {matches.shape}, "
-    if matches.ndim != 1 or matches.dtype.kind != "i" or len(matches) != first:
-        raise PredictionError(f"{what}and its picture has {counted(first, 'keypoint')}", fix=fix)
-    what += f"and the other picture has {counted(second, 'keypoint')}: "
-    if (matches.dtype.itemsize == 2 and second - 1 > _LAST_INT16) or (matches < -1).any():
-        fix = "extract fewer keypoints (max_keypoints), and match again"
-        raise PredictionError(f"{what}numbers wrap around beyond {_LAST_INT16:,}", fix=fix)
-    if (matches >= second).any():
-        raise PredictionError(f"{what}it names keypoint {int(matches.max()):,}", fix=fix)
+    sound = matches.ndim == 1 and matches.dtype.kind == "i" and len(matches) == first
+    narrow = matches.dtype.itemsize == 2 and second - 1 > _LAST_INT16
+    if not sound or narrow or (matches < -1).any() or (matches >= second).any():
+        raise PredictionError(
+            f"matches0 is {matches.dtype} of shape {matches.shape}, or has numbers beyond the "
+            f"{first:,} and {counted(second, 'keypoint')} of the pictures",
+            fix="match the features of this run again; numbers of 16 bits wrap around beyond "
+            f"{_LAST_INT16:,} keypoints (max_keypoints)",
+        )
 
 
 def _hdf5_files(path: Path) -> list[Path]:
@@ -215,9 +210,8 @@ def _pair_of_files(path: Path) -> tuple[Path, Path | None]:
     kinds = {one: _kind_of(one) for one in _hdf5_files(path)}
     matches = [one for one, kind in kinds.items() if kind == "matches"]
     if len(matches) != 1:
-        found = f"files of matches: {first_of([one.name for one in matches])}"
         raise PredictionError(
-            found if matches else "features without matches",
+            f"has {counted(len(matches), 'file')} of matches: {first_of(matches)}",
             where=path,
             expected="one file of matches, with that of its features beside it",
         )
@@ -225,12 +219,10 @@ def _pair_of_files(path: Path) -> tuple[Path, Path | None]:
     features = sorted(one for one in beside if kinds.get(one, _kind_of(one)) == "features")
     # hloc begins the name of a file of matches with that of its features.
     own = [one for one in features if matches[0].stem.startswith(one.stem)]
-    chosen = max(own, key=lambda one: len(one.stem)) if own else None
-    if chosen is None and len(features) > 1:
-        named = first_of([one.name for one in features])
-        what = f"which features {matches[0].name} counts is unclear: {named}"
+    if not own and len(features) > 1:
+        what = f"which features {matches[0].name} counts is unclear: {first_of(features)}"
         raise PredictionError(what, where=path, fix="put the two into a folder of their own")
-    return matches[0], chosen or (features[0] if features else None)
+    return matches[0], max(own or features, key=lambda one: len(one.stem), default=None)
 
 
 HLOC = _Hloc()

@@ -71,7 +71,7 @@ def is_of_mapanything(folder: Path) -> bool:
     """Whether cameras are of images of the size that MapAnything sees, and points.ply is there."""
     sizes = {size for _, size, _ in first_cameras(folder)[1]}
     has_points = (folder / "points.ply").is_file()
-    return has_points and len(sizes) == 1 and max(next(iter(sizes))) in _LONG_SIDES
+    return has_points and len(sizes) == 1 and max(sizes.pop()) in _LONG_SIDES
 
 
 def is_of_vggt(folder: Path) -> bool:

@@ -18,9 +18,8 @@ from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import NpzFile, map_numbers, read_header
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels
-from airzoo_bench.readers.trajectories import first_rows, numbers_of
 
-_MOST_FILES, _HEAD = 100_000, 3
+_HEAD = 3
 _CENTRE = 0.5
 _NORMALISED = 1.0 + 1e-6
 _ALL_TAKEN = "all matches are taken, whatever their confidence"
@@ -50,8 +49,7 @@ class PairFiles(Reader):
         arrays = NpzFile(path, reading.memory_bytes // 4)  # numbers may grow as doubles
         first, second = self.pixels(arrays)
         if len(first) != len(second):
-            one, other = self.fields
-            what = f"{one} has {len(first):,} rows, {other} {len(second):,}"
+            what = f"{' and '.join(self.fields)} have {len(first):,} and {len(second):,} rows"
             raise PredictionError(what, where=path)
         sides = zip((0, 1), (first, second), pair, strict=True)
         found = [self.enlarged(arrays, side, xy + _CENTRE, one, reading) for side, xy, one in sides]
@@ -69,11 +67,8 @@ class PairFiles(Reader):
         if not self.takes_image_size:
             return xy
         size = size_of(arrays, side, reading)
-        outside = (xy > np.add(size, 1)).any(axis=1)
-        if outside.any():
-            x, y = xy[outside][0]
-            said = f"a picture that is said to have {size[0]:.0f}x{size[1]:.0f} px"
-            what = f"a pixel at ({x:.1f}, {y:.1f}) in {said}"
+        if (xy > np.add(size, 1)).any():
+            what = f"pixels up to {xy.max(axis=0)} in a picture that is said to have {size} px"
             raise PredictionError(what, where=arrays.path, expected="width before height")
         return xy * np.divide(picture.size, size)
 
@@ -87,9 +82,8 @@ class PairFiles(Reader):
         pictures = Pictures(reading, path)
         rows, padding, left = MatchRows(path, Budget(reading.memory_bytes)), _Padding(), []
         for one in sorted(_files(path, self.suffix)):
-            name = (one.name if one == path else one.relative_to(path).as_posix()).removesuffix(
-                self.suffix
-            )
+            inside = one.name if one == path else one.relative_to(path).as_posix()
+            name = inside.removesuffix(self.suffix)
             try:
                 pair = _pair(name, pictures)
                 if pair is None:
@@ -112,13 +106,8 @@ class PairFiles(Reader):
 
 def _files(path: Path, suffix: str) -> Iterator[Path]:
     """Yield the files of a suffix, in no order."""
-    if path.is_file() and path.suffix == suffix:
-        yield path
-    for number, one in enumerate(path.rglob(f"*{suffix}") if path.is_dir() else ()):
-        if number == _MOST_FILES:
-            raise UnreadableError(f"more than {_MOST_FILES:,} files", where=path)
-        if one.is_file():
-            yield one
+    every = path.rglob(f"*{suffix}") if path.is_dir() else [path]
+    yield from (one for one in every if one.suffix == suffix and one.is_file())
 
 
 def _pair(name: str, pictures: Pictures) -> Pair | None:
@@ -162,17 +151,14 @@ def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
     stated = next((one for one in (name, turned) if one in arrays.names()), None)
     if stated is None and reading.image_size is not None:
         return reading.image_size
-    if stated is None:
+    if stated is None or reading.image_size is not None:
         raise PredictionError(
-            "does not say to which size of the pictures its pixels belong",
+            "says not, or twice, to which size of the pictures its pixels belong",
             where=arrays.path,
             expected="image_size0 and image_size1, width and height of what the model was given",
             fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]"
-            ", or give --image-size WxH",
+            ", or give --image-size WxH for files that do not state it",
         )
-    if reading.image_size is not None:
-        what = "states to which size of the pictures its pixels belong, and so does --image-size"
-        raise PredictionError(what, where=arrays.path, fix="leave --image-size out")
     values: Any = arrays.read(stated)
     if values.dtype.kind not in "iu" or values.size != 2 or values.min() < 1:
         what = f"field {stated!r} is {values.reshape(-1)[:4].tolist()}"
@@ -280,11 +266,9 @@ class _Roma(PairFiles):
             return values[:, :2], values[:, 2:]
         if beyond:
             raise PredictionError(
-                f"{counted(beyond, 'match')} of {len(values):,} beyond -1 to 1, up to "
-                f"{np.abs(values).max():.4g}: normalised or not?",
+                f"{counted(beyond, 'match')} of {len(values):,} beyond -1 to 1: normalised or not?",
                 where=path,
                 expected="matches from -1 to 1, as RoMa cuts them off, or all in pixels",
-                fix="leave out what lies beyond -1 to 1, or save pixels (to_pixel_coordinates)",
             )
         first, second = pair
         return (values[:, :2] + 1) / 2 * first.size, (values[:, 2:] + 1) / 2 * second.size
@@ -321,9 +305,8 @@ class _Dust3r(PairFiles):
         elif resized[0] == resized[1]:
             half[1] = 3 * half[0] / 4
         if (xy > np.multiply(2, half) + 1).any():
-            x, y = xy.max(axis=0)
             made = f"{2 * half[0]:.0f}x{2 * half[1]:.0f} px of {wide}x{high} at size={size}"
-            what = f"pixels up to ({x:.1f}, {y:.1f}), and load_images makes {made}"
+            what = f"pixels up to {xy.max(axis=0)}, and load_images makes {made}"
             expected = "the size that load_images had, with square_ok=False, patch_size=16"
             raise PredictionError(what, where=arrays.path, expected=expected)
         found: Floats = (xy + np.subtract(centre, half)) * np.divide(picture.size, resized)
@@ -366,36 +349,13 @@ class _AerialExtreMatch(PairFiles):
             return False
         return dtype.kind == "f" and len(shape) == 2 and shape[1] == 4
 
-    def recognise(self, path: Path) -> float:
-        return 0.8 * _has_errors(path) or super().recognise(path)
-
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        if _has_errors(path):
-            raise UnreadableError(
-                "holds errors in metres and degrees, a line a photo, and no poses: they were "
-                "measured against its own truth, and photos with fewer than 5 matches are left out",
-                where=path,
-                expected="the matches, or poses as lines of name qw qx qy qz tx ty tz",
-                fix="in run_localization.py save what the matcher returns: "
-                "np.save(f'{name}.npy', matches)",
-            )
-        return super().read(path, reading)
-
     def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
         mapped = map_numbers(path)
         if mapped.ndim != 2 or mapped.shape[1] != 4:
             what = f"an array of shape {mapped.shape}"
             raise UnreadableError(what, where=path, expected="(N, 4): x y and x y")
-        Budget(reading.memory_bytes).hold(path, "its matches", mapped.size * 8)
         values = np.array(mapped, dtype=np.float64)
         return values[:, :2], values[:, 2:]
-
-
-def _has_errors(path: Path) -> bool:
-    """Say whether a text begins with a line of name, metres, degrees."""
-    rows = first_rows(path)[:1]
-    named = bool(rows) and len(rows[0]) == 3 and numbers_of(rows, 0) is None
-    return named and numbers_of(rows, 1) is not None
 
 
 LOFTR, SUPERGLUE, ROMA = _Loftr(), _SuperGlue(), _Roma()

@@ -21,14 +21,8 @@ _DAMAGE = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
 class PickledMatches(Reader):
     """Files of one kind that only running them would read.
 
-    Attributes
-    ----------
-    suffix : str
-        Of the files, or of those in a folder.
-    mark : bytes
-        What stands near the beginning of the pickle.
-    lines : str
-        What the user runs where the files were written, and trusts them.
+    `suffix` is that of the files, or of those in a folder; `mark` stands near the beginning of the
+    pickle; `lines` are what the user runs where the files were written, and trusts them.
     """
 
     track = "matching"
@@ -64,10 +58,10 @@ def _head(path: Path) -> bytes:
         return head
     try:
         with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
-            with archive.open(names[0] if len(names) == 1 else "") as stream:
+            name = next(one for one in archive.namelist() if one.endswith("/data.pkl"))
+            with archive.open(name) as stream:
                 return stream.read(_HEAD_BYTES)
-    except (*_DAMAGE, KeyError, zipfile.BadZipFile, zlib.error):
+    except (*_DAMAGE, StopIteration, zipfile.BadZipFile, zlib.error):
         return b""
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
@@ -25,48 +23,30 @@ from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
 _COPIES_OF_TEXT = 5  # the ids, and what a run makes while it splits, sorts and compares them
 
 
-@dataclass(frozen=True)
-class RankedTiles:
-    """Lists of one file: of each query, by name, numbers of `tiles` and similarities."""
-
-    tiles: dict[str, int] = field(default_factory=dict)
-    numbers: dict[str, array[int]] = field(default_factory=dict)
-    scores: dict[str, array[float]] = field(default_factory=dict)
-
-    def add(self, query: str, tile: str, score: float) -> None:
-        """Take a tile of a query, in any order: the largest score is the first rank."""
-        number = self.tiles.setdefault(tile, len(self.tiles))
-        self.numbers.setdefault(query, array("l")).append(number)
-        self.scores.setdefault(query, array("d")).append(score)
-
-
 class RankedLists(Reader):
-    """Reads the tiles of each query with a score, which are ranked by it."""
+    """Reads a score of some tiles for each query, which are ranked by it."""
 
     track = "retrieval"
     conventions: ClassVar[tuple[str, ...]] = ("the largest score is the first rank",)
 
     @abstractmethod
-    def ranked(self, path: Path, budget: Budget) -> RankedTiles:
-        """Read names of queries and tiles, with scores."""
+    def ranked(self, path: Path) -> Mapping[str, Mapping[str, float]]:
+        """Read scores by query and tile, both by name."""
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
         images = SceneImages(reading, path, str(path))
-        asked_of, tiles_of = images.queries, images.tiles
-        budget = Budget(reading.memory_bytes)
-        given = self.ranked(path, budget)
-        asked = asked_of.find_all(list(given.numbers), path)
-        tiles = tile_ids(tiles_of, list(given.tiles), path)
+        given = self.ranked(path)
+        asked = images.queries.find_all(list(given), path)
+        names = list(dict.fromkeys(tile for scores in given.values() for tile in scores))
+        tiles = dict(zip(names, tile_ids(images.tiles, names, path), strict=True))
         lists, scores = {}, {}
-        for query, numbers, own in zip(
-            asked, given.numbers.values(), given.scores.values(), strict=True
-        ):
+        for query, own in zip(asked, given.values(), strict=True):
             if query is not None:
-                order = np.argsort(-np.array(own), kind="stable").tolist()
-                lists[query] = [tiles[numbers[place]] for place in order]
-                scores[query] = [own[place] for place in order]
-        predictions = ranked_lists(path, lists, scores, budget)
+                best = sorted(own, key=own.__getitem__, reverse=True)
+                lists[query] = [tiles[tile] for tile in best]
+                scores[query] = [own[tile] for tile in best]
+        predictions = ranked_lists(path, lists, scores, Budget(reading.memory_bytes))
         return ReadPredictions(predictions, self.conventions, aside(len(asked) - len(lists)))
 
 
@@ -103,11 +83,6 @@ def ranked_lists(
     return QueryPredictions(path, None, np.array(list(lists), dtype=str), RankedIds(ids, given))
 
 
-_LONGEST_LINE = 1 << 12
-_LINES_COUNTED = 1024
-_BYTES_OF_LINE, _BYTES_OF_NAME = 48, 400  # of memory
-
-
 class _Trec(RankedLists):
     """Runs as TREC has them: a line a ranked tile, ``query Q0 tile rank score tag``."""
 
@@ -125,24 +100,22 @@ class _Trec(RankedLists):
             return 0.0
         return 0.95 if all(fields[1] == "Q0" for fields in whole) else 0.6
 
-    def ranked(self, path: Path, budget: Budget) -> RankedTiles:
-        run = RankedTiles()
-        ranks: dict[str, array[int]] = {}
+    def ranked(self, path: Path) -> Mapping[str, Mapping[str, float]]:
+        run: dict[str, dict[str, float]] = {}
+        ranks: dict[str, list[int]] = {}
         with path.open("rb") as stream:
-            for number, line in enumerate(iter(lambda: stream.readline(_LONGEST_LINE), b""), 1):
+            for number, line in enumerate(stream, 1):
                 fields = line.decode("utf-8", "replace").split()
                 parsed = _parsed(fields)
-                if fields and (parsed is None or len(line) == _LONGEST_LINE):
+                scores = run.setdefault(fields[0], {}) if parsed else {}
+                if fields and (parsed is None or fields[2] in scores):
+                    what = "is no line of a run, or has a tile a second time"
                     where = f"{path}, line {number:,}"
-                    raise PredictionError("is no line of a run", where=where, expected=self.layout)
-                if parsed is None:
-                    continue
-                if number % _LINES_COUNTED == 1:
-                    held = (number + _LINES_COUNTED) * _BYTES_OF_LINE
-                    budget.hold(path, "its lines", held + len(run.tiles) * _BYTES_OF_NAME)
-                run.add(fields[0], fields[2], parsed[1])
-                ranks.setdefault(fields[0], array("q")).append(parsed[0])
-        rising = [query for query in ranks if _rises(ranks[query], run.scores[query])]
+                    raise PredictionError(what, where=where, expected=self.layout)
+                if parsed is not None:
+                    scores[fields[2]] = parsed[1]
+                    ranks.setdefault(fields[0], []).append(parsed[0])
+        rising = [query for query in ranks if _rises(ranks[query], [*run[query].values()])]
         if rising:
             what = f"scores rise with the rank for {first_of(map(repr, rising), len(ranks))}"
             raise PredictionError(what, where=path, fix="write distances with a minus sign")

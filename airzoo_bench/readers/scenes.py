@@ -58,12 +58,7 @@ class SceneOutput:
         if len(numbers) < len(lines):
             return dict(enumerate(self.photos(self._of_scene(listed))))
         names = self._of_scene(list(numbers))
-        found = dict(zip((numbers[name] for name in names), self.photos(names), strict=True))
-        if len(found) < len(names):
-            what = f"gives {counted(len(names), 'photo')} {len(found):,} numbers"
-            expected = "another number for each photo of a scene"
-            raise PredictionError(what, where=self.reading.names, expected=expected)
-        return found
+        return dict(zip((numbers[name] for name in names), self.photos(names), strict=True))
 
     def photos(self, names: Sequence[str]) -> list[str]:
         """Return the benchmark's names of the photos that names mean; others stay as they are."""

@@ -40,17 +40,12 @@ from airzoo_bench.retrieval.descriptors import Rows
 
 _QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
 _DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand
-_MOST_FOLDERS = 4096
 _HEADS = ("Query path:", "Predictions paths:", "Positives paths:")
 _LIST_BYTES = 4 << 20
-_BYTES_OF_NAME = 300  # of memory, for a path and what stands for it
-_DOUBLE = 8
 _LISTS_COMPARED = 64
 _ROUNDING = 1e-4  # of squared distances, which the method computes in float32
 _AGAIN = "run the method again with --save_descriptors"
 _LISTED = (".jpg", ".jpeg", ".png")
-_LISTED_BEFORE = (".jpg",)  # until March 2025, and in this case only
-_TIMES_LISTED, _LEAST_LISTED = 8, 100_000  # what a log names may be any folder of this computer
 _LIST_NAMES = (
     "list the database images, then the queries, in the method's order, and add --names LIST"
 )
@@ -73,12 +68,13 @@ class _Log:
     """
 
     folder: Path
-    method: str | None = None
-    database: str | None = None
-    queries: str | None = None
-    counts: tuple[int, int] | None = None
-    only_wrong: bool = False
-    labels: bool = False
+    method: str | None
+    database: str | None
+    queries: str | None
+    counts: tuple[int, int] | None
+    only_wrong: bool
+    labels: bool
+    lists: list[Path]  # by number; from 1000 on they have four digits
 
     @classmethod
     def read(cls, folder: Path) -> _Log:
@@ -87,6 +83,8 @@ class _Log:
         begin = text.rfind("Namespace(")
         arguments = text[begin:].split("\n", 1)[0] if begin >= 0 else ""
         counts = re.search(r"#queries: (\d{1,12}); #database: (\d{1,12})", text)
+        found = (folder / _LISTS).glob("*.txt") if (folder / _LISTS).is_dir() else ()
+        numbered = (one for one in found if re.fullmatch(r"\d{3,}", one.stem))
         return cls(
             folder,
             _argument(arguments, "method"),
@@ -95,19 +93,13 @@ class _Log:
             (int(counts[1]), int(counts[2])) if counts else None,
             "save_only_wrong_preds=True" in arguments,
             "use_labels=True" in arguments,
+            sorted(numbered, key=lambda one: int(one.stem)),
         )
 
     @property
     def has_descriptors(self) -> bool:
         """Whether one of the two files is there."""
         return any((self.folder / name).is_file() for name in (_QUERIES, _DATABASE))
-
-    @property
-    def lists(self) -> list[Path]:
-        """The lists by number; from 1000 on they have four digits."""
-        files = (one for one in _entries(self.folder / _LISTS) if one.is_file())
-        numbered = (one for one in files if re.fullmatch(r"\d{3,}\.txt", one.name))
-        return sorted(numbered, key=lambda one: int(one.stem))
 
     @property
     def is_one(self) -> bool:
@@ -127,27 +119,17 @@ def _argument(arguments: str, name: str) -> str | None:
     return value if isinstance(value, str) and "\0" not in value else None
 
 
-def _entries(folder: Path) -> list[Path]:
-    try:
-        return list(folder.iterdir())
-    except OSError:
-        return []
-
-
-def _logs(path: Path, *, first: bool = False) -> list[_Log]:
-    """Find the log folders at a path or, where it is none, below it, by their paths."""
-    found: list[_Log] = []
-    left, seen = [(path, 0)], 0
-    while left and seen < _MOST_FOLDERS and not (first and found):
+def _logs(path: Path) -> Iterator[_Log]:
+    """Yield the log folders at a path or, where it is none, below it, by their paths."""
+    left = [(path, 0)]
+    while left:
         folder, depth = left.pop()
-        seen += 1
         log = _Log.read(folder)
         if log.is_one:
-            found.append(log)
+            yield log
         elif depth < _DEEPEST and folder.is_dir() and not folder.is_symlink():
-            below = sorted((one for one in _entries(folder) if one.is_dir()), reverse=True)
+            below = sorted((one for one in folder.iterdir() if one.is_dir()), reverse=True)
             left += [(one, depth + 1) for one in below]
-    return found
 
 
 class _Vpr(Reader):
@@ -158,68 +140,45 @@ class _Vpr(Reader):
     takes_names = True
 
     def recognise(self, path: Path) -> float:
-        return 0.95 if _logs(path, first=True) else 0.0
+        try:
+            return 0.95 if next(_logs(path), None) else 0.0
+        except OSError:  # a folder that may not be listed
+            return 0.0
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         images = SceneImages(reading, path, str(path))
-        budget, names = Budget(reading.memory_bytes), _Names(reading, path)
-        found = _logs(path)
+        budget, names, found = Budget(reading.memory_bytes), _Names(reading, path), [*_logs(path)]
         # Runs that broke off left a log alone; all are read where all did.
         logs = [log for log in found if log.has_descriptors or log.lists] or found
-        empty = [
-            str(Path(log.folder.parent.name, log.folder.name)) for log in found if log not in logs
-        ]
         if any(log.has_descriptors for log in logs):
-            parts = [_descriptors(log, images, names, budget) for log in logs]
+            parts = [_descriptors(log, images, names) for log in logs]
             names.check_used_up()
-            _refuse_second_runs(logs, [queries.ids.tolist() for queries, _ in parts])
-            predictions = join(path, [one[0] for one in parts], [one[1] for one in parts])
+            predictions = join(path, *map(list, zip(*parts, strict=True)))
             said, notes = compared("l2", reading, predictions.content)
             left = sum(one[0].strange for one in parts)
         else:
-            read = [_lists(log, images, budget) for log in logs]
-            _refuse_second_runs(logs, [list(lists) for lists, _ in read])
+            read = [_lists(log, images) for log in logs]
             answered = {query: tiles for lists, _ in read for query, tiles in lists.items()}
+            if len(answered) < sum(len(lists) for lists, _ in read):
+                fix = "name the folder of one run"
+                raise PredictionError("holds two runs of one query", where=path, fix=fix)
             predictions = ranked_lists(path, answered, None, budget)
             said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
             left = sum(count for _, count in read)
         unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)
-        unused = f"{counted(len(empty), 'run')} with neither descriptors nor lists, left aside: "
-        broken = (unused + first_of(empty),) * bool(empty)
-        conventions = (*_method(logs), *names.used, *said)
-        all_notes = (*broken, *aside(left), *(_BY_COUNT,) * unheld, *notes)
+        methods = sorted({log.method for log in logs if log.method})
+        conventions = (*(f"info.log says: method {one}" for one in methods), *names.used, *said)
+        all_notes = (*aside(left), *(_BY_COUNT,) * unheld, *notes)
         # Lists of images that were read and do not lie below the predictions.
         home = path.resolve()
         beside = (one for one in names.lists if not one.resolve().is_relative_to(home))
         return ReadPredictions(predictions, conventions, all_notes, tuple(beside))
 
 
-def _method(logs: Sequence[_Log]) -> tuple[str, ...]:
-    methods = sorted({log.method for log in logs if log.method})
-    if len(methods) > 1:
-        what, fix = f"runs of several methods: {first_of(methods)}", "name the folder of one's runs"
-        raise PredictionError(what, where=logs[0].folder.parent, fix=fix)
-    return tuple(f"info.log says: method {method}" for method in methods)
-
-
-def _refuse_second_runs(logs: Sequence[_Log], asked: Sequence[Sequence[str]]) -> None:
-    """Refuse two runs that answer the same query."""
-    seen: dict[str, Path] = {}
-    for log, queries in zip(logs, asked, strict=True):
-        twice = next((query for query in queries if query in seen), None)
-        if twice is not None:
-            what = f"is a second run of what {seen[twice]} answers: {twice}"
-            fix = "move one of the two elsewhere, or name the folder of one run"
-            raise PredictionError(what, where=log.folder, fix=fix)
-        seen |= dict.fromkeys(queries, log.folder)
-
-
 # --- descriptors ---
 
 
-def _descriptors(
-    log: _Log, images: SceneImages, names: _Names, budget: Budget
-) -> tuple[NamedRows, NamedRows]:
+def _descriptors(log: _Log, images: SceneImages, names: _Names) -> tuple[NamedRows, NamedRows]:
     """Map the gallery of one log folder, read its queries, and name both."""
     folder, rows = log.folder, {}
     for file in (_DATABASE, _QUERIES):
@@ -232,14 +191,12 @@ def _descriptors(
         stated = f"its info.log speaks of {log.counts[0]:,} and {log.counts[1]:,}"
         what = f"{len(asked):,} queries and {len(gallery):,} database images, and {stated}"
         raise PredictionError(what, where=folder, expected="files of one run", fix=_AGAIN)
-    budget.hold(folder, "its queries", asked.size * (asked.itemsize + _DOUBLE))
-    budget.hold(folder, "the names of its images", (len(gallery) + len(asked)) * _BYTES_OF_NAME)
     here = images.of_run((str(folder), log.database or "", log.queries or ""))
     tiles, photos, assumed = names.names_of_run(log, here, len(gallery), len(asked))
     queries = query_rows((photos, np.array(asked)), here, folder / _QUERIES)
     named = queries, gallery_rows((tiles, gallery), here, folder / _DATABASE)
     if assumed:
-        _check_order(log, here, photos, *named, budget)
+        _check_order(log, here, photos, *named)
     return named
 
 
@@ -249,7 +206,6 @@ def _check_order(
     photos: Sequence[str],
     queries: NamedRows,
     gallery: NamedRows,
-    budget: Budget,
 ) -> None:
     """Refuse names by order that positions in names, or the lists in preds/, contradict."""
     files = log.lists
@@ -260,7 +216,7 @@ def _check_order(
     described = queries.ids.tolist()
     rows, tiles = [], []
     for file in files[:: len(files) // _LISTS_COMPARED + 1]:
-        query, ranked = _read_list(file, budget)
+        query, ranked = _read_list(file)
         found, number = images.queries.find(query), int(file.stem)
         if number >= len(photos) or found != images.queries.find(photos[number]):
             raise _unnamed(file, f"is of {query[-80:]!r}, by order another photo")
@@ -304,7 +260,7 @@ def _not_nearest(
 # --- lists ---
 
 
-def _lists(log: _Log, images: SceneImages, budget: Budget) -> tuple[dict[str, list[str]], int]:
+def _lists(log: _Log, images: SceneImages) -> tuple[dict[str, list[str]], int]:
     """Read the lists of a log folder; also count those of photos that are no queries."""
     files = log.lists
     numbers = {int(file.stem) for file in files}
@@ -312,25 +268,20 @@ def _lists(log: _Log, images: SceneImages, budget: Budget) -> tuple[dict[str, li
     lacking = sorted(set(range(expected)) - numbers)
     if log.only_wrong or lacking or not files:
         what = f"lacks the lists of {first_of(lacking, expected, noun='query')}"
-        if not files:
-            what = "has neither descriptors nor lists"
-        elif not lacking:
-            what = "has lists of wrongly answered queries only"
         what += ": --save_only_wrong_preds leaves queries out" * log.only_wrong
         wanted = "a list for each query, or the descriptors"
         raise PredictionError(what, where=log.folder, expected=wanted, fix=_AGAIN)
     here = images.of_run((str(log.folder), log.database or "", log.queries or ""))
-    read = [_read_list(file, budget) for file in files]
+    read = [_read_list(file) for file in files]
     asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
     named = zip(files, asked, read, strict=True)
     found = {one: tile_ids(here.tiles, paths, file) for file, one, (_, paths) in named if one}
     return found, asked.count(None)
 
 
-def _read_list(file: Path, budget: Budget) -> tuple[str, list[str]]:
+def _read_list(file: Path) -> tuple[str, list[str]]:
     """Return the query's path and those that it found, best first."""
     text = read_text(file, PredictionError, "list of predictions", _LIST_BYTES)
-    budget.hold(file.parent, f"list {file.name}", 4 * len(text))
     parts: dict[str, list[str]] = {}
     for line in text.splitlines():
         if line in _HEADS:
@@ -388,12 +339,8 @@ class _Names:
             return None
         place = Path(os.path.realpath(folder))
         roots = [Path(os.path.realpath(root)) for root in (self.path, *self.reading.folders)]
-        if not any(place.is_relative_to(root) for root in roots):
-            return None
-        try:
-            return folder if place.is_dir() else None
-        except OSError:  # a name that is longer than names can be
-            return None
+        ours = any(place.is_relative_to(root) for root in roots)
+        return folder if ours and place.is_dir() else None
 
     def _listed(self, folder: str, rows: int) -> Sequence[str]:
         """Name the images of a folder as the method's dataset class does."""
@@ -402,10 +349,8 @@ class _Names:
             names, said = read_names(listed), _BY_FILE
             self.lists[listed] = None
         else:
-            files = sorted(_files(folder, _TIMES_LISTED * rows + _LEAST_LISTED))
-            names = [name for name in files if name.lower().endswith(_LISTED)]
-            before = [name for name in files if name.endswith(_LISTED_BEFORE)]
-            names, said = before if len(before) == rows != len(names) else names, _BY_LISTING
+            names = sorted(name for name in _files(folder) if name.lower().endswith(_LISTED))
+            said = _BY_LISTING
         self.used[said] = None
         if len(names) != rows:
             raise _other_count(folder, f"{counted(len(names), 'image')} for {counted(rows, 'row')}")
@@ -423,18 +368,13 @@ def _other_count(path: object, what: str) -> PredictionError:
     return PredictionError(what, where=path, expected=expected, fix=_LIST_NAMES)
 
 
-def _files(folder: str, most: int) -> Iterator[str]:
+def _files(folder: str) -> Iterator[str]:
     """Yield files below a folder, relative to it, as ``glob("**/*")`` finds them."""
-    count = 0
     for home, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        inside = Path(home).relative_to(folder).as_posix()
         for name in files:
-            count += 1
-            if count > most:
-                raise _other_count(folder, f"more than {most:,} files")
             if not name.startswith("."):
-                yield name if inside == "." else f"{inside}/{name}"
+                yield (Path(home).relative_to(folder) / name).as_posix()
 
 
 def _by_count(
@@ -456,20 +396,17 @@ def _by_count(
             names = sorted(f"{scene}/{image}" for scene, image in images_of)
             if (len(squares), len(names)) == (tiles, photos):
                 found.append((squares, names))
+    if len(found) == 1:
+        for paths in found[0]:
+            last = [path.rsplit("/", 1)[1] for path in paths]
+            if len(set(last)) == len(last) and sorted(last) != last:
+                found = []  # all in one folder they have another order than in a folder a scene
+                break
     if len(found) != 1:
-        fit = "could be several scenes by their numbers" if found else "fit no scene"
-        what = f"{counted(tiles, 'database image')} and {counted(photos, 'query')} without names"
-        raise _nameless(log, f"{what}, which {fit}")
-    for paths in found[0]:
-        last = [path.rsplit("/", 1)[1] for path in paths]
-        if len(set(last)) == len(last) and sorted(last) != last:
-            what = "images without names, and all in one folder they have another order than in a"
-            raise _nameless(log, f"{what} folder a scene")
+        what = f"{counted(tiles, 'database image')} and {counted(photos, 'query')} without names, "
+        what += "which are those of no scene, of several, or in several orders"
+        raise PredictionError(what, where=log.folder, expected=_NAMED, fix=_LIST_NAMES)
     return found[0]
-
-
-def _nameless(log: _Log, what: str) -> PredictionError:
-    return PredictionError(what, where=log.folder, expected=_NAMED, fix=_LIST_NAMES)
 
 
 VPR = _Vpr()

@@ -78,15 +78,6 @@ def test_all_files_are_fetched_once_and_verified(
     assert there(place / "park") == hub.files
 
 
-def test_files_that_someone_else_fetched_are_verified_and_taken(hub: Hub, place: Path) -> None:
-    target = place / "elsewhere" / LARGE
-    target.parent.mkdir(parents=True)
-    target.write_bytes(FILES[LARGE])
-    assert run_main("download", "park", "--to", place / "elsewhere") == 0
-    assert LARGE not in hub.fetched
-    assert there(place / "elsewhere") == FILES
-
-
 @pytest.mark.parametrize("content", [b"mine", bytes(10240)], ids=["shorter", "as long"])
 def test_another_file_of_that_name_is_not_overwritten(
     hub: Hub, place: Path, capsys: pytest.CaptureFixture[str], content: bytes
@@ -97,17 +88,6 @@ def test_another_file_of_that_name_is_not_overwritten(
     assert run_main("download", "park") == 2
     assert "and are not those that are published: 1 of 4 ('01/dr" in capsys.readouterr().err
     assert there(place / "park") == {LARGE: content}
-
-
-def test_a_file_that_was_changed_since_is_refused(
-    hub: Hub, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("download", "park") == 0
-    changed = place / "park" / "README.md"
-    changed.write_bytes(b"About")
-    os.utime(changed, (2e9, 2e9))
-    assert run_main("download", "park") == 2
-    assert "'README.md'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", [LARGE, "README.md"])
@@ -171,16 +151,6 @@ def test_a_gated_dataset_says_which_page_to_visit(
     assert there(place / "park") == FILES
 
 
-@pytest.mark.parametrize("status", [401, 403, 404, 429, 500])
-@pytest.mark.parametrize("path", ["/api/datasets", "/datasets/who/park/resolve"])
-def test_each_refusal_of_the_server_is_told(
-    hub: Hub, capsys: pytest.CaptureFixture[str], status: int, path: str
-) -> None:
-    hub.status[path] = status
-    assert run_main("download", "park") == 2
-    assert f"(status {status})" in capsys.readouterr().err
-
-
 def test_a_server_that_is_not_there(
     hub: Hub, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,16 +165,6 @@ def test_nothing_is_written_elsewhere(hub: Hub, place: Path, path: str) -> None:
     assert run_main("download", "park") != 0
     assert not (place / "out").exists()
     assert not Path("/etc/out").exists()
-
-
-def test_too_little_room_is_said_before_anything_is_fetched(
-    hub: Hub, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    few = SimpleNamespace(total=0, used=0, free=10_000)
-    monkeypatch.setattr("airzoo_bench.datasets.downloads.shutil.disk_usage", lambda _: few)
-    assert run_main("download", "park") == 2
-    assert "not enough room: 10.8 kB needed, 10 kB free" in capsys.readouterr().err
-    assert hub.fetched == []
 
 
 def test_what_is_not_on_the_hub_is_listed(capsys: pytest.CaptureFixture[str]) -> None:

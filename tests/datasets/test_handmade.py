@@ -13,7 +13,7 @@ import tomli_w
 
 from airzoo_bench.benchmark.folder import Benchmark
 from tests.datasets.tagged import NAMES, tag
-from tests.support import make_place, run_main, write_raster
+from tests.support import make_place, run_main
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark-folder.md"
 
@@ -57,19 +57,6 @@ def test_a_changed_file_gets_a_new_checksum_only_if_that_is_asked(
     assert "was changed since" in capsys.readouterr().err
     assert run_main("manifest", folder, "--force") == 0
     Benchmark.open(folder)
-
-
-def test_a_changed_surface_model_gets_a_new_checksum_only_if_that_is_asked(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = (folder / "benchmark.toml").read_text()
-    entry = tomllib.loads(before)["scenes"][0]
-    write_raster(folder / entry["dsm"], np.full((1, 256, 256), 150, np.float32))
-    assert run_main("manifest", folder) == 2
-    assert "dsm of scene park was changed" in capsys.readouterr().err
-    assert (folder / "benchmark.toml").read_text() == before
-    assert run_main("manifest", folder, "--force") == 0
-    assert (folder / "benchmark.toml").read_text() != before
 
 
 @pytest.mark.parametrize("name", ["error_m", "within_5m", "failed", "scene", "recall@1", "tile@9"])

@@ -81,30 +81,6 @@ def test_compound_crs_of_two_geoids_are_no_longer_mixed(
     assert "converted to the surface model's, by -10.00 m" in capsys.readouterr().err
 
 
-def test_one_vertical_crs_in_both_changes_nothing(
-    place: Place, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_raster(place.dsm, LEVEL, crs=f"{PLACE_CRS}+3855")
-    place.change_poses(crs=f"{PLACE_CRS}+3855")
-    with proj_with(tmp_path):
-        assert run_main(*place.arguments()) == 0
-    assert "converted" not in capsys.readouterr().err
-    assert (queries(place)["z"] == 200.0).all()
-
-
-def test_feet_of_one_datum_are_metres_without_a_conversion(
-    place: Place, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_raster(place.dsm, LEVEL, crs=f"{PLACE_CRS}+5703")
-    place.change_poses(crs=f"{PLACE_CRS}+8228")
-    for name, (x, y) in place.centres.items():
-        place.change_image(name, center=[500_000.0 + x, 5_200_000.0 - y, 200.0 / 0.3048])
-    with proj_with(tmp_path):
-        assert run_main(*place.arguments()) == 0
-    assert "converted" not in capsys.readouterr().err
-    np.testing.assert_allclose(queries(place)["z"], 200.0, atol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
     [

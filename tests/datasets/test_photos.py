@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from airzoo_bench.datasets.settings import Prepared, PrepareSettings
 from airzoo_bench.datasets.surveys.photos import PHOTOS, PhotoOptions
 from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.geometry.crs import to_lonlat
-from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.parts import hold_crops, hold_tiles
 from tests.reconstruction.shard_support import write_laz
@@ -102,26 +100,6 @@ def test_from_photos_to_a_score(
     assert run_main("check", out) == 0
     assert run_main("eval", "retrieval", out, "--format", "csv") == 0
     assert "\npark,4," in capsys.readouterr().out
-
-
-def test_the_protocol_in_the_folder_is_the_one_that_was_used(tmp_path: Path) -> None:
-    prepared(make_place(tmp_path), tmp_path / "park", rule="iou", iou_above=0.2)
-    written = load_protocol(tmp_path / "park" / "protocols" / "park-retrieval.toml")
-    assert (written.ground_truth.rule, written.ground_truth.iou_above) == ("iou", 0.2)
-    Benchmark.open(tmp_path / "park").check_fits(written)
-    file = tomllib.loads((tmp_path / "park" / "benchmark.toml").read_text())
-    assert set(file["checksums"]) == {
-        f"scenes/park/{name}"
-        for name in (
-            "queries.csv",
-            "retrieval/tiles.parquet",
-            "retrieval/dropped_tiles.csv",
-            "retrieval/positives.npz",
-            "retrieval/overlaps.npz",
-            "retrieval/footprints.csv",
-            "retrieval/excluded.csv",
-        )
-    }
 
 
 def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:

@@ -80,12 +80,6 @@ def test_numbers_that_are_none(path: Path, value: str) -> None:
         table.numbers("lat", -90, 90)
 
 
-def test_two_kinds_of_decimal_mark_are_refused(path: Path) -> None:
-    table = read(path, "filename;lat;height\na;1,5;2\nb;1.5;2\n")
-    with pytest.raises(BenchmarkError, match=r"line 2: column lat: '1,5'"):
-        table.numbers("lat")
-
-
 def test_a_value_twice(path: Path) -> None:
     table = read(path, "filename,lat,height\na,1,2\na,1,2\nb,1,2\n")
     with pytest.raises(BenchmarkError, match="column filename"):

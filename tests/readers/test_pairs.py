@@ -127,7 +127,7 @@ def test_roma_beyond_its_edges(world: World, tmp_path: Path, evaluated: Evaluate
     fields = dict(np.load(path))
     fields["matches"][0, 0] = 1.003
     np.savez(path, **fields)
-    with pytest.raises(PredictionError, match=r"1 match of .* up to 1\.003: normalised or not"):
+    with pytest.raises(PredictionError, match=r"1 match of 60 beyond"):
         evaluated(path.parent)
 
 
@@ -155,9 +155,9 @@ def test_height_and_width_as_loftr_has_them(
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"image_size0": None}, "does not say to which size"),
-        ({"image_size1": None}, "does not say to which size"),
-        ({"image_size0": (160, 112)}, "a picture that is said to have 160x112 px"),
+        ({"image_size0": None}, "to which size"),
+        ({"image_size1": None}, "to which size"),
+        ({"image_size0": (160, 112)}, "pixels up to"),
         ({"image_size0": (1280, 960)}, "pixels of smaller pictures"),
         ({"image_size0": (0, 3)}, "field 'image_size0' is"),
         ({"image_size0": (3.0, 3.0)}, "field 'image_size0' is"),
@@ -170,17 +170,10 @@ def test_sizes_that_do_not_fit(
         evaluated(matchers.write_loftr(tmp_path, world, **fields))
 
 
-def test_dust3r_needs_its_size(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    with pytest.raises(PredictionError, match="at which size the pictures were loaded"):
-        evaluated(matchers.write_dust3r(tmp_path, world, stated=None))
-    with pytest.raises(PredictionError, match=r"load_images makes 384x288 px"):
-        evaluated(matchers.write_dust3r(tmp_path, world, stated=384))
-
-
 @pytest.mark.parametrize(
     ("name", "field", "value", "words"),
     [
-        ("loftr", "mkpts0_f", np.zeros((3, 2)), "mkpts0_f has 3 rows"),
+        ("loftr", "mkpts0_f", np.zeros((3, 2)), "mkpts0_f"),
         ("loftr", "mkpts0_f", np.zeros(60), "field 'mkpts0_f' is float64"),
         ("loftr", "mkpts0_f", np.full((60, 2), np.nan), "not finite"),
         ("roma", "matches", np.zeros((60, 2)), r"shape \(60, 2\)"),
@@ -216,16 +209,6 @@ def test_refusals(
     assert one.name in str(error.value)
 
 
-def test_names_of_no_query(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    path = matchers.write_roma(tmp_path, world)
-    (path / "q0.npz").rename(path / "other.npz")
-    found = evaluated(path)
-    assert "1 file of other pictures left out" in found.result.notes
-    assert found.records["answered"].sum() == 4
-    with pytest.raises(PredictionError, match="pairs no photo with its crop"):
-        evaluated(path / "other.npz", reader="roma")
-
-
 def test_empty_matches_are_an_answer(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     path = matchers.write_mast3r_visloc(tmp_path, world)
     one = path / "q0.png" / "q0_dom.tif.npz"
@@ -233,11 +216,6 @@ def test_empty_matches_are_an_answer(world: World, tmp_path: Path, evaluated: Ev
     found = evaluated(path)
     assert found.records["answered"].all()
     assert found.records.set_index("query").loc["hills/q0", "error_m"] == float("inf")
-
-
-def test_the_suites_own_file_is_not_taken(world: World, tmp_path: Path) -> None:
-    path = world.write(tmp_path / "q0.npz", world.matches(matches=np.zeros((3, 4))))
-    assert find_reader(path, "matching") is None
 
 
 def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
-from airzoo_bench.evaluation.reader import Reading, find_reader
-from airzoo_bench.readers.poses import HLOC_POSES
+from airzoo_bench.evaluation.reader import find_reader
 from tests.matching.world import World
 from tests.readers.samples import colmap, poses
 
@@ -35,32 +32,6 @@ def test_hloc_results_score_as_the_same_poses_do(
     assert "quaternions w x y z" in used.conventions[0]
 
 
-@pytest.mark.parametrize("name", ["images/town/q1.png", "hills/images/town/q1.png"])
-@pytest.mark.parametrize("scenes", [(), ("hills", "town")])
-def test_photos_of_other_scenes_are_no_queries(
-    name: str, scenes: tuple[str, ...], world: World, tmp_path: Path
-) -> None:
-    lines = poses.hloc_lines(world)
-    asked = [f"images/hills/{lines[one]}" for one in ("q0.png", "q2.png")]
-    path = poses.write_lines(tmp_path / "r.txt", [*asked, lines["q1.png"].replace("q1.png", name)])
-    town = world.truth.queries[:1].assign(id="town/x", image="x.png")
-    other = replace(world.truth, scene="town", queries=town)
-    truths = [world.truth] if scenes else [world.truth, other]
-    reading = Reading(world.protocol, truths, None, 1 << 24, scenes=scenes)
-    found = HLOC_POSES.read(path, reading)
-    assert found.predictions.query_ids.tolist() == ["hills/q0", "hills/q2"]
-    assert found.notes[0] == "1 pose of photos that are no queries left out"
-
-
-def test_photos_that_are_left_out_are_no_queries(world: World, tmp_path: Path) -> None:
-    lines = poses.hloc_lines(world)
-    path = poses.write_lines(tmp_path / "r.txt", [lines["q0.png"], lines["q1.png"]])
-    left_out = pd.DataFrame({"id": ["town/q1"], "image": ["q1.png"], "reason": ["x"]})
-    reading = Reading(world.protocol, [replace(world.truth, excluded=left_out)], None, 1 << 24)
-    with pytest.raises(PredictionError, match=r"'q1.png' could be 2 \(hills/q1, town/q1\)"):
-        HLOC_POSES.read(path, reading)
-
-
 def test_the_identity_is_no_pose(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     lines = poses.hloc_lines(world)
     lines["q1.png"] = f"q1.png {poses.IDENTITY}"
@@ -71,18 +42,6 @@ def test_the_identity_is_no_pose(world: World, tmp_path: Path, evaluated: Evalua
     notes = " | ".join(found.result.notes)
     assert "1 pose of photos that are no queries left out" in notes
     assert "1 photo at the identity or NaN count as not found" in notes
-
-
-def test_a_folder_before_the_name_needs_the_reader(
-    world: World, tmp_path: Path, evaluated: Evaluated
-) -> None:
-    path = poses.write_lines(
-        tmp_path / "r.txt", [f"query/{line}" for line in poses.hloc_lines(world).values()]
-    )
-    assert find_reader(path, "matching") is None
-    with pytest.raises(PredictionError, match="query_ids"):
-        evaluated(path)
-    assert evaluated(path, reader="hloc-poses").overall["error_m"] < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -147,14 +106,6 @@ def test_refusals(
         evaluated(path, reader="hloc-poses")
 
 
-def test_names_mean_nothing_without_the_benchmark(world: World, tmp_path: Path) -> None:
-    import airzoo_bench as ab
-
-    path = poses.write(tmp_path, world)
-    found = ab.check(path, protocol="aerialextrematch-matching", data=tmp_path / "nowhere")
-    assert "whose folder is missing" in str(found.errors[0])
-
-
 @pytest.mark.parametrize("text", [False, True])
 @pytest.mark.parametrize("below", [".", "sparse/0"])
 def test_a_colmap_model_is_read(
@@ -174,13 +125,3 @@ def test_a_colmap_model_is_read(
 def test_another_world_is_named(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     with pytest.raises(PredictionError, match=r"by \(-299970\.0, -299988\.0\) m"):
         evaluated(colmap.write_model(tmp_path, world, offset=3e5))
-
-
-@pytest.mark.parametrize("content", ["1 2 3\n", "1 a b c d e f g 1 x.png\n\n", "# nothing\n"])
-def test_texts_that_are_no_images(
-    content: str, world: World, tmp_path: Path, evaluated: Evaluated
-) -> None:
-    path = colmap.write_model(tmp_path, world, text=True)
-    (path / "images.txt").write_text(content)
-    with pytest.raises(PredictionError, match=r"no image|damaged"):
-        evaluated(path)

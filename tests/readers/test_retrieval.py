@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import gc
 import shutil
-import tempfile
 import warnings
-from dataclasses import replace
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
-import h5py
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.io
 
 from airzoo_bench import evaluate
 from airzoo_bench.core.errors import UnreadableError, UserError
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.core.registry import DATASETS, READERS
+from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
-from airzoo_bench.evaluation.reader import Reading, find_reader
 from airzoo_bench.readers.descriptors import LINES
 from airzoo_bench.retrieval.truth import read_truth
 from tests.datasets.published import image_trees
-from tests.readers.retrieval_support import DIMENSIONS, PLENTY, Place, perfect, scored, tile_file
+from tests.readers.retrieval_support import Place, perfect, scored, tile_file
 from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652
-from tests.support import MadeScene, made_truth
+from tests.support import MadeScene
 
 RECIPE = Path(__file__).parents[2] / "docs" / "recipes" / "retrieval.md"
 
@@ -89,15 +82,6 @@ class TestScenesWithTheSameNames:
         path = described(tmp_path / folder, photos("east") + photos("west"))
         assert perfect(scored(path, crowded))
 
-    def test_names_without_scene_are_of_that_of_the_file(
-        self, tmp_path: Path, crowded: Path
-    ) -> None:
-        path = described(tmp_path / "east" / "west", photos("west"))
-        names = np.load(path)["query_names"]
-        changed(path, query_names=np.array([name.rsplit("/")[-1] for name in names]))
-        answered = scored(path, crowded).records.groupby("scene")["recall@1"].mean()
-        assert answered.to_dict() == {"east": 0.0, "west": 1.0}
-
     def test_a_name_that_a_photo_left_out_has_too(self, tmp_path: Path, crowded: Path) -> None:
         path = described(tmp_path, photos("east"))
         names = np.load(path)["query_names"]
@@ -105,49 +89,9 @@ class TestScenesWithTheSameNames:
         with pytest.raises(UserError, match=r"'q00004.jpg' could be 2 \(east/q00004, west/q00004"):
             scored(changed(path, query_names=names), crowded)
 
-    @pytest.mark.parametrize("sample", [anyloc, hloc_global], ids=["anyloc", "hloc-global"])
-    def test_photos_beside_tiles(self, sample: ModuleType, tmp_path: Path, crowded: Path) -> None:
-        path, row = sample.write(tmp_path, Place()), np.ones((1, DIMENSIONS), np.float32)
-        for number in (4, 5):
-            name = f"west/photos/q{number:05d}"
-            if sample is anyloc:
-                np.save(path / f"{name}.jpg.npy", row)
-                continue
-            with h5py.File(path, "a") as file:
-                file[f"{name}.png/global_descriptor"] = row[0]
-        result = scored(path, crowded)
-        assert perfect(result)
-        assert any("neither queries nor tiles, left aside: 2" in one for one in result.result.notes)
-
-    def test_trec(self, tmp_path: Path, crowded: Path) -> None:
-        path = trec.write(tmp_path, Place())
-        text = path.read_text()
-        more = [f"west/q0000{n} Q0 west/t00000 1 0.5 mine\n" for n in (4, 5)]
-        path.write_text(text + "".join(more))
-        assert perfect(scored(path, crowded))
-
-    def test_university1652(self, tmp_path: Path, crowded: Path) -> None:
-        path = university1652.write(tmp_path, Place())
-        found = scipy.io.loadmat(path)
-        sets = []
-        for kind, more in (("query", "west/0004/q00004.jpeg"), ("gallery", "west/0009/t00009.jpg")):
-            rows = np.concatenate([found[f"{kind}_f"], np.full((1, DIMENSIONS), -9, np.float32)])
-            paths = [*(one.strip() for one in found[f"{kind}_path"]), f"/data/{more}"]
-            sets.append((rows, paths))
-        result = scored(university1652.save(path, *sets), crowded)
-        assert perfect(result)
-        assert any("1 photo described that" in note for note in result.result.notes)
-
 
 class TestImagesByName:
     """Descriptors of photos and tiles in one folder or file."""
-
-    def test_a_run_that_broke_off_at_its_first_file(self, tmp_path: Path, home: Path) -> None:
-        path = anyloc.write(tmp_path, Place())
-        (path / "east" / "photos" / "q00000.jpg.npy").write_bytes(b"")
-        assert find_reader(path) == "anyloc"
-        with pytest.raises(UserError, match=r"q00000\.jpg\.npy: no array"):
-            scored(path, home)
 
     def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
         path = anyloc.write(tmp_path, Place())
@@ -156,40 +100,10 @@ class TestImagesByName:
         with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
             scored(path, home)
 
-    def test_photos_alone(self, tmp_path: Path, home: Path) -> None:
-        path = anyloc.write(tmp_path, Place())
-        for tile in path.rglob("t*.npy"):
-            tile.unlink()
-        with pytest.raises(UserError, match="describes no tile of the protocol"):
-            scored(path, home)
-
-    def test_names_of_both(self, tmp_path: Path) -> None:
-        asked, tiles = (
-            pd.DataFrame({"id": [one], "image": [image]})
-            for one, image in (("e/a", "a.jpg"), ("e/b", "a.png"))
-        )
-        truth = replace(made_truth(MadeScene("e", [[0]], 1)), queries=asked, tiles=tiles)
-        path = tmp_path / "x"
-        path.mkdir()
-        np.save(path / "a.jpg.npy", np.ones((1, 20)))
-        protocol: Any = SimpleNamespace()
-        with pytest.raises(UserError, match=r"could be a query or a tile: 1 \('a.jpg'\)"):
-            READERS.get("anyloc").read(path, Reading(protocol, [truth], None, PLENTY))
-
-    def test_another_length(self, tmp_path: Path, home: Path) -> None:
-        path = anyloc.write(tmp_path, Place())
-        np.save(path / "west" / "tiles" / "t00003.jpg.npy", np.ones((1, 40), np.float32))
-        with pytest.raises(UserError, match="has 40 numbers of type float32"):
-            scored(path, home)
-
-    def test_a_gallery_larger_than_the_memory(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_a_gallery_larger_than_the_memory(self, tmp_path: Path) -> None:
         scene = MadeScene("east", [[0]], 400)
         data = Place([scene]).prepare(tmp_path / "data")
         rows = np.random.default_rng(0).standard_normal((400, 5000), np.float32)
-        (tmp_path / "room").mkdir()
-        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "room"))
         for kind, count in (("tiles/t", 400), ("photos/q", 1)):
             (tmp_path / "any" / kind).parent.mkdir(parents=True)
             for number in range(count):
@@ -199,17 +113,6 @@ class TestImagesByName:
         spilt = scored(tmp_path / "any", data, max_memory=2_000_000)
         assert spilt.overall["recall@1"] == 1.0
         assert spilt.records.equals(scored(tmp_path / "any", data).records)
-        gc.collect()
-        assert not list(Path(tempfile.gettempdir()).glob(".descriptors*"))
-        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=4_000_000))
-        with pytest.raises(UserError, match="more than the limit"):
-            scored(tmp_path / "any", data, max_memory=2_000_000)
-
-    def test_local_features_are_not_global(self, tmp_path: Path, home: Path) -> None:
-        with h5py.File(tmp_path / "f.h5", "w") as file:
-            file.create_group("a.jpg").create_dataset("keypoints", data=np.zeros((3, 2)))
-        with pytest.raises(UserError, match="holds no global_descriptor"):
-            scored(tmp_path / "f.h5", home, reader="hloc-global")
 
 
 class TestTrec:
@@ -365,7 +268,7 @@ class TestUniversity1652:
         found = scipy.io.loadmat(path)
         kept = {key: value for key, value in found.items() if "path" not in key and key[0] != "_"}
         scipy.io.savemat(path, kept)
-        with pytest.raises(UserError, match=r"has no query_path, and query_name.txt is not"):
+        with pytest.raises(UserError, match=r"query_name\.txt"):
             scored(path, home)
         lists = [tmp_path / f"{kind}_name.txt" for kind in ("query", "gallery")]
         for kind, one in zip(("query", "gallery"), lists, strict=True):
@@ -380,5 +283,5 @@ class TestUniversity1652:
         found = {key: value for key, value in scipy.io.loadmat(path).items() if key[0] != "_"}
         found["gallery_label"] = found["gallery_label"][:, ::-1]
         scipy.io.savemat(path, found)
-        with pytest.raises(UserError, match="classes that are not those of the folders"):
+        with pytest.raises(UserError, match="classes of"):
             scored(path, home)

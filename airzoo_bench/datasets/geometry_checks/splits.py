@@ -6,7 +6,6 @@ ground. Two footprints overlap where they share an area; to touch is not to over
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,22 +119,11 @@ def compare_splits(
     progress: Progress = silent,
 ) -> SplitOverlap:
     """Look for ground that both sets see; write the pairs into a CSV if one is named."""
-    found = pd.concat(list(_overlaps(train, test, progress)), ignore_index=True)
-    if csv is not None:
-        with atomic_write(csv, "w") as stream:
-            found.to_csv(stream, index=False, lineterminator="\n")
-    return SplitOverlap(train, test, found)
-
-
-def _overlaps(
-    train: NamedFootprints, test: NamedFootprints, progress: Progress
-) -> Iterator[pd.DataFrame]:
-    """Yield the pairs of footprints that share an area, block by block of the test set."""
-    turn, near = np.array((360.0, 0.0)), _unwrapped(train.lonlat)
+    near, turn = _unwrapped(train.lonlat), np.array((360.0, 0.0))
     around, rows = _polygons(np.concatenate([near + n * turn for n in (-1, 0, 1)]))
     tree = shapely.STRtree(around)
     asked, kept = _polygons(_unwrapped(test.lonlat))
-    yield pd.DataFrame({name: [] for name in _COLUMNS})
+    parts = [pd.DataFrame({name: [] for name in _COLUMNS})]
     starts = range(0, len(asked), _BLOCK)
     for start in progress(starts, "footprints", len(starts)):
         block = asked[start : start + _BLOCK]
@@ -154,7 +142,12 @@ def _overlaps(
             np.round(area[order], 3),
             np.round(area[order] / whole[order], 6),
         )
-        yield pd.DataFrame(dict(zip(_COLUMNS, values, strict=True)))
+        parts.append(pd.DataFrame(dict(zip(_COLUMNS, values, strict=True))))
+    found = pd.concat(parts, ignore_index=True)
+    if csv is not None:
+        with atomic_write(csv, "w") as stream:
+            found.to_csv(stream, index=False, lineterminator="\n")
+    return SplitOverlap(train, test, found)
 
 
 def _polygons(lonlat: Floats) -> tuple[Any, Ints]:
@@ -189,16 +182,3 @@ def split_table(found: SplitOverlap) -> Table:
     if found.unknown:
         notes.append(f"it is not known where photos look: {first_of(found.unknown)}")
     return Table("Ground that both sets see", columns, rows, tuple(notes))
-
-
-def split_values(found: SplitOverlap) -> dict[str, object]:
-    """Return the same as JSON values."""
-    return {
-        "passes": found.passes,
-        "train_photos": len(found.train.ids),
-        "test_photos": len(found.test.ids),
-        "overlapping_pairs": len(found.pairs),
-        "test_photos_that_overlap": found.tainted,
-        "first_pairs": found.pairs.head(_SHOWN).to_dict("records"),
-        "not_known": found.unknown,
-    }

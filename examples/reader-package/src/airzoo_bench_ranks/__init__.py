@@ -1,12 +1,12 @@
 """Reads tables ``query,tile,similarity`` into predictions of the retrieval track."""
 
 import csv
+from collections import defaultdict
 from pathlib import Path
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import readable
 from airzoo_bench.core.files import first_bytes
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.readers.ranks import RankedLists, RankedTiles
+from airzoo_bench.readers.ranks import RankedLists
 
 HEADER = "query,tile,similarity"
 
@@ -23,16 +23,12 @@ class RanksCsv(RankedLists):
         """Return how sure it is that a path is of my method."""
         return 0.9 * (first_bytes(path, len(HEADER)) == HEADER.encode())
 
-    def ranked(self, path: Path, budget: Budget) -> RankedTiles:
-        """Read names of queries and tiles, with similarities."""
-        found = RankedTiles()
-        with path.open(encoding="utf-8", newline="") as stream:
-            for number, row in enumerate(csv.DictReader(stream), start=2):
-                try:
-                    found.add(row["query"], row["tile"], float(row["similarity"]))
-                except (KeyError, TypeError, ValueError) as error:
-                    where = f"{path}, line {number}"
-                    raise PredictionError("is no row", where=where, expected=HEADER) from error
+    def ranked(self, path: Path) -> dict[str, dict[str, float]]:
+        """Read similarities by query and tile, both by name."""
+        found: dict[str, dict[str, float]] = defaultdict(dict)
+        with readable(path, "is no table of ranks", expected=HEADER), path.open() as stream:
+            for row in csv.DictReader(stream):
+                found[row["query"]][row["tile"]] = float(row["similarity"])
         return found
 
 
