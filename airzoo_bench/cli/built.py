@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from inspect import Parameter, Signature
-from typing import Annotated, Any, ClassVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -83,16 +83,22 @@ def field_parameters(options: type[Any]) -> list[Parameter]:
     return [parameter(field.name, hints[field.name], field.default) for field in fields(options)]
 
 
-def option_parameters(settings: type[Any]) -> list[Parameter]:
-    """Return a parameter for each field of a settings dataclass that carries an `Option`."""
+def option_parameters(
+    settings: type[Any], texts: Mapping[str, Option] | None = None
+) -> list[Parameter]:
+    """Return a parameter for each field of a settings dataclass.
+
+    A field carries an `Option`, or `texts` has the option of its name with hyphens.
+    """
     hints = get_type_hints(settings, include_extras=True)
     found = []
     for field in fields(settings):
-        kind, *extras = get_args(hints[field.name]) or (None,)
+        kind, one = hints[field.name], (texts or {}).get(field.name.replace("_", "-"))
+        if get_origin(kind) is Annotated:
+            kind, one = get_args(kind)[:2]
         default = Parameter.empty if field.default is MISSING else field.default
-        for one in extras:
-            if isinstance(one, Option):
-                found.append(parameter(field.name, _typed(kind, one, default), default))
+        if isinstance(one, Option):
+            found.append(parameter(field.name, _typed(kind, one, default), default))
     return found
 
 

@@ -73,7 +73,7 @@ class _PrepareGroup(BuiltGroup):
         "Sources": (
             *("source", "scene", "keep_going", "name", "images", "poses"),
             *("dom", "dsm", "cloud", "priors", "crs"),
-            *("vertical_crs", "priors_vertical_crs", "dsm_vertical_crs", "truth_accuracy"),
+            *("vertical_crs", "priors_vertical", "dsm_vertical", "truth_accuracy"),
         ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),
@@ -88,7 +88,7 @@ class _PrepareGroup(BuiltGroup):
         return about.summary
 
     def command_of(self, thing: Dataset[Any]) -> tuple[Callable[..., None], str]:
-        parameters = [*option_parameters(thing.options), *_OUTPUT]
+        parameters = [*option_parameters(thing.options, thing.about.options), *_OUTPUT]
         if thing.jobs is not None:  # a process a scene, or a photo of airzoo-mini
             parameters += engine_parameters(thing.jobs)
         about, published = thing.about, ""

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from airzoo_bench.core.registry import Option
+
 
 @dataclass(frozen=True)
 class About:
@@ -18,7 +20,9 @@ class About:
     files. `layout` describes the files that are read. `assumptions` has a sentence for each value
     that the truth rests on and that is not stated, `unverified` for each part of the layout that
     has not been seen. `without_truth` says why a track may have no truth; `scene_files` are
-    patterns (`fnmatch`) of the paths in the repository that are of one scene alone.
+    patterns (`fnmatch`) of the paths in the repository that are of one scene alone. `options` are
+    texts of the command's options, with bounds of numbers; those of ``about/options.toml`` need
+    not be repeated.
     """
 
     title: str
@@ -33,6 +37,7 @@ class About:
     unverified: tuple[str, ...] = ()
     without_truth: Mapping[str, str] = field(default_factory=dict)
     scene_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    options: Mapping[str, Option] = field(default_factory=dict)
 
     @property
     def is_published(self) -> bool:
@@ -55,4 +60,9 @@ def read_about(path: Path) -> About:
     values = tomllib.loads(path.read_text(encoding="utf-8"))
     lists = {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
     files = {scene: tuple(found) for scene, found in values.get("scene_files", {}).items()}
-    return About(**{**values, **lists, "scene_files": files})
+    shared = tomllib.loads(about_file("options").read_text(encoding="utf-8"))
+    options = {
+        name: Option(name, **(text if isinstance(text, dict) else {"help": text}))
+        for name, text in (shared | values.get("options", {})).items()
+    }
+    return About(**{**values, **lists, "scene_files": files, "options": options})

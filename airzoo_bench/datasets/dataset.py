@@ -30,8 +30,8 @@ class Dataset(Generic[OptionsT]):
     about : About
         What it says of itself.
     options : type
-        A frozen dataclass whose fields are annotated with `core.registry.Option`; they become
-        options of the command, next to those of `PrepareSettings`, which every dataset has.
+        A frozen dataclass whose fields become options of the command, next to those of
+        `PrepareSettings`, which every dataset has; `about` has their texts.
     protocols : tuple of str
         Names or files of the protocols that its truth is made for.
     jobs : int or None

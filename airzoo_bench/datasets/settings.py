@@ -6,10 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.registry import Option
 from airzoo_bench.engines.engine import HERE, Engine
 
 Files = list[str] | None
@@ -20,13 +18,9 @@ Files = list[str] | None
 class SourceOptions:
     """The options that a dataset has unless it states more."""
 
-    source: Annotated[Path, Option("source", "Folder of the benchmark, as it is downloaded.")]
-    scene: Annotated[
-        list[str] | None, Option("scene", "Only this scene; repeat it (default: all).")
-    ] = None
-    keep_going: Annotated[
-        bool, Option("keep-going", "Leave out scenes that cannot be read, instead of stopping.")
-    ] = False
+    source: Path
+    scene: list[str] | None = None
+    keep_going: bool = False
 
 
 @dataclass(frozen=True)

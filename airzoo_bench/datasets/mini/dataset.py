@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import pandas as pd
@@ -22,7 +21,6 @@ from airzoo_bench.benchmark.queries import SceneInputs, photo_id, photo_table
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress, silent, with_progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.dataset import Dataset
@@ -222,17 +220,8 @@ def scene_inputs(
 class MiniOptions:
     """Which of the made-up worlds it is."""
 
-    seed: Annotated[
-        int, Option("seed", "Another seed is another place, and another benchmark.", least=0)
-    ] = 0
-    key_file: Annotated[
-        Path | None,
-        Option(
-            "key-file",
-            "Make a sealed edition: a file with 32 hexadecimal digits that nobody else knows, "
-            "such as `openssl rand -hex 16` prints. docs/leaderboard.md says how to host it.",
-        ),
-    ] = None
+    seed: int = 0
+    key_file: Path | None = None
 
     @property
     def source(self) -> int:

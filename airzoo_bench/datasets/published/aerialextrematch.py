@@ -15,12 +15,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
@@ -51,17 +50,9 @@ _LAYOUT = "rgb/*.JPG, gt_pose.txt, intrinsic.txt, and HQref/*.tif or LQref/*.tif
 class AerialExtreMatchOptions(SourceOptions):
     """Differences from the paper's protocol."""
 
-    reference: Annotated[
-        Literal["hq", "lq"],
-        Option("reference", "Map and surface model of high (HQref) or low quality (LQref)."),
-    ] = "hq"
-    prior: Annotated[
-        Literal["metadata", "truth"],
-        Option("prior", "Crop by the metadata or, as another benchmark, by the truth."),
-    ] = "metadata"
-    priors: Annotated[
-        Path | None, Option("priors", "CSV of GPS and gimbal angles, where photos lack them.")
-    ] = None
+    reference: Literal["hq", "lq"] = "hq"
+    prior: Literal["metadata", "truth"] = "metadata"
+    priors: Path | None = None
 
 
 class AerialExtreMatch(Dataset[AerialExtreMatchOptions]):

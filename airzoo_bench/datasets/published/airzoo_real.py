@@ -20,7 +20,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import (
@@ -93,26 +92,14 @@ _LAYOUT = (
 class AirZooRealOptions(SourceOptions):
     """Choices that the release leaves open, and files whose kind does not tell them apart."""
 
-    dom: Annotated[Files, Option("dom", "SCENE=FILE: the map that photos are matched to.")] = None
-    dsm: Annotated[Files, Option("dsm", "SCENE=FILE: the surface model.")] = None
-    satellite: Annotated[
-        Files, Option("satellite", "SCENE=FILE: the map of retrieval, of 0.3 m a pixel.")
-    ] = None
-    positions: Annotated[
-        Files,
-        Option("positions", "SCENE=FILE: CSV of true positions (image, lon, lat, altitude_m)."),
-    ] = None
-    priors: Annotated[Files, Option("priors", "SCENE=FILE: CSV of priors.")] = None
-    prior: Annotated[
-        Literal["metadata", "truth"],
-        Option("prior", "Crop by the metadata or, as another benchmark, by the truth."),
-    ] = "metadata"
-    height_offset: Annotated[
-        Files, Option("height-offset", "SCENE=METRES to add to heights of truth and priors.")
-    ] = None
-    cloud: Annotated[
-        Files, Option("cloud", "SCENE=FILE: true cloud of a site, such as school or school-06-08.")
-    ] = None
+    dom: Files = None
+    dsm: Files = None
+    satellite: Files = None
+    positions: Files = None
+    priors: Files = None
+    prior: Literal["metadata", "truth"] = "metadata"
+    height_offset: Files = None
+    cloud: Files = None
 
 
 class AirZooReal(Dataset[AirZooRealOptions]):

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of, readable
 from airzoo_bench.core.files import data_root, fingerprint
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
@@ -65,20 +64,10 @@ _DECIMALS = 4
 class AirZooTestOptions(SourceOptions):
     """Which frames are reconstructed, and how depth is encoded."""
 
-    name: Annotated[
-        str, Option("name", "The benchmark's name; another one takes any number of trajectories.")
-    ] = _NAME
-    every: Annotated[
-        int,
-        Option("every", "Take every Nth frame of a trajectory, starting with the first.", least=1),
-    ] = 30
-    depth_kind: Annotated[
-        Literal["z", "ray"],
-        Option("depth-kind", "Depth along the optical axis, or from the camera along the ray."),
-    ] = "z"
-    depth_scale: Annotated[
-        float | None, Option("depth-scale", "Metres of a unit of depth, where it is not metres.")
-    ] = None
+    name: str = _NAME
+    every: int = 30
+    depth_kind: Literal["z", "ray"] = "z"
+    depth_scale: float | None = None
 
 
 class AirZooTest(Dataset[AirZooTestOptions]):

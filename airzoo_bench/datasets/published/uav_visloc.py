@@ -14,7 +14,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import utm_zone
 from airzoo_bench.datasets.dataset import Dataset
@@ -51,19 +49,10 @@ _ABOVE_GROUND_M = 500.0  # median of flights whose heights vary as above the sea
 class UavVisLocOptions(SourceOptions):
     """Choices that UAV-VisLoc leaves open."""
 
-    fov_across: Annotated[
-        float, Option("fov-across", "Degrees across the heading (width).", least=1, most=170)
-    ] = 52.0
-    fov_along: Annotated[
-        float, Option("fov-along", "Degrees along the heading (height).", least=1, most=170)
-    ] = 36.0
-    plane_height: Annotated[
-        list[str] | None,
-        Option("plane-height", "Height of the ground: METRES, or FLIGHT=METRES, repeated."),
-    ] = None
-    protocol: Annotated[
-        str, Option("protocol", "Retrieval protocol to make the truth for, a name or .toml file.")
-    ] = "uav-visloc-retrieval"
+    fov_across: float = 52.0
+    fov_along: float = 36.0
+    plane_height: list[str] | None = None
+    protocol: str = "uav-visloc-retrieval"
 
 
 class UavVisLoc(Dataset[UavVisLocOptions]):

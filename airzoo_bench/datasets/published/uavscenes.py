@@ -14,7 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import (
@@ -49,16 +48,10 @@ _LIMIT_BYTES = 128 << 20
 class UavScenesOptions(SourceOptions):
     """Which photos of a run are reconstructed, and what its files do not settle."""
 
-    interval: Annotated[
-        int, Option("interval", "Take the photos of interval5_... or interval1_...", least=1)
-    ] = 5
-    every: Annotated[
-        int, Option("every", "Take every Nth photo of a run, starting with the first.", least=1)
-    ] = 10
-    cloud: Annotated[Files, Option("cloud", "True cloud of a run, as RUN=FILE; repeat it.")] = None
-    lens: Annotated[
-        Literal["file", "none"], Option("lens", "Distortion as the poses' file states it, or none.")
-    ] = "file"
+    interval: int = 5
+    every: int = 10
+    cloud: Files = None
+    lens: Literal["file", "none"] = "file"
 
 
 class UavScenes(Dataset[UavScenesOptions]):

@@ -11,7 +11,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ from airzoo_bench.core.errors import (
     readable,
 )
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.dataset import Dataset
@@ -62,16 +60,10 @@ _TO_OPENCV = np.array([1.0, -1.0, -1.0])
 class UrbanScene3DOptions(SourceOptions):
     """Scans, and how the frame of the poses leads to theirs."""
 
-    scan: Annotated[Files, Option("scan", "SCENE=FILE: its scan, PLY, LAS or LAZ.")] = None
-    transform: Annotated[
-        Files, Option("transform", "SCENE=FILE: 4 x 4 matrix from the poses' frame to the scan's.")
-    ] = None
-    same_frame: Annotated[
-        bool, Option("same-frame", "Poses without a transform are in the frame of the scan.")
-    ] = False
-    every: Annotated[
-        int, Option("every", "Take every Nth photo of a scene, starting with the first.", least=1)
-    ] = 1
+    scan: Files = None
+    transform: Files = None
+    same_frame: bool = False
+    every: int = 1
 
 
 class UrbanScene3D(Dataset[UrbanScene3DOptions]):

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.metadata import read_prior
@@ -43,18 +41,8 @@ Places = Mapping[str, Sequence[float]]
 class ColmapOptions(SurveyOptions):
     """Options of a COLMAP model."""
 
-    source: Annotated[Path, Option("source", "Folder of the model, such as sparse/0.")]
-    georeference: Annotated[
-        Path | None,
-        Option(
-            "georeference",
-            "4 x 4 matrix from the model to the CRS, or lines of name, x, y, z (default: the "
-            "model is in --crs already).",
-        ),
-    ] = None
-    from_exif: Annotated[
-        bool, Option("from-exif", "Bring the model to the positions that its photos state.")
-    ] = False
+    georeference: Path | None = None
+    from_exif: bool = False
 
 
 class ColmapModels(Survey[ColmapOptions]):

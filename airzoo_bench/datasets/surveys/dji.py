@@ -7,14 +7,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Annotated
 
 import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of, readable
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.lenses import (
@@ -64,14 +62,8 @@ Std = tuple[float, float, float]
 class DjiOptions(SurveyOptions):
     """Options of a folder of DJI photos."""
 
-    source: Annotated[Path, Option("source", "Folder of the photos, and of *_Timestamp.MRK.")]
-    priors: Annotated[
-        Path | None,
-        Option("priors", "CSV of positions and angles that are not the RTK's, for matching."),
-    ] = None
-    camera: Annotated[
-        Path | None, Option("camera", "Camera of all photos (JSON); default: what the photos say.")
-    ] = None
+    priors: Path | None = None
+    camera: Path | None = None
 
 
 class DjiFolders(Survey[DjiOptions]):
@@ -202,7 +194,7 @@ def _priors(
         return None
     given = read_prior_file(options.priors, sizes)
     every = {name: PhotoPrior(**given.get(name, {})) for name in names}
-    every, _ = change_altitudes(every, options.priors_vertical_crs, "--priors-vertical", surface)
+    every, _ = change_altitudes(every, options.priors_vertical, "--priors-vertical", surface)
     priors = metadata_priors(every, crs)
     away = 0.0
     if priors is not None:

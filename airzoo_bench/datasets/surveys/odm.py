@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pyproj import CRS
@@ -32,7 +32,6 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.lenses import Lens, cameras_of_lenses
@@ -62,20 +61,13 @@ _LENS_KEYS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class OdmOptions(SurveyOptions):
-    """Options of an OpenDroneMap project."""
-
-    source: Annotated[Path, Option("source", "The project's folder.")]
-
-
-class OdmProjects(Survey[OdmOptions]):
+class OdmProjects(Survey[SurveyOptions]):
     """Photos, poses and map of a project."""
 
     about = about_of("odm")
-    options = OdmOptions
+    options = SurveyOptions
 
-    def read(self, options: OdmOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: SurveyOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a project, whose submodels are one scene."""
         project, images = options.source, options.images or options.source / "images"
         folders = _parts(project)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.poses import read_poses
@@ -20,10 +18,10 @@ from airzoo_bench.datasets.surveys.survey import SceneOptions, Survey, posed_sce
 class PhotoOptions(SceneOptions):
     """Where the parts of a scene lie."""
 
-    name: Annotated[str, Option("name", "Name of the benchmark and its scene.")]
-    images: Annotated[Path, Option("images", "Folder of the photos.")]
-    poses: Annotated[Path, Option("poses", "Pose file (JSON), or folder of a COLMAP model.")]
-    dom: Annotated[Path, Option("dom", "Map that tiles are cut from, GeoTIFF in any CRS.")]
+    name: str
+    images: Path
+    poses: Path
+    dom: Path
 
 
 class Photos(Survey[PhotoOptions]):

@@ -7,14 +7,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
 from airzoo_bench.datasets.content import photo_sizes
@@ -79,17 +77,8 @@ _EXPECTED = (
 class PoseTableOptions(SurveyOptions):
     """Choices that a table of poses leaves open."""
 
-    source: Annotated[
-        Path, Option("source", "Table of the photos' positions and angles, a row a photo.")
-    ]
-    camera: Annotated[
-        Path | None,
-        Option("camera", "Camera of all photos (JSON: fx, or focal_mm and sensor_mm, or fov_deg)."),
-    ] = None
-    angles: Annotated[
-        Convention | None,
-        Option("angles", "What the angles mean (default: what the columns' names tell)."),
-    ] = None
+    camera: Path | None = None
+    angles: Convention | None = None
 
 
 class PoseTables(Survey[PoseTableOptions]):

@@ -6,14 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pyproj import CRS
 
 from airzoo_bench.core.errors import CameraError, UsageError, UserError
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.core.registry import Option
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.content import metric_crs
 from airzoo_bench.datasets.dataset import Dataset, path_options
@@ -41,56 +40,28 @@ _TRACKS = ("retrieval", "matching", "reconstruction")
 class SceneOptions:
     """The further parts of a scene, and what differs from the protocols to start from."""
 
-    dsm: Annotated[Path | None, Option("dsm", "Surface model in the CRS of the poses.")] = None
-    cloud: Annotated[Path | None, Option("cloud", "True cloud in the CRS of the poses.")] = None
-    priors: Annotated[
-        Path | None, Option("priors", "CSV of GPS and gimbal angles, where photos lack them.")
-    ] = None
-    crs: Annotated[
-        str | None, Option("crs", "Projected CRS of the poses (default: what their file says).")
-    ] = None
-    plane_height: Annotated[
-        float | None,
-        Option("plane-height", "Height of the ground (default: the surface model's median)."),
-    ] = None
-    vertical_crs: Annotated[
-        str | None,
-        Option("vertical-crs", "CRS of the poses' heights, if not the DSM's: EPSG:4979."),
-    ] = None
-    priors_vertical_crs: Annotated[
-        str | None, Option("priors-vertical", "Vertical CRS of altitudes in metadata and --priors.")
-    ] = None
-    dsm_vertical_crs: Annotated[
-        str | None, Option("dsm-vertical", "Vertical CRS of the DSM (default: what its file says).")
-    ] = None
-    truth_accuracy: Annotated[
-        float | None,
-        Option("truth-accuracy", "Standard error of the positions, in m.", least=0.001, most=100),
-    ] = None
-    protocol: Annotated[
-        list[str] | None,
-        Option("protocol", "Protocol to start from, a name or .toml file; repeat it by track."),
-    ] = None
-    tile_size: Annotated[
-        list[int] | None, Option("tile-size", "Side of a tile in map pixels; repeat it.")
-    ] = None
-    rule: Annotated[
-        Literal["plane", "dsm", "iou"] | None,
-        Option("rule", "When a tile is positive (default: the protocol's)."),
-    ] = None
-    iou_above: Annotated[float | None, Option("iou-above", "With --rule iou.")] = None
+    dsm: Path | None = None
+    cloud: Path | None = None
+    priors: Path | None = None
+    crs: str | None = None
+    plane_height: float | None = None
+    vertical_crs: str | None = None
+    priors_vertical: str | None = None
+    dsm_vertical: str | None = None
+    truth_accuracy: float | None = None
+    protocol: list[str] | None = None
+    tile_size: list[int] | None = None
+    rule: Literal["plane", "dsm", "iou"] | None = None
+    iou_above: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyOptions(SceneOptions, SourceOptions):
     """Options of surveys from other programs."""
 
-    source: Annotated[Path, Option("source", "What the other program left: a folder or a file.")]
-    name: Annotated[str | None, Option("name", "Benchmark's name (default: the source's).")] = None
-    images: Annotated[
-        Path | None, Option("images", "Folder of the photos (default: where the source has them).")
-    ] = None
-    dom: Annotated[Path | None, Option("dom", "Map that tiles are cut from, in any CRS.")] = None
+    name: str | None = None
+    images: Path | None = None
+    dom: Path | None = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SceneOptions)
@@ -193,7 +164,7 @@ def posed_scene(
     )
     metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
     metadata, more = change_altitudes(
-        metadata, options.priors_vertical_crs, "--priors-vertical", surface
+        metadata, options.priors_vertical, "--priors-vertical", surface
     )
     named = {"dom": options.dom, "dsm": options.dsm, "cloud": options.cloud, **parts}
     named["truth_accuracy_m"] = options.truth_accuracy or parts.get("truth_accuracy_m")
@@ -263,7 +234,7 @@ def change_altitudes(
 
 def surface_crs(options: SceneOptions, dsm: Path | None = None) -> CRS | None:
     """Return the vertical CRS of a surface model: the one named, else its own compound CRS's."""
-    named, dsm = options.dsm_vertical_crs, dsm or options.dsm
+    named, dsm = options.dsm_vertical, dsm or options.dsm
     if named is None:
         return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
     return _named_heights(named, f"--dsm-vertical {named}")
