@@ -5,17 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import examples, progress, put, say
+from airzoo_bench.cli.common import examples, put, say
 from airzoo_bench.core.errors import UsageError, counted, sized
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About, about_file, read_about
-
-if TYPE_CHECKING:
-    from airzoo_bench.datasets.downloads import Plan
 
 EXAMPLES = examples("download NAME", "download NAME --to /data/NAME --scene 01 --yes")
 
@@ -43,18 +40,16 @@ def download(
     if about.repository is None:
         _list_links(benchmark, about)
         return
-    from airzoo_bench.datasets.downloads import HubDataset, make_plan, of_scenes
-    from airzoo_bench.datasets.downloads import download as fetch
+    from airzoo_bench.datasets.downloads import HubDataset, others_patterns
 
-    source = HubDataset(about.repository)
-    files = source.files()
-    if scene:
-        files = of_scenes(files, about.scene_files, scene)
-    plan = make_plan(folder, files, progress)
-    _ask(plan, yes=yes)
-    fetch(plan, source, progress)
+    left_out = others_patterns(about.scene_files, scene or [])
+    source = HubDataset(about.repository, left_out, folder)
+    sizes = source.sizes()
+    say(f"{counted(len(sizes), 'file')} to fetch, {sized(sum(sizes))}")
+    if sizes and not yes and sys.stdin.isatty():
+        typer.confirm("Go on?", default=True, abort=True, err=True)
+    source.fetch()
     put(f"{folder}\n")
-    say(f"{counted(len(plan.files), 'file')} verified, {len(plan.lacking)} of them fetched now")
     say(f"next: airzoo-bench prepare {benchmark} --source {folder}")
 
 
@@ -80,20 +75,12 @@ def _check_scenes(about: About, scenes: Sequence[str]) -> None:
     """Refuse scenes that cannot be fetched by themselves, before anything is asked for."""
     known = about.scene_files
     unknown = [scene for scene in scenes if scene not in known]
-    if unknown and not known:
-        raise UsageError(
-            f"{about.title} can only be fetched whole: its files are not known by scene",
-            where="--scene",
-            fix="leave --scene out, and name scenes at `prepare`",
-        )
     if unknown:
-        from airzoo_bench.core.validation import nearest
-
         raise UsageError(
-            f"there is no scene {unknown[0]!r} to be fetched by itself"
-            + nearest(unknown[0], list(known), 1),
+            f"scene {unknown[0]!r} cannot be fetched by itself",
             where="--scene",
-            expected="some of " + ", ".join(known),
+            expected=f"some of {', '.join(known) or 'none: it can only be fetched whole'}",
+            fix="leave --scene out, and name scenes at `prepare`",
         )
 
 
@@ -103,21 +90,3 @@ def _list_links(benchmark: str, about: About) -> None:
     how = "in a browser or with wget -c" if about.links else "as the page says"
     say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
     say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
-
-
-def _ask(plan: Plan, *, yes: bool) -> None:
-    text = (
-        f"{counted(len(plan.lacking), 'file')} of {len(plan.files)} to fetch, "
-        f"{sized(plan.needed)}; {sized(plan.free)} are free for {plan.folder}"
-    )
-    say(text)
-    if yes or not plan.lacking:
-        return
-    if plan.needed > plan.free:
-        raise UsageError(
-            f"not enough room: {sized(plan.needed)} needed, {sized(plan.free)} free",
-            where=plan.folder,
-            fix="make room, or name another folder with --to; --yes tries all the same",
-        )
-    if sys.stdin.isatty():
-        typer.confirm("Go on?", default=True, abort=True, err=True)
