@@ -21,7 +21,7 @@ def others_patterns(patterns: Mapping[str, Sequence[str]], scenes: Sequence[str]
 
 
 class HubDataset:
-    """A dataset on Hugging Face, of which some files may be left out by patterns."""
+    """A dataset on Hugging Face; patterns leave out some files."""
 
     def __init__(self, repository: str, left_out: Sequence[str], folder: Path) -> None:
         try:
