@@ -9,25 +9,21 @@ import typer
 
 from airzoo_bench.cli.common import (
     Format,
-    JobsOption,
-    MemoryOption,
     NamesOption,
     ReaderOption,
     examples,
-    memory_bytes,
     progress,
     put,
     say,
 )
 from airzoo_bench.cli.locations import DataOption, resolve_data
 from airzoo_bench.core.errors import counted
+from airzoo_bench.evaluation.opening import ReadBy
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard import sealing
+from airzoo_bench.leaderboard.sealed_scoring import score_sealed
 
-__all__ = [
-    "SCORE_EXAMPLES",
-    "SEAL_EXAMPLES",
-    "seal",
-    "seal_score",
-]
+__all__ = ["SCORE_EXAMPLES", "SEAL_EXAMPLES", "seal", "seal_score"]
 
 SEAL_EXAMPLES = examples("seal mine --out public/mine --archive public/mine.age --to age1...")
 SCORE_EXAMPLES = examples(
@@ -55,10 +51,8 @@ def seal(
     Methods get photos without metadata, cameras, priors, tiles, crops and maps;
     docs/leaderboard.md says what else there is to think of.
     """
-    from airzoo_bench.leaderboard.keys import recipient
-    from airzoo_bench.leaderboard.sealing import seal as run
-
-    committed, counts = run(folder, out, archive, recipient(to), replace=force, progress=progress)
+    to_key = sealing.recipient(to)
+    committed, counts = sealing.seal(folder, out, archive, to_key, replace=force, progress=progress)
     put(f"{out}\n{archive}\n")
     say(
         f"{counted(counts['public'], 'file')} public, {counts['sealed']:,} in the archive, "
@@ -79,26 +73,19 @@ def seal_score(
     ] = None,
     reader: ReaderOption = None,
     names: NamesOption = None,
-    jobs: JobsOption = 2,
-    max_memory: MemoryOption = "2G",
 ) -> None:
     """Score predictions against a sealed truth, and print what a submitter may be told, as JSON.
 
     Nothing else of the truth is printed or kept.
     """
-    from airzoo_bench.evaluation.opening import ReadBy
-    from airzoo_bench.evaluation.track import Run
-    from airzoo_bench.leaderboard.keys import read_key
-    from airzoo_bench.leaderboard.sealed_scoring import score_sealed
-
     answer = score_sealed(
         predictions,
         protocol,
         method or predictions.stem,
         archive,
-        read_key(key),
+        sealing.read_key(key),
         data=resolve_data(data),
         read_by=ReadBy(reader, names),
-        run=Run(memory_bytes(max_memory), jobs, progress),
+        run=Run(progress=progress),
     )
     put(answer.model_dump_json(by_alias=True, indent=2) + "\n", Format.JSON)

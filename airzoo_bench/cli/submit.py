@@ -7,19 +7,25 @@ from typing import Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.common import (
-    Format,
-    JobsOption,
-    MemoryOption,
-    examples,
-    memory_bytes,
-    printable,
-    progress,
-    put,
-    say,
-    show,
+from airzoo_bench.benchmark.folder import find_benchmark
+from airzoo_bench.cli.common import Format, examples, printable, progress, put, say, show
+from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.files import data_root
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, known_submissions, read_board
+from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
+from airzoo_bench.leaderboard.scoring import score_submission
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
+from airzoo_bench.leaderboard.submitting import (
+    Files,
+    ask_missing,
+    find_place,
+    gh_account,
+    open_pull_request,
+    protocol_of,
+    write_submission,
 )
-from airzoo_bench.cli.locations import DataOption, resolve_data
+from airzoo_bench.tables.layouts import scenes_table
 
 __all__ = ["EXAMPLES", "PANELS", "app", "submit"]
 
@@ -32,20 +38,13 @@ PANELS = {
     "Questions": (
         *("protocol", "method", "team", "contact", "author", "licence", "training_data", "stages"),
     ),
-    "More": ("uses", "more", "account", "url", "claimed", "reader", "names", "folder"),
-    "Board": ("board", "data", "force", "commit"),
+    "More": ("more", "url", "claimed", "reader", "names"),
+    "Board": ("board", "force", "commit"),
 }
 
 app = typer.Typer(help="Check what is sent to a leaderboard.", no_args_is_help=True)
 
-BoardOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--board",
-        help="The board's repository (default: where leaderboard.toml is, here or above).",
-        show_default=False,
-    ),
-]
+_FETCHING_S = 3600.0
 
 
 def _option(help_: str, *flags: str) -> Any:
@@ -65,15 +64,9 @@ def submit(
         _option("Id of a dataset, or 'none' for a method without training; once for each."),
     ] = None,
     stages: Annotated[str | None, _option("single-stage or re-ranked.")] = None,
-    uses: Annotated[
-        list[str] | None, _option("prior, sequence or heights; once for each that is used.")
-    ] = None,
     more: Annotated[
         list[str] | None,
         _option("Another key of submission.toml, such as paper=https://...; repeatable.", "--set"),
-    ] = None,
-    account: Annotated[
-        int | None, _option("Id of your GitHub account (default: that of gh, if it is there).")
     ] = None,
     url: Annotated[
         str | None, _option("Where CI fetches the predictions; then they are not copied.")
@@ -83,9 +76,9 @@ def submit(
     ] = None,
     reader: Annotated[str | None, _option("The reader of a method's own files.")] = None,
     names: Annotated[Path | None, _option("A list of images, where files name none.")] = None,
-    folder: Annotated[str | None, _option("Its name (default: made of the method's).")] = None,
-    board: BoardOption = None,
-    data: DataOption = None,
+    board: Annotated[
+        Path, _option("The board's repository (default: where leaderboard.toml is, above).")
+    ] = Path(),
     force: Annotated[
         bool, typer.Option("--force", help="Replace an earlier version in the same folder.")
     ] = False,
@@ -99,24 +92,12 @@ def submit(
     and opens the pull request by gh, or prints the commands that do. Missing options are asked
     for on a terminal. docs/submission.md says what each key is for.
     """
-    from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, read_board
-    from airzoo_bench.leaderboard.submitting import (
-        Files,
-        answered,
-        find_place,
-        gh_account,
-        open_pull_request,
-        protocol_of,
-        write_submission,
-    )
-
-    root = board_root(board or Path())
-    rules, home = read_board(root / BOARD_FILE), resolve_data(data)
+    root, data = board_root(board), data_root()
+    rules = read_board(root / BOARD_FILE)
     files = Files(predictions, url, claimed, names, reader)
-    named = protocol_of(files, home)
-    values = answered(
+    values = ask_missing(
         {
-            "protocol": protocol or named,
+            "protocol": protocol or protocol_of(files, data),
             "method": method,
             "team": team,
             "contact": contact,
@@ -124,16 +105,15 @@ def submit(
             "licence": licence,
             "training_data": training_data,
             "stages": stages,
-            "uses": uses,
-            "account": account or (gh_account() if commit else None),
+            "account": gh_account() if commit else None,
         },
         more or (),
         rules.protocols,
     )
-    place = find_place(values["protocol"], folder, values["method"], rules, home)
+    place = find_place(values["protocol"], values["method"], rules, data)
     written = write_submission(root, place, values, files, rules, replace=force)
     put(f"{written}\n")
-    if not _passes(written, root, home, fetch=False, score=None):
+    if not _passes(written, root, fetch=False, score=False):
         say(f"mend {written / 'submission.toml'}, or submit again with --force; nothing was sent")
         raise typer.Exit(1)
     if commit:
@@ -150,31 +130,15 @@ def _group() -> None:
 @app.command(epilog=examples("submission check submissions/airzoo-mini/matching/sift"))
 def check(
     folder: Annotated[Path, typer.Argument(help="The folder with submission.toml.")],
-    board: BoardOption = None,
-    data: DataOption = None,
     fetch: Annotated[
         bool, typer.Option("--fetch", help="Fetch predictions at an address, to check them too.")
     ] = False,
-    score: Annotated[
-        bool | None,
-        typer.Option(
-            "--score/--no-score",
-            help="Score them, or do not (default: where benchmark and predictions are here).",
-            show_default=False,
-        ),
-    ] = None,
-    jobs: JobsOption = 2,
-    max_memory: MemoryOption = "2G",
 ) -> None:
     """Check a submission as CI will: all that it refuses is found here, at the price of no try.
 
-    Exit code 0 if nothing is wrong, 1 if anything is, 2 where there is nothing to
-    check: no such folder, no board.
+    It is scored too where the benchmark is in the data root. Exit code 0 if nothing is wrong, 1 if
+    anything is, 2 where there is nothing to check: no such folder, no board.
     """
-    from airzoo_bench.core.errors import UsageError
-    from airzoo_bench.leaderboard.board import board_root
-    from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
-
     if not (folder / SUBMISSION_FILE).exists():
         raise UsageError(
             f"no {SUBMISSION_FILE} here",
@@ -182,63 +146,41 @@ def check(
             expected="the folder of one submission, submissions/BENCHMARK/TRACK/FOLDER",
             fix="`airzoo-bench submit` makes one",
         )
-    root, home = board_root(board or folder), resolve_data(data)
-    more = {"jobs": jobs, "memory": memory_bytes(max_memory)}
-    if not _passes(folder, root, home, fetch=fetch, score=score, **more):
+    if not _passes(folder, board_root(folder), fetch=fetch, score=True):
         raise typer.Exit(1)
 
 
-def _passes(
-    folder: Path,
-    root: Path,
-    data: Path,
-    *,
-    fetch: bool,
-    score: bool | None,
-    jobs: int = 2,
-    memory: int = 2 << 30,
-) -> bool:
+def _passes(folder: Path, root: Path, *, fetch: bool, score: bool) -> bool:
     """Check a submission, score it where that can be done, print, and say whether it passes."""
-    from airzoo_bench.core.errors import SubmissionError
-    from airzoo_bench.evaluation.track import Run
-    from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-    from airzoo_bench.leaderboard.checks import check_submission
-    from airzoo_bench.leaderboard.rescoring import rescore
-    from airzoo_bench.tables.layouts import scenes_table
-
-    run = Run(memory, jobs, progress)
-    rules = read_board(root / BOARD_FILE)
-    known = [*known_submissions(root)]
-    checked = check_submission(folder, rules, data, known=known, fetched=fetch, run=run)
-    errors, scored = [*checked.errors], ""
-    hindrance = _hindrance(checked, rules, data) if score is not False and not errors else "no"
+    data, rules, run = data_root(), read_board(root / BOARD_FILE), Run(progress=progress)
+    checked = check_submission(
+        folder, rules, data, known=known_submissions(root), seconds=_FETCHING_S * fetch, run=run
+    )
     for warning in checked.warnings:
         say(f"{folder}: {warning}")
-    if not hindrance:
-        rescored = rescore(checked, data=data, run=run)
-        show(scenes_table(rescored.evaluation.result), Format.TERMINAL)
-        for line in rescored.lines:
-            put(f"{printable(line)}\n")
-        errors, scored = [*rescored.errors], " and scored"
-    elif score and not errors:
-        raise SubmissionError(f"not scored: {hindrance}", where=folder)
-    elif hindrance != "no":
-        say(f"{folder}: not scored: {hindrance}")
+    errors, done = [*checked.errors], "checked"
+    if score and not errors:
+        sealed = rules.archive(checked.place.benchmark) is not None
+        if hindrance := _hindrance(checked, data, sealed=sealed):
+            say(f"{folder}: not scored: {hindrance}")
+        else:
+            scored, lines, errors = score_submission(checked, data, run)
+            show(scenes_table(scored.result), Format.TERMINAL)
+            for line in lines:
+                put(f"{printable(line)}\n")
+            done = "checked and scored"
     for error in errors:
         say(str(error))
     if not errors:
-        put(f"{folder}: checked{scored}, nothing wrong was found\n")
+        put(f"{folder}: {done}, nothing wrong was found\n")
     return not errors
 
 
-def _hindrance(checked: Any, board: Any, data: Path) -> str:
-    """Say what keeps a sound submission from being scored here, if anything does."""
-    from airzoo_bench.benchmark.folder import find_benchmark
-    from airzoo_bench.core.errors import BenchmarkError
-
+def _hindrance(checked: CheckedSubmission, data: Path, *, sealed: bool) -> str:
+    """Say why a sound submission cannot be scored here; nothing where it can."""
     if checked.predictions is None:
         return "the predictions are at an address; add --fetch"
-    if board.archive(checked.place.benchmark):
+    if sealed:
         return "the truth is sealed, and only CI has its key"
     try:
         find_benchmark(checked.place.benchmark, data)

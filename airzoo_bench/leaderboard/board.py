@@ -1,39 +1,46 @@
-"""Boards: what ``leaderboard.toml`` states, and which submissions stand in the repository."""
+"""Boards: the content of ``leaderboard.toml``, places of submissions, and a new board's files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import re
+from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from airzoo_bench.core.errors import SubmissionError, UsageError
+from airzoo_bench.core.errors import SubmissionError, UsageError, first_of
+from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.validation import Count, Name, Strict, read_toml, validated
-from airzoo_bench.leaderboard.names import fault_of_file_name
+from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.submission import (
     SUBMISSION_FILE,
     Account,
     Submission,
     read_submission,
+    schema_text,
 )
 
 __all__ = [
     "BOARD_FILE",
     "Board",
     "BoardBenchmark",
-    "Known",
     "Limits",
     "Place",
     "board_root",
     "known_submissions",
+    "plain_name",
     "read_board",
+    "write_starter",
 ]
 
 BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
+
+_PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,119}")
+# Windows takes these for a device, also with an ending: no clone there could have such a file.
+_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
 
 
 class Limits(Strict):
@@ -61,13 +68,15 @@ class BoardBenchmark(Strict):
 class Board(Strict):
     """The benchmarks of a board, and its rules.
 
-    Maintainers are ids of accounts: names can change hands, ids cannot.
+    Submissions are merged into `branch`. Maintainers are ids of accounts: names can change hands,
+    ids cannot.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
     title: Title
     url: Annotated[str, Field(pattern=r"^https://\S+$")] | None = None
     repository: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+$")] | None = None
+    branch: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._/-]*$")] = "main"
     limits: Limits = Limits()
     benchmarks: Annotated[tuple[BoardBenchmark, ...], Field(min_length=1)]
     maintainers: Annotated[tuple[Account, ...], Field(max_length=100)] = ()
@@ -76,11 +85,6 @@ class Board(Strict):
     def repository_url(self) -> str | None:
         """The address of the repository's page."""
         return self.repository and f"https://github.com/{self.repository}"
-
-    @property
-    def data_url(self) -> str | None:
-        """The address of the data branch; the path of a file in it may follow."""
-        return self.repository_url and f"{self.repository_url}/tree/leaderboard-data"
 
     @property
     def protocols(self) -> list[str]:
@@ -106,13 +110,11 @@ def board_root(start: Path) -> Path:
     raise UsageError(
         f"not in the repository of a board: no {BOARD_FILE} here or above",
         where=start,
-        fix="clone the board's repository and go there, or name its folder by --board; "
-        "`airzoo-bench leaderboard init` makes a board",
+        fix="clone the board's repository and go there; `airzoo-bench leaderboard init` makes one",
     )
 
 
-@dataclass(frozen=True, order=True)
-class Place:
+class Place(NamedTuple):
     """The place of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
 
     benchmark: str
@@ -120,41 +122,81 @@ class Place:
     folder: str
 
     @classmethod
-    def of(cls, folder: Path) -> Place:
+    def of_folder(cls, folder: Path) -> Place:
         """Take it from the last three parts of a folder's path."""
         return cls(*("", "", "", *folder.resolve().parts)[-3:])
 
     @property
     def path(self) -> str:
         """Relative to the root of the board's repository."""
-        return f"submissions/{self.benchmark}/{self.track}/{self.folder}"
+        return "/".join(("submissions", *self))
 
     @property
-    def table(self) -> tuple[str, str]:
-        """The benchmark and track that it is shown in."""
-        return self.benchmark, self.track
+    def runs(self) -> str:
+        """The folder of its runs on the branch of the board's data."""
+        return "/".join(("runs", *self))
 
     @property
-    def fault(self) -> str:
-        """Say which of its names could not be that of a submission."""
-        parts = (self.benchmark, self.track, self.folder)
-        return next(filter(None, map(fault_of_file_name, parts)), "")
+    def is_plain(self) -> bool:
+        """Whether its names could be those of a submission."""
+        return all(map(plain_name, self))
 
 
-@dataclass(frozen=True)
-class Known:
-    """A submission on the board."""
-
-    place: Place
-    stated: Submission
+def plain_name(name: str) -> bool:
+    """Whether every disk takes a name for a file, and no program for an option."""
+    return bool(_PLAIN_NAME.fullmatch(name)) and not (_DEVICE.fullmatch(name) or name[-1] == ".")
 
 
-def known_submissions(root: Path) -> Iterator[Known]:
-    """Yield the submissions below a board's root that can be read, in the order of their paths."""
+def known_submissions(root: Path) -> dict[Place, Submission]:
+    """Return the submissions below a board's root that can be read, in the order of their paths."""
+    found = {}
     for path in sorted(root.glob(f"submissions/*/*/*/{SUBMISSION_FILE}")):
-        place = Place.of(path.parent)
-        if not place.fault:
+        place = Place.of_folder(path.parent)
+        if place.is_plain:
             try:
-                yield Known(place, read_submission(path))
+                found[place] = read_submission(path)
             except SubmissionError:  # its own check says so
                 continue
+    return found
+
+
+# --- a new board ---
+
+_STARTER = {
+    "leaderboard.toml": BOARD_FILE,
+    "get-data": ".ci/get-data",
+    "gitattributes": ".gitattributes",
+    "gitignore": ".gitignore",
+    "README.md": "README.md",
+    "SUBMITTING.md": "submissions/README.md",
+    "leaderboard.yml": ".github/workflows/leaderboard.yml",
+    "board.yml": ".github/workflows/board.yml",
+    "zizmor.yml": ".github/zizmor.yml",
+    "CODEOWNERS": ".github/CODEOWNERS",
+}
+
+
+def write_starter(folder: Path, repository: str | None) -> list[Path]:
+    """Write the files of a new board, into a folder where none of them is yet."""
+    if repository is not None and not re.fullmatch(r"[A-Za-z0-9._-]+/[A-Za-z0-9._-]+", repository):
+        what = f"--repository {repository!r} is no name of a repository"
+        raise UsageError(what, expected="such as lab/board")
+    home = files("airzoo_bench.leaderboard") / "starter"
+    content = {path: (home / name).read_text("utf-8") for name, path in _STARTER.items()}
+    owner, _, name = (repository or "OWNER/REPOSITORY").partition("/")
+    off = "# " if repository is None else ""
+    host = f'{off}url = "https://{owner}.github.io/{name}/"\n{off}repository = "{owner}/{name}"'
+    content[BOARD_FILE] = content[BOARD_FILE].replace("@HOST@", host)
+    content["docs/submission.schema.json"] = schema_text()
+    content[".ci/requirements.txt"] = (
+        "# What scores submissions. Pin all of it: pip freeze > .ci/requirements.txt\n"
+        f"airzoo-bench[leaderboard]=={__version__}\n"
+    )
+    if there := [path for path in content if (folder / path).exists()]:
+        what = f"these files are there already, and none is replaced: {first_of(there)}"
+        raise UsageError(what, where=folder, fix="name another folder, or move them away")
+    for path, text in content.items():
+        with atomic_write(folder / path, "w") as stream:
+            stream.write(text)
+    (folder / ".ci/get-data").chmod(0o755)
+    return [folder / path for path in content]

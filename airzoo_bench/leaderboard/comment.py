@@ -1,4 +1,4 @@
-"""The comment on a pull request: Markdown, made of the artifact alone, bounded, without markup.
+"""The findings of CI on a pull request, and the comment that is made of them alone.
 
 Whatever strangers wrote stands in code spans and blocks without backticks: there, GitHub
 renders no link, no image, no mention and no reference.
@@ -6,197 +6,243 @@ renders no link, no image, no mention and no reference.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
 
-from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
-from airzoo_bench.leaderboard.artifact import Artifact, Shown
+from pydantic import Field
+
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.core.validation import Name, Strict
+from airzoo_bench.leaderboard.board import Place
+from airzoo_bench.leaderboard.data_branch import Estimate, Finite, SealedAnswer
+from airzoo_bench.leaderboard.submission import Account
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import plain, show_number
 
-__all__ = ["MARK", "MOST_BYTES", "code", "comment_on"]
+__all__ = [
+    "MARK",
+    "MOST_BYTES",
+    "Artifact",
+    "SceneScores",
+    "Standing",
+    "code",
+    "comment_on",
+    "read_artifact",
+    "write_artifact",
+]
 
 MARK = "<!-- airzoo-bench leaderboard -->"
 MOST_BYTES = 65_300
-"""GitHub takes 65,536 characters; mteb cuts here too."""
+"""GitHub takes 65,536 characters."""
 
 _LONGEST_BLOCK, _LONGEST_SPAN, _MOST_PARTS = 4000, 120, 200
 _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
+_UNITS = {"share": "%", "m": "m", "deg": "°"}
+
+Commit = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
+
+
+class SceneScores(Strict):
+    """A row of the table, a scene or all of them: value, interval, and the last version's value.
+
+    None is infinite, or not known.
+    """
+
+    title: str
+    queries: int
+    scores: dict[str, tuple[Finite | None, Finite | None, Finite | None, Finite | None]]
+
+
+class Standing(Strict):
+    """The rank range of a method in its table, and the methods that it is not told from."""
+
+    score: str
+    first: int
+    last: int
+    methods: int
+    alike: tuple[str, ...]
+
+
+class Artifact(Strict):
+    """The outcome of a pull request, at the commit `head`.
+
+    The kind is ``nothing`` where it changes no submission, and ``sealed`` where it is sound and to
+    be scored, or scored, against a sealed truth. `tree` is git's id of the submission's folder,
+    `claimed` how a claimed result compares, `update` whether the folder is on the board already,
+    `truth` the fingerprint of the truth once it was opened.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    kind: Literal["nothing", "refused", "scored", "sealed", "withdrawn"]
+    pull_request: Account
+    account: Account
+    head: Commit
+    benchmark: Name | None = None
+    track: Name | None = None
+    folder: Name | None = None
+    tree: str = ""
+    method: str = ""
+    team: str = ""
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    columns: tuple[ScoreColumn, ...] = ()
+    rows: tuple[SceneScores, ...] = ()
+    standing: Standing | None = None
+    claimed: tuple[str, ...] = ()
+    update: bool = False
+    truth: str = ""
+    answer: SealedAnswer | None = None
+
+    @property
+    def place(self) -> Place:
+        """The folder of the submission."""
+        if self.benchmark is None or self.track is None or self.folder is None:
+            raise SubmissionError("the artifact is not about a submission")
+        return Place(self.benchmark, self.track, self.folder)
+
+
+def write_artifact(path: Path, artifact: Artifact) -> None:
+    """Write an artifact, whole or not at all."""
+    with atomic_write(path, "w") as stream:
+        stream.write(artifact.model_dump_json(by_alias=True, indent=1) + "\n")
+
+
+def read_artifact(path: Path) -> Artifact:
+    """Read an artifact that another job of the same run has written."""
+    try:
+        return Artifact.model_validate_json(read_text(path, SubmissionError, "artifact"))
+    except ValueError as error:
+        raise SubmissionError(f"not an artifact: {error}", where=path) from error
+
+
+# --- the comment ---
 
 
 def comment_on(artifact: Artifact) -> str:
-    """Return the comment's text, at most `MOST_BYTES` long; its end is always kept."""
-    last = _scored_commit(artifact)
-    room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
-    kept: list[str] = []
-    for part in (f"{MARK}\n", *_PARTS[artifact.kind](artifact)):
-        room -= len(part.encode()) + 1
-        if room < 0:
-            return "\n".join([*kept, _CUT, last])
-        kept.append(part)
-    return "\n".join([*kept, last])
-
-
-def _scored_commit(artifact: Artifact) -> str:
+    """Return the comment's text, at most `MOST_BYTES` long; its end is never cut."""
     head, number = artifact.head, artifact.pull_request
-    lines = [f"\nThis is about commit {head[:12]} alone; another push is looked at anew."]
+    last = f"\nThis is about commit {head[:12]} alone; another push is looked at anew.\n"
     if artifact.kind in ("scored", "sealed", "withdrawn"):
         merge = f"gh pr merge {number} --squash --match-head-commit {head}"
-        lines.append(f"Maintainers: `{merge}` merges it and nothing that was pushed later.")
-    return "\n".join(lines) + "\n"
+        last += f"Maintainers: `{merge}` merges it and nothing that was pushed later.\n"
+    room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
+    parts: list[str] = []
+    for part in (f"{MARK}\n", *_parts(artifact)):
+        room -= len(part.encode()) + 1
+        if room < 0:
+            return "\n".join([*parts, _CUT, last])
+        parts.append(part)
+    return "\n".join([*parts, last])
 
 
-# --- by kind ---
-
-
-def _nothing(artifact: Artifact) -> Iterator[str]:
-    yield (
-        "This pull request changes no submission: it is not for the board's branch, or all below "
-        "`submissions/` is as it was where it began. (A submission is a folder "
-        "`submissions/<benchmark>/<track>/<folder>`, committed.)\n"
-    )
-
-
-def _refused(artifact: Artifact) -> Iterator[str]:
-    yield f"### {_named(artifact)} is refused\n"
-    for problem in artifact.problems:
-        yield _block(str(problem.error()))
-    yield from _claimed(artifact)
-    yield from _listed("Warnings", artifact.warnings)
-    yield (
-        "`airzoo-bench submission check FOLDER` finds faults of the folder on your own machine. "
-        + (
-            "The truth was opened: this counts as a try.\n"
-            if artifact.truth
-            else "Nothing of this counts as a try.\n"
+def _parts(artifact: Artifact) -> Iterator[str]:
+    """Yield the paragraphs, the most important first."""
+    if artifact.kind == "nothing":
+        yield (
+            "This pull request changes no submission: it is not for the board's branch, or all "
+            "below `submissions/` is as it was where it began. (A submission is a folder "
+            "`submissions/<benchmark>/<track>/<folder>`, committed.)\n"
         )
-    )
+        return
+    name = f"{code(artifact.method)} by {code(artifact.team)}"
+    if not artifact.method:
+        name = code(artifact.place.path) if artifact.folder else "This pull request"
+    end = {"refused": " is refused", "withdrawn": " is withdrawn"}.get(artifact.kind, "")
+    yield f"### {name}{end}\n"
+    yield from map(_block, artifact.problems)
+    if artifact.kind == "withdrawn":
+        yield "Its rows leave the board when this is merged; its scores stay in its history.\n"
+    elif artifact.kind == "scored":
+        yield from _scores(artifact)
+    elif artifact.kind == "sealed":
+        yield from _sealed(artifact)
+    if artifact.claimed:
+        yield "The claimed result differs from the re-scored one, which counts:\n"
+        yield _block("\n".join(artifact.claimed))
+    for title, lines in (("Warnings", artifact.warnings), ("Notes", artifact.notes)):
+        if lines:
+            yield f"{title}:\n"
+            yield _block("\n".join(lines))
+    if artifact.kind == "refused":
+        yield (
+            "`airzoo-bench submission check FOLDER` finds faults of the folder on your own "
+            "machine. " + ("The truth was opened: this counts as a try.\n" if artifact.truth
+                           else "Nothing of this counts as a try.\n")
+        )  # fmt: skip
 
 
-def _withdrawn(artifact: Artifact) -> Iterator[str]:
-    yield f"### {_named(artifact)} is withdrawn\n"
-    yield "Its rows leave the board when this is merged; what was scored stays in its history.\n"
-
-
-def _scored(artifact: Artifact) -> Iterator[str]:
-    yield f"### {_named(artifact)}\n"
+def _scores(artifact: Artifact) -> Iterator[str]:
     if standing := artifact.standing:
-        ranks = f"{standing.first}"
-        if standing.last != standing.first:
-            ranks += f" to {standing.last}"
+        ranks = f"{standing.first}" + f" to {standing.last}" * (standing.last != standing.first)
         yield f"Rank **{ranks}** of {standing.methods} by {code(standing.score)}.\n"
         if standing.alike:
-            names = [code(name) for name in standing.alike[:_MOST_PARTS]]
-            yield f"Not told apart from {', '.join(names)} (paired test, 5 %, Holm).\n"
+            names = ", ".join(code(name) for name in standing.alike[:_MOST_PARTS])
+            yield f"Not told apart from {names} (paired test, 5 %, Holm).\n"
     columns = [column for column in artifact.columns if column.headline]
-    titles = [_title(column) for column in columns]
     rows = artifact.rows[-_MOST_PARTS:]
-    yield _markdown(
-        ["Scene", "Queries", *titles],
+    yield _table(
+        columns,
         [
-            [code(row.title), f"{row.queries:,}", *(_number(c, row.scores[c.key]) for c in columns)]
-            for row in rows
+            [code(r.title), f"{r.queries:,}", *(_number(c, r.scores[c.key][:3]) for c in columns)]
+            for r in rows
         ],
     )
-    if artifact.update:
-        changed = [
-            [code(row.title), *(_change(column, row.scores[column.key]) for column in columns)]
-            for row in rows
-            if any(s.before is not None and s.before != s.value for s in row.scores.values())
-        ]
-        yield (
-            "Changed since the last version:\n\n" + _markdown(["Scene", *titles], changed)
-            if changed
-            else "No score differs from those of the last version.\n"
-        )
-    yield from _claimed(artifact)
-    yield from _listed("Warnings", artifact.warnings)
-    yield from _listed("Notes", artifact.notes)
+    if not artifact.update:
+        return
+    changed = [
+        [code(r.title), f"{r.queries:,}", *(
+            f"{_number(c, r.scores[c.key][3:])} → {_number(c, r.scores[c.key][:1])}"
+            for c in columns
+        )]
+        for r in rows
+        if any(one[3] is not None and one[3] != one[0] for one in r.scores.values())
+    ]  # fmt: skip
+    if changed:
+        yield "Changed since the last version:\n\n" + _table(columns, changed)
+    else:
+        yield "No score differs from those of the last version.\n"
 
 
 def _sealed(artifact: Artifact) -> Iterator[str]:
-    yield f"### {_named(artifact)}\n"
-    if artifact.answer is None:
+    answer = artifact.answer
+    if answer is None:
         yield (
             "Nothing is wrong with it. It was not scored against the sealed truth: the job was not "
             "approved, or failed by no fault of the submission. This does not count as a try.\n"
         )
-    else:
-        yield _sealed_table(artifact.answer)
-        yield "Rounded to half a standard error, so that no try tells the answer of one query.\n"
-    yield from _listed("Warnings", artifact.warnings)
-
-
-_PARTS: dict[str, Callable[[Artifact], Iterator[str]]] = {
-    "nothing": _nothing,
-    "refused": _refused,
-    "scored": _scored,
-    "sealed": _sealed,
-    "withdrawn": _withdrawn,
-}
-
-
-# --- parts ---
-
-
-def _sealed_table(answer: SealedAnswer) -> str:
+        return
     columns = [column for column in answer.columns if column.headline]
     cells = [_estimate(column, answer.overall.get(column.key)) for column in columns]
-    titles = ["Scene", "Queries", *(_title(column) for column in columns)]
-    return _markdown(titles, [["`average`", f"{sum(answer.queries.values()):,}", *cells]])
+    yield _table(columns, [["`average`", f"{sum(answer.queries.values()):,}", *cells]])
+    yield "Rounded to half a standard error, so that no try tells the answer of one query.\n"
 
 
-def _claimed(artifact: Artifact) -> Iterator[str]:
-    if artifact.agrees is None:
-        return
-    word = "does not contradict" if artifact.agrees else "differs from"
-    yield f"The claimed result {word} the re-scored one.\n"
-    if artifact.claimed:
-        yield _block("\n".join(artifact.claimed))
-
-
-def _listed(title: str, lines: Sequence[str]) -> Iterator[str]:
-    if lines:
-        yield f"{title}:\n"
-        yield _block("\n".join(lines))
-
-
-def _named(artifact: Artifact) -> str:
-    if artifact.method:
-        return f"{code(artifact.method)} by {code(artifact.team)}"
-    return code(artifact.place.path) if artifact.folder else "This pull request"
-
-
-def _title(column: ScoreColumn) -> str:
-    unit = {"share": "%", "m": "m", "deg": "°"}[column.unit]
-    return f"{code(column.title)} {unit} {'↑' if column.higher_is_better else '↓'}"
-
-
-def _number(column: ScoreColumn, shown: Shown) -> str:
-    value = _as_shown(column, shown.value)
-    if shown.low is None and shown.high is None:
-        return value
-    return f"{value} [{_as_shown(column, shown.low)}, {_as_shown(column, shown.high)}]"
-
-
-def _change(column: ScoreColumn, shown: Shown) -> str:
-    return f"{_as_shown(column, shown.before)} → {_as_shown(column, shown.value)}"
+def _number(column: ScoreColumn, numbers: Sequence[float | None]) -> str:
+    """Write a value and its interval; None is infinite."""
+    value, *limits = (
+        "inf" if one is None else show_number(100 * one if column.unit == "share" else one, 2)
+        for one in numbers
+    )
+    known = any(one is not None for one in numbers[1:])
+    return f"{value} [{', '.join(limits)}]" if known else value
 
 
 def _estimate(column: ScoreColumn, found: Estimate | None) -> str:
     if found is None:
         return "–"
     error = found.standard_error
-    spread = "" if error is None else f" ± {_as_shown(column, error)}"
-    return _as_shown(column, found.value) + spread
+    spread = "" if error is None else f" ± {_number(column, [error])}"
+    return _number(column, [found.value]) + spread
 
 
-def _as_shown(column: ScoreColumn, value: float | None) -> str:
-    if value is None:
-        return "inf"
-    return show_number(100 * value if column.unit == "share" else value, 2)
-
-
-def _markdown(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def _table(columns: Sequence[ScoreColumn], rows: Sequence[Sequence[str]]) -> str:
+    titles = ["Scene", "Queries"]
+    titles += [
+        f"{code(c.title)} {_UNITS[c.unit]} {'↑' if c.higher_is_better else '↓'}" for c in columns
+    ]
     rules = ["---", *["---:"] * (len(titles) - 1)]
     return "".join(f"| {' | '.join(row)} |\n" for row in [titles, rules, *rows])
 
@@ -212,7 +258,7 @@ def _block(text: str) -> str:
     """Return lines of strangers as a block of code."""
     cut = text if len(text) <= _LONGEST_BLOCK else f"{text[:_LONGEST_BLOCK]}\n..."
     shown = "".join(
-        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}"
-        for c in cut.replace("`", "'")
+        letter if letter.isprintable() or letter == "\n" else "\N{REPLACEMENT CHARACTER}"
+        for letter in cut.replace("`", "'")
     )
     return f"````text\n{shown}\n````\n"

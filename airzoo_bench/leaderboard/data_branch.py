@@ -1,31 +1,160 @@
-"""The branch with the board's data, which only CI writes: runs, tries, answers of sealed truths."""
+"""The branch with the board's data, which only CI writes: runs, tries, answers of sealed truths.
+
+A run is the folder ``runs/<benchmark>/<track>/<folder>/<number>/`` with ``run.json``, with
+``submission.toml`` (without ``contact``), and with ``result.json`` and ``records.csv`` or, of a
+sealed benchmark, ``answer.json``. The highest number is shown; the others are history.
+"""
 
 from __future__ import annotations
 
 import csv
 import datetime
 import io
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from airzoo_bench.core.errors import counted
+from pydantic import Field
+
+from airzoo_bench.core.errors import SubmissionError, counted
+from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.core.validation import Name, Strict, unambiguous_json, validated
+from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Limits, Place
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
-from airzoo_bench.leaderboard.runs import RUN_FILE
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, submission_text
+from airzoo_bench.results.result import ScoreColumn
 
-__all__ = ["DATA_BRANCH", "DataBranch", "Try", "check_tries"]
+__all__ = [
+    "ANSWER_FILE",
+    "DATA_BRANCH",
+    "FAULT_FILE",
+    "RUN_FILE",
+    "DataBranch",
+    "Estimate",
+    "Run",
+    "SealedAnswer",
+    "Try",
+    "check_tries",
+    "read_answer",
+    "read_run",
+    "run_folders",
+    "write_facts",
+]
 
 DATA_BRANCH = "leaderboard-data"
+RUN_FILE, ANSWER_FILE = "run.json", "answer.json"
+FAULT_FILE = "fault.txt"
+"""Why CI could not score the files of a submission that were merged last."""
 
-_THEIRS = f"refs/heads/{DATA_BRANCH}"
-_OURS = "refs/heads/data"
+_THEIRS, _OURS = f"refs/heads/{DATA_BRANCH}", "refs/heads/data"
 _PUSHES = 10
 _TRIES_FILE = "tries.csv"
 _WHEN = "%Y-%m-%dT%H:%M:%SZ"
+_NUMBER = re.compile(r"[1-9][0-9]{0,5}")
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+ObjectId = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
+
+
+# --- runs ---
+
+
+class Run(Strict):
+    """The time (UTC), commit and version of airzoo-bench of a scored submission.
+
+    `tree` is git's id of the submission's folder: the same files have the same. Older runs say how
+    a claimed result compared.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    scored: Annotated[datetime.datetime, Field(strict=False)]  # JSON has texts for times
+    commit: ObjectId
+    tree: ObjectId
+    version: str
+    claimed: Any = None
+
+
+class Estimate(Strict):
+    """A score and its standard error, rounded as `sealed_scoring` says.
+
+    The value is a multiple of `step`, None where it is infinite; None is an unknown error too.
+    """
+
+    value: Finite | None
+    standard_error: Finite | None
+    step: Finite | None = None
+
+
+class SealedAnswer(Strict):
+    """Scores of a sealed benchmark, coarse enough that no try tells the answer of one query.
+
+    `truth_commitment` is SHA-256 over the truth and its salt, which lies in the archive; `scenes`
+    are of earlier answers, which told scenes by themselves.
+    """
+
+    schema_version: Literal[1] = Field(alias="schema")
+    sealed: Literal[True] = True
+    track: str
+    protocol: Name
+    protocol_version: int
+    protocol_fingerprint: str
+    benchmark: Name
+    truth_commitment: str
+    method: str
+    predictions_sha256: str
+    columns: tuple[ScoreColumn, ...]
+    queries: dict[str, int]
+    scene_titles: dict[str, str]
+    scenes: dict[str, dict[str, Estimate]] = Field(default_factory=dict)
+    overall: dict[str, Estimate]
+    versions: dict[str, str]
+
+
+def read_run(folder: Path) -> Run:
+    """Read the facts of a run."""
+    return _read_json(folder / RUN_FILE, Run, "run file")
+
+
+def read_answer(folder: Path) -> SealedAnswer:
+    """Read the sealed answer of a run."""
+    return _read_json(folder / ANSWER_FILE, SealedAnswer, "sealed answer")
+
+
+def _read_json(path: Path, model: Any, what: str) -> Any:
+    try:
+        data = unambiguous_json(read_text(path, SubmissionError, what))
+    except ValueError as error:
+        raise SubmissionError(f"not JSON: {error}", where=path) from error
+    return validated(data, model, SubmissionError, path, what)
+
+
+def write_facts(run: Path, submission: Submission, commit: str, tree: str) -> None:
+    """Write next to its scores the facts of a run."""
+    facts = Run(
+        scored=datetime.datetime.now(datetime.UTC).replace(microsecond=0),
+        commit=commit,
+        tree=tree,
+        version=__version__,
+    )
+    with atomic_write(run / SUBMISSION_FILE, "w") as stream:
+        stream.write(submission_text(submission.public()))
+    with atomic_write(run / RUN_FILE, "w") as stream:
+        stream.write(facts.model_dump_json(by_alias=True, indent=1, exclude_none=True) + "\n")
+
+
+def run_folders(folder: Path) -> list[Path]:
+    """Return the folders of a submission's runs, the newest first."""
+    found = folder.iterdir() if folder.is_dir() else ()
+    numbers = [path for path in found if _NUMBER.fullmatch(path.name)]
+    return sorted(numbers, key=lambda path: -int(path.name))
+
+
+# --- tries ---
 
 
 class Try(NamedTuple):
@@ -57,22 +186,23 @@ def check_tries(tries: Sequence[Try], new: Try, limits: Limits) -> None:
     """Refuse one more try than an account has on a sealed benchmark; a commit counts once."""
     begun: dict[str, datetime.datetime] = {}
     for one in tries:
-        if (one.account, one.benchmark) == (new.account, new.benchmark):
+        if one[:2] == new[:2]:
             if one.outcome == "failed":
                 begun.pop(one.head, None)
             else:
                 begun.setdefault(one.head, one.when)
-    since = new.when - datetime.timedelta(days=limits.days)
-    counting = sorted(when for head, when in begun.items() if when > since and head != new.head)
-    if len(counting) < limits.tries:
-        return
-    free = counting[-limits.tries] + datetime.timedelta(days=limits.days)
-    raise RefusedError(
-        f"this account has had {counted(len(counting), 'try', 'tries')} on {new.benchmark} within "
-        f"{counted(limits.days, 'day')}",
-        expected=f"at most {limits.tries}",
-        fix=f"push again after {free.strftime(_WHEN)}",
-    )
+    span = datetime.timedelta(days=limits.days)
+    counting = sorted(w for head, w in begun.items() if w > new.when - span and head != new.head)
+    if len(counting) >= limits.tries:
+        raise RefusedError(
+            f"this account has had {counted(len(counting), 'try', 'tries')} on {new.benchmark} "
+            f"within {counted(limits.days, 'day')}",
+            expected=f"at most {limits.tries}",
+            fix=f"push again after {(counting[-limits.tries] + span).strftime(_WHEN)}",
+        )
+
+
+# --- the branch ---
 
 
 class DataBranch:
@@ -91,16 +221,15 @@ class DataBranch:
 
     def read(self, path: str) -> bytes | None:
         """Return the content of a file, None where there is none."""
-        tip = self._repository.resolve(_OURS)
-        found = tip and self._repository.resolve(f"{tip}:{path}")
+        found = self._repository.resolve(f"{_OURS}:{path}")
         return self._repository.blob(found) if found else None
 
     def export(self, place: Place, into: Path) -> None:
         """Write the runs of a submission to disk, below ``runs/``."""
         tip = self._repository.resolve(_OURS)
-        folder = f"runs/{place.benchmark}/{place.track}/{place.folder}"
-        for entry in self._repository.entries(tip, folder) if tip else ():
-            self._repository.write_blob(entry.object_id, into / entry.path.decode())
+        for path, _, object_id in self._repository.entries(tip, place.runs) if tip else ():
+            (into / path).parent.mkdir(parents=True, exist_ok=True)
+            (into / path).write_bytes(self._repository.blob(object_id))
 
     def tries(self) -> list[Try]:
         """Return the list of tries."""
@@ -108,11 +237,8 @@ class DataBranch:
         try:
             return [Try(*row) for row in list(csv.reader(io.StringIO(text)))[1:]]
         except TypeError as error:
-            raise BoardError(
-                "not a list of tries",
-                where=_TRIES_FILE,
-                fix="put back the file that CI wrote: `git log` of the branch has it",
-            ) from error
+            fix = "put back the file that CI wrote: `git log` of the branch has it"
+            raise BoardError("not a list of tries", where=_TRIES_FILE, fix=fix) from error
 
     def add_try(self, line: Try, limits: Limits, files: Mapping[str, bytes]) -> None:
         """Add a line to the list of tries, refused where it starts one too many, and files."""
@@ -152,13 +278,12 @@ class DataBranch:
             files = change()
             if not files:
                 return
-            tip = self._repository.resolve(_OURS)
-            commit = self._repository.commit(tip, files, message)
-            if self._repository.push(commit, _THEIRS):
-                self._fetch()
-                return
-            time.sleep(0.1 * number)
+            commit = self._repository.commit(self._repository.resolve(_OURS), files, message)
+            pushed = self._repository.push(commit, _THEIRS)
+            time.sleep(0 if pushed else 0.1 * number)
             self._fetch()
+            if pushed:
+                return
         raise BoardError(
             f"{DATA_BRANCH} was pushed to by others {_PUSHES} times in a row",
             where=self._repository.remote,
@@ -166,5 +291,5 @@ class DataBranch:
         )
 
     def _fetch(self) -> None:
-        if self._repository.remote_has(_THEIRS):
+        if self._repository.run("ls-remote", "origin", _THEIRS).strip():
             self._repository.fetch({_THEIRS: _OURS}, blobs=True, depth=1)

@@ -30,7 +30,7 @@ _LONGEST_URL = 8000  # signed addresses of redirects are long
 _SLOWEST_BYTES_S, _LONGEST_S, _ANSWER_S = 250_000, 3600.0, 60.0
 _LABEL = r"[a-z0-9](?:[a-z0-9-]{0,61}[a-z0-9])?"
 # The last label begins with a letter, so no number in any base is taken for a name.
-_HOST = re.compile(rf"(?=.{{4,253}}\Z)(?:{_LABEL}\.)+[a-z](?:[a-z0-9-]{{0,61}}[a-z0-9])\Z")
+_HOST = re.compile(rf"(?=.{{4,253}}\Z)(?:{_LABEL}\.)+[a-z](?:[a-z0-9-]{{0,61}}[a-z0-9])(:443)?\Z")
 _UNICAST = ipaddress.ip_network("2000::/3")
 # The address of the machine behind these is not the one that is seen.
 _TUNNELS = tuple(map(ipaddress.ip_network, ("2002::/16", "2001::/32", "192.88.99.0/24")))
@@ -56,61 +56,42 @@ def fetch(
     *,
     size: int,
     sha256: str,
-    seconds: float | None = None,
+    seconds: float = _LONGEST_S,
     network: Network = Network(),
 ) -> Path:
     """Fetch a file of stated size and content into a folder, within some seconds."""
     address = parse_address(url)
-    target = into / _file_name(address)
+    parts = reversed(unquote(address.path).split("/"))
+    name = next((one for one in parts if "." in one and re.match(SAFE_NAME, one)), "predictions")
+    target = into / name
     if target.is_file() and target.stat().st_size == size and sha256_of(target) == sha256:
         return target
-    allowed = min(_ANSWER_S + size / _SLOWEST_BYTES_S, _LONGEST_S if seconds is None else seconds)
-    end = time.monotonic() + allowed
+    end = time.monotonic() + min(_ANSWER_S + size / _SLOWEST_BYTES_S, seconds)
     with atomic_write(target) as stream:
         for _ in range(_REDIRECTS + 1):
             with _answer(address, end, network) as answer:
                 moved = answer.getheader("Location")
                 if answer.status not in _MOVED or not moved:
-                    _save(address, answer, stream, size, sha256, end)
+                    _save(address, answer, stream, size, sha256)
                     return target
             address = parse_address(urljoin(address.geturl(), moved))
         raise SubmissionError(f"the address leads on more than {_REDIRECTS} times", where=url)
 
 
 def parse_address(url: str) -> SplitResult:
-    """Take an https address apart whose host is a plain name."""
-    if len(url) > _LONGEST_URL or not re.fullmatch(r"[!-~]+", url) or "\\" in url:
-        fault = "an address that is too long, or has blanks, backslashes or letters beyond ASCII"
-    else:
-        fault = _fault_of_parts(urlsplit(url))
-    if fault:
+    """Take an https address apart whose host is a plain name, and whose port is 443."""
+    plain = len(url) <= _LONGEST_URL and re.fullmatch(r"[!-~]+", url) and "\\" not in url
+    found = re.match("https://([^/?#]*)", url) if plain else None
+    host = found[1].lower() if found else ""
+    if not _HOST.match(host) or any(label.startswith("xn--") for label in host.split(".")):
         raise SubmissionError(
-            fault,
-            where=_plain(url),
+            "no plain https address: other ports, user names, numbers and foreign alphabets in "
+            "the host are not taken",
+            where=_printable(url),
             expected="https://HOST/PATH, where HOST is a name such as example.org",
             fix="put the predictions where such an address leads to them",
         )
     return urlsplit(url)
-
-
-def _fault_of_parts(parts: SplitResult) -> str:
-    if parts.scheme != "https":
-        return "the address is not https"
-    if "@" in parts.netloc:
-        return "the address has a user name"
-    host, _, port = parts.netloc.lower().partition(":")
-    if ":" in parts.netloc and port != "443":
-        return "the address names a port other than 443, or the host is a number"
-    if not _HOST.match(host) or any(label.startswith("xn--") for label in host.split(".")):
-        return "the host is no plain name with a dot: numbers and foreign alphabets are not taken"
-    return ""
-
-
-def _file_name(address: SplitResult) -> str:
-    """Return the last part of the path that is a plain name with a suffix."""
-    parts = unquote(address.path).split("/")
-    named = (part for part in reversed(parts) if "." in part and re.match(SAFE_NAME, part))
-    return next(named, "predictions")
 
 
 @contextmanager
@@ -118,19 +99,16 @@ def _answer(
     address: SplitResult, end: float, network: Network
 ) -> Iterator[http.client.HTTPResponse]:
     """Ask one address of a host, whose certificate must be the host's; broken off at the end."""
-    host = str(address.hostname)
+    host, left = str(address.hostname), end - time.monotonic()
     public = _public_address(host, network.resolve)
     context = ssl.create_default_context(cafile=network.authority)
-    left = end - time.monotonic()
-    if left <= 0:
-        raise _too_slow(address)
     try:
-        plain = socket.create_connection(network.reach(public), min(left, 30.0))
+        plain = socket.create_connection(network.reach(public), max(0.01, min(left, 30.0)))
         with context.wrap_socket(
             plain, server_hostname=host, do_handshake_on_connect=False
         ) as peer:
             # Each read may take its time, and a host that drips would keep all of them going.
-            watchdog = Timer(left, socket.socket.shutdown, [peer, socket.SHUT_RDWR])
+            watchdog = Timer(max(left, 0.01), socket.socket.shutdown, [peer, socket.SHUT_RDWR])
             watchdog.start()
             try:
                 peer.do_handshake()
@@ -144,24 +122,20 @@ def _answer(
             finally:
                 watchdog.cancel()
     except (OSError, http.client.HTTPException) as error:
-        if time.monotonic() >= end:
-            raise _too_slow(address) from None
         raise SubmissionError(
-            f"the host breaks off or cannot be reached ({_plain(str(error), blanks=True)})",
+            "the host is too slow"
+            if time.monotonic() >= end
+            else f"the host breaks off or cannot be reached ({_printable(str(error))})",
             where=address.geturl(),
-            fix="open the address in a browser; its certificate must be valid for the host",
+            expected=f"a valid certificate, and {_SLOWEST_BYTES_S:,} bytes a second",
+            fix="open the address in a browser; try again later, or put the file elsewhere",
         ) from error
 
 
 def _save(
-    address: SplitResult,
-    answer: http.client.HTTPResponse,
-    stream: IO[bytes],
-    size: int,
-    sha256: str,
-    end: float,
+    address: SplitResult, answer: http.client.HTTPResponse, stream: IO[bytes], size: int, sha: str
 ) -> None:
-    """Write what a host answers, if it is the stated file."""
+    """Write the answer of a host, if it is the stated file."""
     if answer.status != 200:
         raise SubmissionError(
             f"the host answers {answer.status}",
@@ -169,20 +143,20 @@ def _save(
             fix="see that anybody can open the address without logging in",
         )
     digest, seen = hashlib.sha256(), 0
-    while chunk := answer.read(_CHUNK_BYTES):
+    while seen <= size and (chunk := answer.read(_CHUNK_BYTES)):
         seen += len(chunk)
-        if seen > size:
-            raise _other(address, f"more than {size} bytes", f"{size} bytes")
         digest.update(chunk)
-        stream.write(chunk)
-    if seen < size and time.monotonic() >= end:
-        raise _too_slow(address)
-    if answer.length:  # less than the host has announced
+        stream.write(chunk if seen <= size else b"")
+    if seen < size and answer.length != 0:  # less than was announced, or broken off
         raise http.client.IncompleteRead(b"", answer.length)
-    if seen != size:
-        raise _other(address, f"{seen} bytes", f"{size} bytes")
-    if digest.hexdigest() != sha256:
-        raise _other(address, f"SHA-256 {digest.hexdigest()}", sha256)
+    if seen != size or digest.hexdigest() != sha:
+        found = f"SHA-256 {digest.hexdigest()}" if seen == size else f"{seen} bytes"
+        raise SubmissionError(
+            f"the file there has {f'more than {size} bytes' if seen > size else found}",
+            where=address.geturl(),
+            expected=f"{size} bytes of SHA-256 {sha}, as submission.toml states",
+            fix="state what the file has, or put back the file that was meant",
+        )
 
 
 def _public_address(host: str, resolve: Callable[[str], Sequence[str]]) -> str:
@@ -194,7 +168,9 @@ def _public_address(host: str, resolve: Callable[[str], Sequence[str]]) -> str:
     private = [address for address in found if not _is_public(address)]
     if private or not found:
         raise SubmissionError(
-            f"the host's address {_plain(private[0])} is not public" if private else "no address",
+            f"the host's address {_printable(private[0])} is not public"
+            if private
+            else "no address",
             where=host,
             expected="addresses that the whole internet reaches",
             fix="put the predictions on a public host",
@@ -214,25 +190,7 @@ def _is_public(text: str) -> bool:
     return isinstance(address, ipaddress.IPv4Address) or address in _UNICAST
 
 
-def _other(address: SplitResult, found: str, stated: str) -> SubmissionError:
-    return SubmissionError(
-        f"the file there has {found}",
-        where=address.geturl(),
-        expected=f"{stated}, as submission.toml states",
-        fix="state what the file has, or put back the file that was meant",
-    )
-
-
-def _too_slow(address: SplitResult) -> SubmissionError:
-    return SubmissionError(
-        "the host is too slow",
-        where=address.geturl(),
-        expected=f"at least {_SLOWEST_BYTES_S:,} bytes a second, and an end within an hour",
-        fix="try again later, or put the file on a faster host",
-    )
-
-
-def _plain(text: str, *, blanks: bool = False) -> str:
+def _printable(text: str) -> str:
     """Return text of a stranger's machine, cut and without characters that a terminal obeys."""
-    plain = "".join(c if "!" <= c <= "~" or (blanks and c == " ") else "?" for c in text[:200])
+    plain = "".join(letter if " " <= letter <= "~" else "?" for letter in text[:200])
     return plain + "..." * (len(text) > 200)

@@ -10,12 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Timer
-from typing import NamedTuple
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.leaderboard.checks import MOST_FILES, too_many_files
+from airzoo_bench.leaderboard.checks import MOST_FILES
 
-__all__ = ["TOKEN_VARIABLE", "BoardError", "Entry", "RefusedError", "Repository"]
+__all__ = ["TOKEN_VARIABLE", "BoardError", "RefusedError", "Repository"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
@@ -30,10 +29,14 @@ _SETTINGS = {
     "GIT_ALLOW_PROTOCOL": "https:ssh:file",
     "LC_ALL": "C",
 }
+_SETTINGS |= {f"GIT_{role}_NAME": "leaderboard" for role in ("AUTHOR", "COMMITTER")}
+_SETTINGS |= {
+    f"GIT_{role}_EMAIL": "leaderboard@users.noreply.github.com" for role in ("AUTHOR", "COMMITTER")
+}
 _SAFE = ("-c", "core.hooksPath=/dev/null", "-c", "transfer.fsckObjects=true")
 _FETCH = ("fetch", "--quiet", "--no-tags", "--no-recurse-submodules", "--no-write-fetch-head")
 _OBJECT_ID = re.compile(r"[0-9a-f]{40}(?:[0-9a-f]{24})?")
-_ENTRY_BYTES = 512  # of an entry's line, on average; paths are at most some thousand bytes long
+_LISTING_BYTES = (MOST_FILES + 1) * 512  # of an entry's line; paths are some thousand bytes at most
 _BATCH = 64
 _TIMEOUT_S, _LISTING_S = 1800, 120
 # Git's words where somebody else has pushed since, before or while this push was received.
@@ -46,14 +49,6 @@ class BoardError(SubmissionError):
 
 class RefusedError(SubmissionError):
     """A pull request is not as it must be."""
-
-
-class Entry(NamedTuple):
-    """A file or folder of a commit."""
-
-    path: bytes
-    mode: str
-    object_id: str
 
 
 @dataclass(frozen=True)
@@ -75,11 +70,9 @@ class Repository:
         made.run("config", "remote.origin.url", remote)
         return made
 
-    def run(
-        self, *arguments: str, stdin: bytes = b"", more: Mapping[str, str] | None = None
-    ) -> bytes:
+    def run(self, *arguments: str, stdin: bytes = b"", index: Path | None = None) -> bytes:
         """Run git and return its output."""
-        done = self._call(*arguments, stdin=stdin, more=more)
+        done = self._call(*arguments, stdin=stdin, index=index)
         _check(done, arguments[0])
         return done.stdout
 
@@ -91,24 +84,12 @@ class Repository:
         done = self._call(*_FETCH, *options, "origin", *pairs)
         said = done.stderr.decode("utf-8", "replace").strip()
         if "fsck" in said or "error in object" in said:
-            raise RefusedError(
-                f"git refuses its objects: {said.splitlines()[0][:200]}",
-                expected="commits that git itself has made",
-                fix="make the commit anew",
-            )
+            what = f"git refuses its objects: {said.splitlines()[0][:200]}"
+            raise RefusedError(what, fix="make the commit anew, by git itself")
         if "find remote ref" in said:
-            raise BoardError(
-                said.removeprefix("fatal: "),
-                where=self.remote,
-                expected=f"{' and '.join(refs)} there",
-                fix="correct --remote, the name of the board's branch, or the event: a pull "
-                "request that was deleted has no ref",
-            )
+            expected = f"{' and '.join(refs)} there"
+            raise BoardError(said.removeprefix("fatal: "), where=self.remote, expected=expected)
         _check(done, "fetch")
-
-    def remote_has(self, ref: str) -> bool:
-        """Tell whether the remote has a ref."""
-        return bool(self.run("ls-remote", "origin", ref).strip())
 
     def resolve(self, name: str) -> str | None:
         """Return the id of a commit or, for ``commit:path``, of a tree or file; None without one.
@@ -128,28 +109,28 @@ class Repository:
         done = self._call("merge-base", "--all", one, other)
         return done.stdout.decode("ascii").split() if done.returncode == 0 else []
 
-    def changes(self, old: str, new: str) -> list[bytes]:
+    def changes(self, old: str, new: str) -> list[str]:
         """Return all paths that differ between two commits, of files and of folders."""
         listed = self._listed("diff-tree", "-r", "-t", "-z", "--no-renames", old, new)
-        return listed.split(b"\0")[1::2]
+        return [os.fsdecode(path) for path in listed.split(b"\0")[1::2]]
 
-    def entries(self, commit: str, folder: str) -> list[Entry]:
-        """Return all files below a folder of a commit, and the folders without any."""
+    def entries(self, commit: str, folder: str) -> Iterator[tuple[str, int, str]]:
+        """Yield path, mode and id of all files below a folder of a commit, and of empty folders."""
         text = self._listed("ls-tree", "-r", "-t", "-z", "--full-tree", commit, "--", f"{folder}/")
         found = []
         for line in text.split(b"\0")[:-1]:
             head, path = line.split(b"\t", 1)
             mode, _, object_id = head.decode("ascii").split(" ")
             if path.startswith(f"{folder}/".encode()):
-                found.append(Entry(path, mode, object_id))
-        parents = {one.path.rpartition(b"/")[0] for one in found}
-        return [one for one in found if one.path not in parents]
+                found.append((os.fsdecode(path), int(mode, 8), object_id))
+        parents = {path.rpartition("/")[0] for path, *_ in found}
+        yield from (one for one in found if one[0] not in parents)
 
-    def names(self, commit: str, folder: str) -> list[bytes]:
-        """Return the paths directly in a folder of a commit."""
-        return self.run(
-            *("ls-tree", "-z", "--full-tree", "--name-only", commit, "--", f"{folder}/")
-        ).split(b"\0")[:-1]
+    def names(self, commit: str, folder: str) -> list[str]:
+        """Return the names directly in a folder of a commit."""
+        options = ("ls-tree", "-z", "--full-tree", "--name-only")
+        listed = self.run(*options, commit, "--", f"{folder}/").split(b"\0")[:-1]
+        return [os.fsdecode(path).rpartition("/")[2] for path in listed]
 
     def sizes(self, object_ids: Sequence[str]) -> Iterator[int]:
         """Yield the size of each object; those of a batch are fetched together, not more."""
@@ -165,36 +146,20 @@ class Repository:
         """Return the content of a file whose size has been checked."""
         return self.run("cat-file", "blob", object_id)
 
-    def write_blob(self, object_id: str, path: Path) -> None:
-        """Write the content of a file whose size has been checked to a path that is free."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("xb") as stream:
-            done = self._call("cat-file", "blob", object_id, stdout=stream.fileno())
-        _check(done, "cat-file")
-
     def commit(self, parent: str | None, files: Mapping[str, bytes], message: str) -> str:
         """Make a commit that adds or replaces files; there is no work tree."""
-        index = {"GIT_INDEX_FILE": str(self.folder / "index.new")}
-        (self.folder / "index.new").unlink(missing_ok=True)
+        index = self.folder / "index.new"
+        index.unlink(missing_ok=True)
         if parent is not None:
-            self.run("read-tree", parent, more=index)
-        lines = b"".join(
-            b"100644 " + self.run("hash-object", "-w", "--stdin", stdin=text).strip()
-            + f"\t{path}\0".encode()
-            for path, text in files.items()
-        )  # fmt: skip
-        self.run("update-index", "-z", "--index-info", stdin=lines, more=index)
-        tree = self.run("write-tree", "--missing-ok", more=index).decode("ascii").strip()
+            self.run("read-tree", parent, index=index)
+        lines = b""
+        for path, text in files.items():
+            object_id = self.run("hash-object", "-w", "--stdin", stdin=text).strip()
+            lines += b"100644 " + object_id + f"\t{path}\0".encode()
+        self.run("update-index", "-z", "--index-info", stdin=lines, index=index)
+        tree = self.run("write-tree", "--missing-ok", index=index).decode("ascii").strip()
         parents = [] if parent is None else ["-p", parent]
-        who = {
-            f"GIT_{role}_{key}": value
-            for role in ("AUTHOR", "COMMITTER")
-            for key, value in (
-                ("NAME", "leaderboard"),
-                ("EMAIL", "leaderboard@users.noreply.github.com"),
-            )
-        }
-        made = self.run("commit-tree", *parents, tree, stdin=message.encode(), more=who)
+        made = self.run("commit-tree", *parents, tree, stdin=message.encode())
         return made.decode("ascii").strip()
 
     def push(self, commit: str, ref: str) -> bool:
@@ -207,48 +172,44 @@ class Repository:
         return True
 
     def _call(
-        self,
-        *arguments: str,
-        stdin: bytes = b"",
-        more: Mapping[str, str] | None = None,
-        stdout: int = subprocess.PIPE,
+        self, *arguments: str, stdin: bytes = b"", index: Path | None = None
     ) -> subprocess.CompletedProcess[bytes]:
         """Run a command that may fail."""
-        environment = self._environment() | dict(more or {})
+        environment = self._environment()
+        if index is not None:
+            environment["GIT_INDEX_FILE"] = str(index)
+        line = ["git", *_SAFE, f"--git-dir={self.folder}", *arguments]
         try:
             return subprocess.run(
-                self._line(arguments), input=stdin, env=environment, stdout=stdout,
-                stderr=subprocess.PIPE, timeout=_TIMEOUT_S, check=False,
+                line, input=stdin, env=environment, capture_output=True, timeout=_TIMEOUT_S,
+                check=False,
             )  # fmt: skip
         except FileNotFoundError as error:
             raise BoardError("git is not installed", fix="install git 2.36 or later") from error
         except subprocess.TimeoutExpired as error:
-            where = f"git {arguments[0]} took longer than {_TIMEOUT_S} s"
-            raise BoardError(where, where=self.remote) from error
+            what = f"git {arguments[0]} took longer than {_TIMEOUT_S} s"
+            raise BoardError(what, where=self.remote) from error
 
     def _listed(self, *arguments: str) -> bytes:
         """Return a listing of a stranger's trees, bounded in bytes and time."""
-        limit = (MOST_FILES + 1) * _ENTRY_BYTES
+        line = ["git", *_SAFE, f"--git-dir={self.folder}", *arguments]
         with subprocess.Popen(
-            self._line(arguments), env=self._environment(), stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        ) as process:  # fmt: skip
+            line, env=self._environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as process:
             # Trees of empty trees list nothing, for as long as one waits.
             watchdog = Timer(_LISTING_S, process.kill)
             watchdog.start()
-            text = process.stdout.read(limit) if process.stdout else b""
-            if len(text) == limit:
+            text = process.stdout.read(_LISTING_BYTES) if process.stdout else b""
+            if len(text) == _LISTING_BYTES:
                 process.kill()
             process.wait()
             watchdog.cancel()
-        if len(text) == limit or text.count(b"\0") > 2 * MOST_FILES:
-            raise RefusedError(too_many_files(None).what, expected="one submission")
+        if len(text) == _LISTING_BYTES or text.count(b"\0") > 2 * MOST_FILES:
+            what = f"more than {MOST_FILES:,} files and folders"
+            raise RefusedError(what, fix="put the predictions into one archive, or give their URL")
         if process.returncode:
             raise RefusedError("git cannot read the trees of this commit", fix="make it anew")
         return text
-
-    def _line(self, arguments: Sequence[str]) -> list[str]:
-        return ["git", *_SAFE, f"--git-dir={self.folder}", *arguments]
 
     def _environment(self) -> dict[str, str]:
         kept = {name: os.environ[name] for name in _KEPT if name in os.environ} | _SETTINGS

@@ -1,7 +1,7 @@
 """Photos without metadata, which carry the true pose: EXIF, XMP, notes of the maker, previews.
 
-JPEG and PNG are cut, not encoded again: of their parts stays what an allow list names, so that
-pixels are the same to the last bit. Another reader, Pillow, then says whether anything is left.
+JPEG and PNG are cut, not encoded again: only parts of an allow list stay, so that pixels are the
+same to the last bit. Another reader, Pillow, then says whether anything is left.
 """
 
 from __future__ import annotations
@@ -15,18 +15,14 @@ from airzoo_bench.formats.photos import opened_photo
 __all__ = ["bare_photo", "leftovers", "write_bare_photo"]
 
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
-_JPEG_END, _JPEG_SCAN = 0xD9, 0xDA
+_END, _SCAN, _JFIF, _ADOBE = 0xD9, 0xDA, 0xE0, 0xEE
 # Frames (except hierarchical ones), tables of Huffman, arithmetic and quantisation, DNL, DRI.
-_JPEG_KEPT = frozenset((*range(0xC0, 0xC4), *range(0xC9, 0xCD), 0xC4, 0xDB, 0xDC, 0xDD))
-_JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8)))
+_JPEG_KEPT = frozenset((*range(0xC0, 0xC5), *range(0xC9, 0xCD), 0xDB, 0xDC, 0xDD, _END, _SCAN))
+_JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8), _END))
 _PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
-# What Pillow may know of a file that holds a picture alone.
-_KNOWN = frozenset(
-    (
-        *("jfif", "jfif_version", "jfif_unit", "jfif_density", "dpi", "adobe", "adobe_transform"),
-        *("progressive", "progression", "transparency", "interlace"),
-    )
-)
+# Pillow may know these of a file that holds a picture alone.
+_KNOWN = {"jfif", "jfif_version", "jfif_unit", "jfif_density", "dpi", "adobe", "adobe_transform"}
+_KNOWN |= {"progressive", "progression", "transparency", "interlace"}
 _MARKS = (b"Exif\0\0", b"http://ns.adobe.com", b"<x:xmpmeta", b"Photoshop 3.0", b"ICC_PROFILE")
 _ENDS = {"JPEG": b"\xff\xd9", "PNG": b"IEND\xaeB`\x82"}
 _PLAIN_SEGMENTS = {("APP0", 14, b"JFIF\0"), ("APP14", 12, b"Adobe")}
@@ -36,21 +32,18 @@ def write_bare_photo(source: Path, place: Path) -> None:
     """Write a photo without metadata, and refuse one that still holds some."""
     place.write_bytes(bare_photo(source.read_bytes(), source))
     if found := leftovers(place):
-        raise BenchmarkError(
-            f"the photo still holds {first_of(found)}",
-            where=source,
-            fix="write the photo without metadata (exiftool -all= FILE), and seal again",
-        )
+        fix = "write the photo without metadata (exiftool -all= FILE), and seal again"
+        raise BenchmarkError(f"the photo still holds {first_of(found)}", where=source, fix=fix)
 
 
 def bare_photo(data: bytes, where: Path) -> bytes:
     """Return the parts of a JPEG or PNG that make the picture."""
+    parts = {_PNG: _png_parts, _JPEG: _jpeg_parts}
+    kind = next((kind for kind in parts if data.startswith(kind)), None)
+    what = "is neither JPEG nor PNG"
     try:
-        if data.startswith(_PNG):
-            return b"".join(data[first:end] for first, end in _png_parts(data))
-        if data.startswith(_JPEG):
-            return b"".join(data[first:end] for first, end in _jpeg_parts(data))
-        what = "is neither JPEG nor PNG"
+        if kind is not None:
+            return b"".join(data[first:end] for first, end in parts[kind](data))
     except (IndexError, ValueError) as error:
         what = f"is damaged: {error}"
     raise BenchmarkError(
@@ -77,43 +70,34 @@ def leftovers(path: Path) -> list[str]:
 
 
 def _jpeg_parts(data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield where the parts that are kept begin and end."""
+    """Yield the beginnings and ends of the parts that stay; a scan has its coded data with it."""
     yield 0, 2
     place, code = 2, 0
-    while code != _JPEG_END:
+    while code != _END:
         if data[place] != 0xFF:
             raise ValueError(f"no marker at byte {place}")
         while data[place + 1] == 0xFF:  # fill bytes
             place += 1
-        code = data[place + 1]
-        end = _jpeg_end(data, place, code)
-        if _is_kept(code, data[place + 4 : end]):
+        code, end = data[place + 1], place + 2
+        if code not in _JPEG_ALONE:
+            end += int.from_bytes(data[end : end + 2], "big")
+            if end > len(data) or end < place + 4:
+                raise ValueError(f"the segment at byte {place} has no end")
+        while code == _SCAN:
+            end = data.index(b"\xff", end)
+            if data[end + 1] and not 0xD0 <= data[end + 1] <= 0xD7:
+                break
+            end += 2
+        if code in _JPEG_KEPT or _is_plain(code, data[place + 4 : end]):
             yield place, end
         place = end
 
 
-def _jpeg_end(data: bytes, place: int, code: int) -> int:
-    """Return where the part of a marker ends; a scan has its coded data with it."""
-    if code == _JPEG_END or code in _JPEG_ALONE:
-        return place + 2
-    end = place + 2 + int.from_bytes(data[place + 2 : place + 4], "big")
-    if end > len(data) or end < place + 4:
-        raise ValueError(f"the segment at byte {place} has no end")
-    if code != _JPEG_SCAN:
-        return end
-    while True:
-        end = data.index(b"\xff", end)
-        if data[end + 1] and not 0xD0 <= data[end + 1] <= 0xD7:
-            return end
-        end += 2
-
-
-def _is_kept(code: int, body: bytes) -> bool:
-    if code == 0xE0:  # JFIF without a preview
+def _is_plain(code: int, body: bytes) -> bool:
+    """Whether a segment is JFIF without a preview, or says how the colours are coded."""
+    if code == _JFIF:
         return len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
-    if code == 0xEE:  # how the colours are coded
-        return len(body) == 12 and body.startswith(b"Adobe")
-    return code in _JPEG_KEPT or code in (_JPEG_END, _JPEG_SCAN)
+    return code == _ADOBE and len(body) == 12 and body.startswith(b"Adobe")
 
 
 def _png_parts(data: bytes) -> Iterator[tuple[int, int]]:

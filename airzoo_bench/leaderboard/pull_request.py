@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-import unicodedata
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,35 +12,27 @@ from airzoo_bench.core.errors import SubmissionError, UserError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.leaderboard.board import Board, Place
-from airzoo_bench.leaderboard.checks import DEPTH, RENAME
-from airzoo_bench.leaderboard.git import BoardError, Entry, RefusedError, Repository
-from airzoo_bench.leaderboard.names import fault_of_file_name
+from airzoo_bench.leaderboard.board import Board, Place, plain_name
+from airzoo_bench.leaderboard.checks import check_listing
+from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
 __all__ = [
     "BASE",
-    "HEAD",
     "PullRequest",
     "Touched",
     "fetch_pull_request",
+    "find_merged",
+    "find_touched",
+    "printable",
     "read_event",
     "read_files",
-    "submitted",
-    "touched",
 ]
 
 HEAD, BASE = "refs/heads/head", "refs/heads/base"
 
 _MOST_TOML_BYTES = 100_000
-_MOST_FAULTS = 20
-_LFS = b"version https://git-lfs.github.com/spec/"
-_KINDS = {
-    "120000": ("a symbolic link", "commit the content itself"),
-    "160000": ("a submodule", "commit the content itself"),
-    "100755": ("an executable file", "`git update-index --chmod=-x FILE`"),
-    "040000": ("an empty folder", "leave it out"),
-}
+_FILE, _FOLDER = 0o100644, 0o040000
 
 
 @dataclass(frozen=True)
@@ -59,15 +49,26 @@ class PullRequest:
     account: int
 
 
+@dataclass(frozen=True)
+class Touched:
+    """The one submission that a pull request changes.
+
+    `tree` is git's id of its folder at the head, empty where the pull request removes it; `update`
+    says whether the folder is on the board already.
+    """
+
+    place: Place
+    tree: str
+    update: bool
+
+
 def read_event(path: Path) -> PullRequest:
     """Read the event of a pull request, as GitHub writes it."""
     try:
         pull = json.loads(read_text(path, SubmissionError, "event"))["pull_request"]
-        found = PullRequest(
-            int(pull["number"]), str(pull["head"]["sha"]), str(pull["base"]["ref"]),
-            int(pull["user"]["id"]),
-        )  # fmt: skip
-        if set(found.head) - set("0123456789abcdef") or len(found.head) not in (40, 64):
+        head, base = str(pull["head"]["sha"]), str(pull["base"]["ref"])
+        found = PullRequest(int(pull["number"]), head, base, int(pull["user"]["id"]))
+        if set(head) - set("0123456789abcdef") or len(head) not in (40, 64):
             raise ValueError("head.sha is no commit")
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise SubmissionError(
@@ -76,17 +77,6 @@ def read_event(path: Path) -> PullRequest:
             expected="the file $GITHUB_EVENT_PATH of a pull_request_target event",
         ) from error
     return found
-
-
-@dataclass(frozen=True)
-class Touched:
-    """The one submission that a pull request changes.
-
-    `tree` is git's id of its folder at the head, empty where the pull request removes it.
-    """
-
-    place: Place
-    tree: str
 
 
 def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
@@ -100,25 +90,34 @@ def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
         )
 
 
-def touched(
-    repository: Repository, pull: PullRequest, board: Board, former_owner: Owner
+def find_touched(
+    repository: Repository,
+    pull: PullRequest,
+    board: Board,
+    former_owner: Callable[[Place], int | None],
 ) -> Touched | None:
     """Return the submission that a pull request changes; None where it changes none.
 
     `former_owner` returns the account of a folder that is no longer on the board.
     """
-    base = _merge_base(repository, pull)
+    bases = repository.merge_bases(BASE, pull.head)
+    if len(bases) != 1:
+        raise RefusedError(
+            f"has {len(bases)} merge bases with the branch, not one",
+            where=pull.base,
+            fix=f"merge {pull.base} into your branch, or start it anew from there",
+        )
+    [base] = bases
     now, before = (repository.resolve(f"{commit}:submissions") for commit in (pull.head, base))
     if now == before:  # its other changes are none of a board's business
         return None
-    place = _changed_place(repository.changes(base, pull.head))
-    _check_place(place, board)
+    place = _find_place(repository.changes(base, pull.head), board)
     then, at_head, at_base = (
         repository.resolve(f"{at}:{place.path}") for at in (base, pull.head, BASE)
     )
     if at_base is None:
         _check_case(repository, place)
-    owner = former_owner(place) if at_base is None else _owner(repository, place)
+    owner = former_owner(place) if at_base is None else _find_owner(repository, place)
     is_new = at_base is None and owner is None
     if pull.account not in (owner, *board.maintainers) and not is_new:
         raise RefusedError(
@@ -131,95 +130,56 @@ def touched(
         raise RefusedError(
             "has changed on the board since this branch began",
             where=place.path,
-            expected="the scored files to be the merged ones",
-            fix="merge the board's branch into yours",
+            fix=f"merge {pull.base} into your branch",
         )
-    return Touched(place, at_head or "")
+    return Touched(place, at_head or "", at_base is not None)
 
 
-Owner = Callable[[Place], int | None]
-
-
-def _merge_base(repository: Repository, pull: PullRequest) -> str:
-    """Return the one merge base of a pull request."""
-    bases = repository.merge_bases(BASE, pull.head)
-    if len(bases) != 1:
+def _find_place(paths: Sequence[str], board: Board) -> Place:
+    """Return the one folder that holds all changes."""
+    parts = [path.split("/") for path in paths]
+    inner = {"/".join(one[:n]) for one in parts for n in range(1, len(one))}
+    leaves = [path for path in paths if path not in inner]
+    folders = list(dict.fromkeys("/".join(p.split("/")[:4]) for p in leaves if p.count("/") > 3))
+    if outside := [path for path in leaves if not path.startswith("submissions/")]:
         raise RefusedError(
-            f"went apart from the branch at {len(bases)} commits"
-            if bases
-            else "the commit has no history in common with the branch",
-            where=pull.base,
-            expected="one, so that it is certain what a merge would change",
-            fix=f"merge {pull.base} into your branch, or start it anew from there",
-        )
-    return bases[0]
-
-
-def _changed_place(paths: Sequence[bytes]) -> Place:
-    """Return the one folder in which all changes lie."""
-    deep = [b"/".join(path.split(b"/")[:4]) for path in paths if path.count(b"/") >= 3]
-    folders = list(dict.fromkeys(path for path in deep if path.startswith(b"submissions/")))
-    above = {b"/".join(one.split(b"/")[:n]) for one in folders for n in (1, 2, 3)}
-    inner = {b"/".join(one[:n]) for one in (p.split(b"/") for p in paths) for n in range(len(one))}
-    others = [
-        path
-        for path in paths
-        if path not in above | inner and not path.startswith(tuple(folders) or b"/")
-    ]
-    outside = [path for path in others if not path.startswith(b"submissions/")]
-    if outside:
-        raise RefusedError(
-            f"changes other files than those of a submission: {_named(outside)}",
+            f"changes other files than those of a submission: {first_of(map(printable, outside))}",
             expected="one folder below submissions/, and nothing else",
             fix="put the other changes into a pull request of their own",
         )
+    beside = [path for path in leaves if path.count("/") < 4]
+    if beside or not all(plain_name(part) for one in folders for part in one.split("/")):
+        raise RefusedError(
+            "not the folder of a submission",
+            where=printable((beside or folders)[0]),
+            expected="submissions/<benchmark>/<track>/<folder>/..., with plain names",
+            fix="`airzoo-bench submit` makes the right folder",
+        )
     if len(folders) > 1:
         raise RefusedError(
-            f"changes more than one folder: {_named(folders)}",
+            f"changes more than one folder: {first_of(folders)}",
             expected="one submission a pull request; a renamed folder counts as two",
             fix="make a pull request for each",
         )
-    if not folders or others or all(path == folders[0] for path in paths if path not in above):
-        raise RefusedError(
-            "not the folder of a submission",
-            where=_shown((others or folders)[0]),
-            expected="submissions/<benchmark>/<track>/<folder>/...",
-            fix="`airzoo-bench submit` makes the right folder",
-        )
-    return Place(*_checked_path(folders[0]).split("/")[1:])
-
-
-def _named(paths: Sequence[bytes]) -> str:
-    return first_of([_shown(path) for path in paths])
-
-
-def _check_place(place: Place, board: Board) -> None:
-    known = [benchmark.name for benchmark in board.benchmarks]
+    place = Place(*folders[0].split("/")[1:])
     for what, name, names in (
-        ("benchmark", place.benchmark, known),
+        ("benchmark", place.benchmark, [one.name for one in board.benchmarks]),
         ("track", place.track, list(TRACKS.names())),
     ):
         if name not in names:
-            raise RefusedError(
-                f"this board has no {what} {name!r}{nearest(name, names)}",
-                where=place.path,
-                expected=f"one of {', '.join(names)}",
-                fix="move the folder",
-            )
+            what = f"this board has no {what} {name!r}{nearest(name, names)}"
+            raise RefusedError(what, where=place.path, fix="move the folder")
+    return place
 
 
 def _check_case(repository: Repository, place: Place) -> None:
-    for path in repository.names(BASE, f"submissions/{place.benchmark}/{place.track}"):
-        name = path.rsplit(b"/", 1)[-1].decode("utf-8", "replace")
+    for name in repository.names(BASE, f"submissions/{place.benchmark}/{place.track}"):
         if name.casefold() == place.folder.casefold():
-            raise RefusedError(
-                f"differs from the folder {name} of the board only in case",
-                where=place.path,
-                fix="choose another name",
-            )
+            what = f"differs from the folder {printable(name)} of the board only in case"
+            raise RefusedError(what, where=place.path, fix="choose another name")
 
 
-def _owner(repository: Repository, place: Place) -> int | None:
+def _find_owner(repository: Repository, place: Place) -> int | None:
     """Return the account that the submission names which is on the board."""
     file = repository.resolve(f"{BASE}:{place.path}/{SUBMISSION_FILE}")
     try:
@@ -229,96 +189,53 @@ def _owner(repository: Repository, place: Place) -> int | None:
     return account if isinstance(account, int) else None
 
 
-def submitted(repository: Repository, benchmarks: Sequence[str]) -> Iterator[Place | str]:
-    """Yield the submissions on the board's branch, or a sentence for a folder that is none."""
+def find_merged(
+    repository: Repository, benchmarks: Sequence[str]
+) -> tuple[dict[Place, str], list[str]]:
+    """Return the submissions on the board's branch, with git's ids, and folders that are none."""
+    found, others = {}, []
     for benchmark in benchmarks:
         for track in TRACKS.names():
-            for path in repository.names(BASE, f"submissions/{benchmark}/{track}"):
-                place = Place(benchmark, track, path.rsplit(b"/", 1)[-1].decode("utf-8", "replace"))
-                if place.fault:
-                    yield f"{_shown(path)}: no submission, and skipped: {place.fault}"
-                elif repository.resolve(f"{BASE}:{place.path}/{SUBMISSION_FILE}"):
-                    yield place
+            for name in repository.names(BASE, f"submissions/{benchmark}/{track}"):
+                place = Place(benchmark, track, name)
+                at = f"{BASE}:{place.path}"
+                if place.is_plain and repository.resolve(f"{at}/{SUBMISSION_FILE}"):
+                    found[place] = repository.resolve(at) or ""
                 else:
-                    yield f"{place.path}: no submission, and skipped: it has no {SUBMISSION_FILE}"
+                    others.append(f"{printable(place.path)}: no submission, and skipped")
+    return found, others
 
 
 def read_files(
     repository: Repository, commit: str, place: Place, board: Board, into: Path
 ) -> list[UserError]:
     """Write the files of a submission into a fresh folder, if names, kinds and sizes are right."""
-    entries = repository.entries(commit, place.path)
-    faults = [fault for entry in entries if (fault := _fault(entry))] or _alike(entries)
-    if faults:
-        return [*faults[:_MOST_FAULTS]]
+    cut = len(place.path) + 1
+    entries = [(path[cut:], *more) for path, *more in repository.entries(commit, place.path)]
+    if not entries:
+        return [RefusedError("not the folder of a submission: it has no files", where=place.path)]
+    faults = [*check_listing([(p, mode, 0) for p, mode, _ in entries], place.path, board.limits)]
+    empty = [path for path, mode, _ in entries if mode == _FOLDER]
+    if faults or empty:
+        return faults or [RefusedError(f"an empty folder: {empty[0]}", where=place.path)]
     total = 0
-    most = board.limits.committed_bytes
-    for entry, size in zip(entries, repository.sizes([e.object_id for e in entries]), strict=True):
+    for (path, *_), size in zip(entries, repository.sizes([e[2] for e in entries]), strict=True):
         total += size
-        is_stated = entry.path.decode() == f"{place.path}/{SUBMISSION_FILE}"
-        if total > most or (is_stated and size > _MOST_TOML_BYTES):
-            return [RefusedError(
-                f"has {size:,} bytes" if is_stated else f"the files have more than {most:,} bytes",
-                where=_shown(entry.path),
-                expected=f"at most {_MOST_TOML_BYTES:,} bytes of metadata, {most:,} in all",
-                fix="give the predictions by URL: `airzoo-bench submit --url`",
-            )]  # fmt: skip
-    for entry in entries:
-        path = into / _checked_path(entry.path)
-        repository.write_blob(entry.object_id, path)
-        with path.open("rb") as stream:
-            if stream.read(len(_LFS)) == _LFS:
-                return [RefusedError(
-                    "is a pointer of Git LFS, not the file itself",
-                    where=_shown(entry.path),
-                    expected="the content, which this board reads from git alone",
-                    fix="`git lfs untrack` it and commit it, or give the predictions by URL",
-                )]  # fmt: skip
+        if path == SUBMISSION_FILE and size > _MOST_TOML_BYTES:
+            expected = f"at most {_MOST_TOML_BYTES:,} bytes of metadata"
+            where = f"{place.path}/{path}"
+            return [RefusedError(f"has {size:,} bytes", where=where, expected=expected)]
+        # The rest is not fetched where this is too much.
+        if faults := [*check_listing([("all", _FILE, total)], place.path, board.limits)]:
+            return faults
+    for path, _, object_id in entries:
+        target = into / place.path / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(repository.blob(object_id))
     return []
 
 
-def _fault(entry: Entry) -> RefusedError | None:
-    if entry.mode != "100644":
-        kind, fix = _KINDS.get(entry.mode, (f"of mode {entry.mode}", None))
-        where = _shown(entry.path)
-        return RefusedError(f"is {kind}", where=where, expected="a plain file", fix=fix)
-    try:
-        _checked_path(entry.path)
-    except RefusedError as fault:
-        return fault
-    return None
-
-
-def _alike(entries: Sequence[Entry]) -> list[RefusedError]:
-    """Find names that differ in case only, which are one file on other systems."""
-    names = [entry.path.decode("utf-8") for entry in entries]
-    times = Counter(name.casefold() for name in names)
-    return [
-        RefusedError("differs from another name only in case", where=name, fix="rename one of them")
-        for name in names
-        if times[name.casefold()] > 1
-    ]
-
-
-def _checked_path(path: bytes) -> str:
-    """Return a path as text, if a disk may have it."""
-    try:
-        text = path.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise RefusedError("the name is not UTF-8", where=_shown(path), fix=RENAME) from error
-    parts = text.split("/")
-    faults = [fault_of_file_name(part) for part in parts]
-    if text != unicodedata.normalize("NFC", text):
-        faults.insert(0, "the name is not in Unicode's normal form NFC")
-    if len(parts) > DEPTH:
-        faults.append(f"lies in more than {DEPTH} folders")
-    for fault in filter(None, faults):
-        raise RefusedError(fault, where=_shown(path), fix=RENAME)
-    return text
-
-
-def _shown(path: bytes) -> str:
+def printable(path: str) -> str:
     """Return a path for messages: on one line, without bytes that are no text."""
-    text = path.decode("utf-8", "backslashreplace")
-    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in path)
     return shown if len(shown) <= 200 else f"{shown[:200]}..."

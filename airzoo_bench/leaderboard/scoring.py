@@ -1,13 +1,14 @@
-"""Scoring for a board: a pull request, or all submissions on the board's branch."""
+"""Scoring for a board: a pull request, a sealed submission, or all submissions that are merged."""
 
 from __future__ import annotations
 
+import math
 import shutil
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from filecmp import cmp
 from pathlib import Path
 from typing import Any
@@ -21,45 +22,55 @@ from airzoo_bench.core.errors import (
     UserError,
     counted,
 )
+from airzoo_bench.evaluation.evaluate import Evaluation, evaluate, truth_fingerprint
+from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard.answer import SealedAnswer
-from airzoo_bench.leaderboard.artifact import Artifact, problem_of, without
-from airzoo_bench.leaderboard.board import Board, Known, Place, known_submissions
-from airzoo_bench.leaderboard.checks import FETCHED, CheckedSubmission, check_submission
-from airzoo_bench.leaderboard.data_branch import DataBranch
+from airzoo_bench.leaderboard.board import Board, Place, known_submissions
+from airzoo_bench.leaderboard.checks import (
+    FETCHED,
+    CheckedSubmission,
+    check_claim,
+    check_pipeline,
+    check_submission,
+)
+from airzoo_bench.leaderboard.comment import Artifact, SceneScores, Standing
+from airzoo_bench.leaderboard.data_branch import (
+    ANSWER_FILE,
+    FAULT_FILE,
+    DataBranch,
+    SealedAnswer,
+    read_answer,
+    read_run,
+    run_folders,
+    write_facts,
+)
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
+from airzoo_bench.leaderboard.measured import OVERALL, RESULT_FILE, Entry, read_entries
 from airzoo_bench.leaderboard.pull_request import (
     BASE,
     PullRequest,
     Touched,
     fetch_pull_request,
+    find_merged,
+    find_touched,
     read_files,
-    submitted,
-    touched,
 )
-from airzoo_bench.leaderboard.rescoring import rescore
-from airzoo_bench.leaderboard.runs import (
-    ANSWER_FILE,
-    FAULT_FILE,
-    RUN_FILE,
-    Claimed,
-    measure_now,
-    measure_of,
-    newest_run,
-    next_run,
-    read_run,
-    write_facts,
-)
+from airzoo_bench.leaderboard.ranking import alike, headline_first, rank
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
-from airzoo_bench.leaderboard.standing import standing_of
-from airzoo_bench.leaderboard.submission import (
-    SUBMISSION_FILE,
-    Submission,
-    read_public_submission,
-)
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
+from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import read_result
 
-__all__ = ["Rules", "answer_path", "score_against_truth", "score_merged", "score_pull_request"]
+__all__ = [
+    "Rules",
+    "answer_path",
+    "score_against_truth",
+    "score_merged",
+    "score_pull_request",
+    "score_submission",
+]
 
 _OF_BOARD = (BoardError, BenchmarkError, ProtocolError)  # no submitter can put these right
 _FETCHING_S = 3600.0
@@ -69,20 +80,15 @@ _FETCHING_S = 3600.0
 class Rules:
     """The rules and the means of a board's CI.
 
-    `root` is a checkout of the board's own branch, `branch` the one that submissions are merged
-    into, `data` the folder of benchmark folders; `note` takes sentences for the maintainer.
+    `root` is a checkout of the board's own branch, `data` the folder of benchmark folders; `note`
+    takes sentences for the maintainer.
     """
 
     board: Board
     root: Path
-    branch: str
     data: Path
     run: Run
     note: Callable[[str], None]
-
-    def check(self, folder: Path, **more: Any) -> CheckedSubmission:
-        """Check the folder of a submission."""
-        return check_submission(folder, self.board, self.data, run=self.run, **more)
 
 
 def answer_path(tree: str) -> str:
@@ -90,96 +96,128 @@ def answer_path(tree: str) -> str:
     return f"answers/{tree}.json"
 
 
+def score_submission(
+    checked: CheckedSubmission, data: Path, run: Run
+) -> tuple[Evaluation, list[str], list[UserError]]:
+    """Score a submission; return how its claim differs, and errors that only scores show."""
+    given, predictions = checked.submission, checked.predictions
+    if given is None or predictions is None:
+        fix = "mend the errors of `airzoo-bench submission check`, or add --fetch"
+        raise SubmissionError("there are no predictions to score", where=checked.folder, fix=fix)
+    scored = evaluate(
+        predictions, data=data, protocol=given.protocol, method=given.method, run=run,
+        read_by=checked.read_by,
+    )  # fmt: skip
+    lines, refusal = [], None
+    if checked.claimed is not None:
+        rescored = Scored(given.method, scored.result, scored.records)
+        lines, refusal = check_claim(checked.claimed, rescored)
+    errors = [refusal, check_pipeline(given, scored.result)]
+    return scored, lines, [error for error in errors if error is not None]
+
+
 # --- a pull request ---
 
 
 def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Artifact:
     """Check a pull request, and score it where the truth is public."""
-    if pull.base != rules.branch:
-        return _artifact(pull, "nothing")
+    about = {"pull_request": pull.number, "account": pull.account, "head": pull.head}
+    if pull.base != rules.board.branch:
+        return Artifact(kind="nothing", **about)
     repository = Repository.create(work / "pull.git", remote)
     branch = DataBranch(work / "data.git", remote)
-    found: Touched | None = None
 
     def former_owner(place: Place) -> int | None:
         branch.export(place, work / "board")
-        run = newest_run(work / "board", place)
-        return None if run is None else read_public_submission(run / SUBMISSION_FILE).account or 0
+        runs = run_folders(work / "board" / place.runs)
+        return (
+            read_submission(runs[0] / SUBMISSION_FILE, public=True).account or 0 if runs else None
+        )
 
     try:
         fetch_pull_request(repository, pull)
-        found = touched(repository, pull, rules.board, former_owner)
+        found = find_touched(repository, pull, rules.board, former_owner)
         if found is None:
-            return _artifact(pull, "nothing")
+            return Artifact(kind="nothing", **about)
+        about |= found.place._asdict() | {"tree": found.tree, "update": found.update}
         if not found.tree:
-            return _artifact(pull, "withdrawn", found)
-        return _score_submission(pull, repository, branch, found, rules, work)
+            return Artifact(kind="withdrawn", **about)
+        about |= _score_touched(pull, repository, branch, found, rules, work)
     except UserError as error:
-        return _refused(pull, found, [error], work)
+        about |= {"kind": "refused", "problems": [error]}
+    for error in about.get("problems", ()):
+        if isinstance(error, _OF_BOARD):
+            raise error
+    for key in ("problems", "warnings", "claimed"):
+        about[key] = tuple(_without(str(text), work) for text in about.get(key, ()))
+    return Artifact(**about)
 
 
-def _score_submission(
+def _without(text: str, work: Path) -> str:
+    """Return a text without the path of the folder that CI works in."""
+    return text.replace(f"{work}/", "").replace(str(work), "")
+
+
+def _score_touched(
     pull: PullRequest,
     repository: Repository,
     branch: DataBranch,
     found: Touched,
     rules: Rules,
     work: Path,
-) -> Artifact:
-    """Read the files of the one submission that a pull request changes, check and score them."""
-    place, known = found.place, [*known_submissions(rules.root)]
+) -> dict[str, Any]:
+    """Check and score the one submission that a pull request changes; return its findings."""
+    place, known = found.place, known_submissions(rules.root)
     if faults := read_files(repository, pull.head, place, rules.board, work):
-        return _refused(pull, found, faults, work)
-    checked = rules.check(work / place.path, known=known, fetched=True)
+        return {"kind": "refused", "problems": faults}
+    checked = check_submission(
+        work / place.path, rules.board, rules.data, known=known, seconds=_FETCHING_S, run=rules.run
+    )
     given = checked.submission
     if given is not None:
         checked.errors += _account_errors(given, pull, place, known, rules.board)
     if checked.errors or given is None:
-        return _refused(pull, found, checked.errors, work)
+        return {"kind": "refused", "problems": checked.errors}
     # Warnings about others come first: a comment may be cut at its end.
     warnings = [*_team_warnings(given, known), *checked.warnings]
-    more: dict[str, Any] = {
-        "update": repository.resolve(f"{BASE}:{place.path}") is not None,
-        "method": given.method,
-        "team": given.team,
-    }
+    facts: dict[str, Any] = {"method": given.method, "team": given.team, "warnings": warnings}
     if rules.board.archive(place.benchmark):
         predictions = checked.predictions
         if predictions is not None and predictions.is_relative_to(rules.data / FETCHED):
             # The job that has no network finds them here.
             shutil.copytree(predictions.parent, work / FETCHED / predictions.parent.name)
-        more["warnings"] = tuple(without(line, work) for line in warnings)
-        return _artifact(pull, "sealed", found, **more)
-    rescored = rescore(checked, data=rules.data, run=rules.run)
-    more["claimed"] = tuple(without(line, work) for line in rescored.lines)
-    more["agrees"] = rescored.agrees
-    if rescored.errors:
-        more["warnings"] = tuple(without(line, work) for line in warnings)
-        return _refused(pull, found, rescored.errors, work, **more)
+        return facts | {"kind": "sealed"}
+    scored, facts["claimed"], errors = score_submission(checked, rules.data, rules.run)
+    if errors:
+        return facts | {"kind": "refused", "problems": errors}
     home = work / "board"
-    for one in submitted(repository, [place.benchmark]):
-        if isinstance(one, Place) and one.table == place.table and newest_run(home, one) is None:
-            branch.export(one, home)
-    run = next_run(home, place)  # among the runs of the others, as a merge would place it
-    save(rescored.evaluation, run)
+    for other in find_merged(repository, [place.benchmark])[0]:
+        if other[:2] == place[:2] and not run_folders(home / other.runs):
+            branch.export(other, home)
+    run = _next_run(home / place.runs)  # among the runs of the others, as a merge would place it
+    save(scored, run)
     write_facts(run, given, pull.head, found.tree)
-    warnings = [*_copies(run, given, place, known, home), *warnings]
-    result = rescored.evaluation.result
-    return _artifact(
-        pull,
-        "scored",
-        found,
-        **more,
-        warnings=tuple(without(line, work) for line in warnings),
-        columns=result.columns,
-        notes=result.notes,
-        truth=result.truth.fingerprint,
-        **standing_of(place, home / "runs", work / "cache"),
-    )
+    facts["warnings"] = [*_copies(run, given, place, known, home), *warnings]
+    return facts | {
+        "kind": "scored",
+        "columns": scored.result.columns,
+        "notes": scored.result.notes,
+        "truth": scored.result.truth.fingerprint,
+        **_standing(place, home / "runs", work / "cache"),
+    }
+
+
+def _next_run(folder: Path) -> Path:
+    runs = run_folders(folder)
+    return folder / (str(int(runs[0].name) + 1) if runs else "1")
 
 
 def _account_errors(
-    given: Submission, pull: PullRequest, place: Place, known: Sequence[Known], board: Board
+    given: Submission,
+    pull: PullRequest,
+    place: Place,
+    known: Mapping[Place, Submission],
+    board: Board,
 ) -> Iterator[UserError]:
     """Yield errors of the account that a submission names, and of more entries than it has."""
     if pull.account in board.maintainers:
@@ -190,70 +228,92 @@ def _account_errors(
             f"key 'account' is {given.account or 'missing'}, and this pull request is of account "
             f"{pull.account}",
             where=where,
-            expected="the account that may change this submission",
             fix=f"write account = {pull.account}",
         )
-    table = [one for one in known if one.place.table == place.table and one.place != place]
-    own = [one for one in table if one.stated.account == pull.account]
-    if len(own) >= board.limits.entries:
+    table = [one for at, one in known.items() if at[:2] == place[:2] and at != place]
+    own = sum(one.account == pull.account for one in table)
+    if own >= board.limits.entries:
         yield RefusedError(
-            f"this account has {counted(len(own), 'submission')} in this table already",
+            f"this account has {counted(own, 'submission')} in this table already",
             where=where,
             expected=f"at most {board.limits.entries} that are shown at once",
             fix="withdraw one of them, or put the new version into its folder",
         )
 
 
-def _team_warnings(given: Submission, known: Sequence[Known]) -> Iterator[str]:
+def _team_warnings(given: Submission, known: Mapping[Place, Submission]) -> Iterator[str]:
     """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
-    theirs = [one for one in known if one.stated.team == given.team]
-    if theirs and given.account not in {one.stated.account for one in theirs}:
+    theirs = {at: one for at, one in known.items() if one.team == given.team}
+    if theirs and given.account not in {one.account for one in theirs.values()}:
         yield (
-            f"team {given.team!r} is on the board with {theirs[0].place.folder}, by another "
+            f"team {given.team!r} is on the board with {next(iter(theirs)).folder}, by another "
             "account: the maintainers should know whether this is of the same team"
         )
 
 
 def _copies(
-    run: Path, given: Submission, place: Place, known: Sequence[Known], home: Path
+    run: Path, given: Submission, place: Place, known: Mapping[Place, Submission], home: Path
 ) -> Iterator[str]:
     """Warn of answers that are another team's, whatever file they came in."""
-    for one in known:
-        other = newest_run(home, one.place)
-        if one.stated.team == given.team or one.place == place or other is None:
+    for at, one in known.items():
+        runs = run_folders(home / at.runs)
+        if one.team == given.team or at == place or not runs:
             continue
-        theirs = other / "records.csv"
+        theirs = runs[0] / "records.csv"
         if theirs.is_file() and cmp(run / "records.csv", theirs, shallow=False):
             yield (
-                f"every record is that of {one.stated.method!r} of team {one.stated.team!r}, in "
-                f"{one.place.folder}: these are the same answers"
+                f"every record is that of {one.method!r} of team {one.team!r}, in {at.folder}: "
+                "these are the same answers"
             )
 
 
-def _artifact(pull: PullRequest, kind: str, found: Touched | None = None, **more: Any) -> Artifact:
-    return Artifact(
-        kind=kind,  # type: ignore[arg-type]
-        pull_request=pull.number,
-        account=pull.account,
-        head=pull.head,
-        tree="" if found is None else found.tree,
-        **({} if found is None else vars(found.place)),
-        **more,
+def _standing(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
+    """Return the rows of a method and its rank among those of the board, as a build ranks it."""
+    cache.mkdir(parents=True, exist_ok=True)
+    entries = read_entries(runs, runs / "none", cache, lambda _: None)
+    own = next((entry for entry in entries if entry.place == place), None)
+    if own is None or own.measured is None:
+        raise BoardError(f"no run of {place.path} that can be read: {own.reason if own else ''}")
+    measures = own.measured.measures
+    members = [e for e in entries if e.measured is not None and e.measured.measures == measures]
+    methods, _ = alike(sorted(members, key=lambda one: one.method))
+    if own not in methods:  # it is on other queries than the others
+        return {"rows": tuple(_rows(own))}
+    measured = [one.measured for one in methods if one.measured is not None]
+    column, at = headline_first(measured)[0], methods.index(own)
+    ranked = rank(measured, column)
+    first, last = ranked.ranges[at].tolist()
+    others = [n for n in range(len(methods)) if n != at and not ranked.apart[at, n]]
+    standing = Standing(
+        score=column.title,
+        first=first,
+        last=last,
+        methods=len(methods),
+        alike=tuple(sorted(methods[n].method for n in others)),
     )
+    return {"rows": tuple(_rows(own)), "standing": standing}
 
 
-def _refused(
-    pull: PullRequest,
-    found: Touched | None,
-    faults: Sequence[UserError],
-    work: Path,
-    **more: Any,
-) -> Artifact:
-    for fault in faults:
-        if isinstance(fault, _OF_BOARD):
-            raise fault
-    problems = tuple(problem_of(fault, work) for fault in faults)
-    return _artifact(pull, "refused", found, problems=problems, **more)
+def _rows(own: Entry) -> Iterator[SceneScores]:
+    measured, before = own.measured, own.older[0].measured if own.older else None
+    assert measured is not None
+    comparable = before is not None and before.measures == measured.measures
+    parts = {one["id"]: (one["title"], one["queries"]) for one in measured.scenes}
+    every = ("average", sum(queries for _, queries in parts.values()))
+    for scene, (title, queries) in (parts | {OVERALL: every}).items():
+        scores = {}
+        for column in measured.score_columns:
+            numbers = measured.scores[scene].get(column.key)
+            if column.headline and numbers is not None:
+                last = (
+                    before.scores[scene].get(column.key, [None])
+                    if comparable and before
+                    else [None]
+                )
+                every_one = (*numbers[:3], last[0])
+                finite = (v if v is not None and math.isfinite(v) else None for v in every_one)
+                scores[column.key] = tuple(finite)
+        yield SceneScores(title=title, queries=queries, scores=scores)
 
 
 # --- a sealed truth ---
@@ -263,17 +323,16 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
     """Score a submission that an earlier job has checked, with the key and without network."""
     others = [name for _, name in socket.if_nameindex() if name != "lo"]
     if others:
-        raise UsageError(
-            f"a sealed truth is not opened while there is a network ({', '.join(others)})",
-            fix="run it by `unshare --net`, as the workflow does",
-        )
+        what = f"a sealed truth is not opened while there is a network ({', '.join(others)})"
+        raise UsageError(what, fix="run it by `unshare --net`, as the workflow does")
     place = artifact.place
     archive = rules.board.archive(place.benchmark)
     if artifact.kind != "sealed" or archive is None:
         raise SubmissionError("the truth of this benchmark is not sealed", where=place.path)
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked = rules.check(work / place.path)
+    folder = work / place.path
+    checked = check_submission(folder, rules.board, rules.data, known={}, run=rules.run)
     for error in checked.errors:
         raise error
     given = checked.submission
@@ -292,8 +351,8 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
             stated=given,
         )
     except OpenedTruthError as error:
-        problem = problem_of(error).model_copy(update={"where": place.path})
-        update = {"kind": "refused", "problems": (problem,), "truth": "opened"}
+        error.where = place.path
+        update = {"kind": "refused", "problems": (str(error),), "truth": "opened"}
         return artifact.model_copy(update=update)
     return artifact.model_copy(update={"answer": answer, "truth": answer.truth_commitment})
 
@@ -304,50 +363,42 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
 def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, str | UserError]]:
     """Score all submissions on the board's branch without a run that counts.
 
-    A run counts while the submission's files, the protocol and the truth are those of today.
-    Against a sealed truth nothing is scored here: the answer from before the merge is the run. Of a
-    submission that has no score, the error is yielded, and left for the board to show.
+    A run counts while the submission's files, the protocol and the truth are those of today; where
+    only its words have changed, its scores do. Against a sealed truth nothing is scored here: the
+    answer from before the merge is the run. The error of a submission without a
+    score is yielded, and left for the board to show.
     """
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         repository = Repository.create(work / "board.git", remote)
-        repository.fetch({f"refs/heads/{rules.branch}": BASE}, blobs=False, depth=1)
-        merged = _Merged(
-            repository,
-            DataBranch(work / "data.git", remote),
-            rules,
-            work,
-            out,
-            repository.resolve(BASE) or "",
-            time.monotonic() + _FETCHING_S,
-        )
+        repository.fetch({f"refs/heads/{rules.board.branch}": BASE}, blobs=False, depth=1)
+        branch = DataBranch(work / "data.git", remote)
+        commit = repository.resolve(BASE) or ""
+        until = time.monotonic() + _FETCHING_S
+        merged = _Merged(repository, branch, rules, work, out, commit, until)
         (out / "runs").mkdir(parents=True, exist_ok=True)
-        found = [*submitted(repository, [one.name for one in rules.board.benchmarks])]
-        places = [one for one in found if isinstance(one, Place)]
-        for one in found:
-            if isinstance(one, Place):
-                merged.branch.export(one, out)
-            else:
-                rules.note(one)
+        places, others = find_merged(repository, [one.name for one in rules.board.benchmarks])
+        for other in others:
+            rules.note(other)
         for place in places:
+            branch.export(place, out)
+        for place, tree in places.items():
             try:
-                said = merged.score(place)
+                if said := merged.score(place, tree):
+                    yield place, said
             except UserError as fault:
                 if isinstance(fault, _OF_BOARD):
                     raise
-                runs = out / Path("runs", *place.path.split("/")[1:])
+                runs = out / place.runs
                 runs.mkdir(parents=True, exist_ok=True)
                 why = str(fault).replace("\n", " ")
                 (runs / FAULT_FILE).write_text(f"{why}\n", encoding="utf-8")
                 yield place, fault
-            else:
-                if said:
-                    yield place, said
 
 
 @dataclass(frozen=True)
 class _Merged:
-    """The board's branch, and where runs are written."""
+    """The board's branch, and the folder of runs."""
 
     repository: Repository
     branch: DataBranch
@@ -356,62 +407,81 @@ class _Merged:
     out: Path
     commit: str
     until: float
+    truths: dict[str, str] = field(default_factory=dict)
 
-    def score(self, place: Place) -> str:
+    def score(self, place: Place, tree: str) -> str:
         """Write a run if none counts, and return a sentence on what was done."""
-        tree = self.repository.resolve(f"{self.commit}:{place.path}") or ""
         sealed = bool(self.rules.board.archive(place.benchmark))
-        last, why = newest_run(self.out, place), ""
-        if last is not None and read_run(last / RUN_FILE).tree == tree:
-            measured = measure_of(last)
-            now = measure_now(measured.protocol, self.rules.data, sealed=sealed)
-            why = measured.outdated(now)
-            if not why:
-                return ""
-            if sealed:
-                return f"not scored again: {why}; a new commit of the submission is a try at it"
-        checked = self._checked(place)
-        assert checked.submission is not None  # without errors it was read
-        run, claimed = next_run(self.out, place), None
+        last = next(iter(run_folders(self.out / place.runs)), None)
+        why = "" if last is None else self._outdated(last, sealed=sealed)
+        if last is not None and read_run(last).tree == tree and (sealed or not why):
+            return why and f"not scored again: {why}; a new commit of the submission is a try at it"
+        if faults := read_files(self.repository, self.commit, place, self.rules.board, self.work):
+            raise faults[0]
+        checked = self._check(place, 0.0)
+        given, run = _stated(checked), _next_run(self.out / place.runs)
         if sealed:
-            answer = self._answer(place, tree)
+            answer = self._read_answer(place, tree)
             run.mkdir(parents=True)
             (run / ANSWER_FILE).write_bytes(answer)
+        elif last is not None and not why and _has_same_predictions(last, given):
+            if error := check_pipeline(given, read_result(last / RESULT_FILE)):
+                raise error
+            shutil.copytree(last, run)
         else:
-            found = rescore(checked, data=self.rules.data, run=self.rules.run)
-            if found.errors and found.agrees is None:
-                raise found.errors[0]
-            save(found.evaluation, run)
-            if found.agrees is not None:
-                claimed = Claimed(agrees=found.agrees, lines=found.lines)
-        write_facts(run, checked.submission, self.commit, tree, claimed)
+            if checked.predictions is None:
+                checked = self._check(place, max(self.until - time.monotonic(), 1.0) / 2)
+            scored, _, errors = score_submission(checked, self.rules.data, self.rules.run)
+            if errors and checked.claimed is None:
+                raise errors[0]
+            save(scored, run)
+        write_facts(run, given, self.commit, tree)
         return f"scored again: {why}" if why else "scored"
 
-    def _checked(self, place: Place) -> CheckedSubmission:
+    def _check(self, place: Place, seconds: float) -> CheckedSubmission:
         """Check a submission once more, beside those that were scored before it."""
-        faults = read_files(self.repository, self.commit, place, self.rules.board, self.work)
-        if faults:
-            raise faults[0]
-        earlier = [
-            one
-            for one in known_submissions(self.rules.root)
-            if one.place != place and newest_run(self.out, one.place)
-        ]
-        for one in earlier:
-            if one.place.path.casefold() == place.path.casefold():
-                raise SubmissionError(
-                    f"differs from the folder {one.place.folder} of the board only in case",
-                    where=place.path,
-                    fix="choose another name",
-                )
-        left = max(self.until - time.monotonic(), 1.0) / 2
-        folder = self.work / place.path
-        checked = self.rules.check(folder, known=earlier, fetched=True, seconds=left)
+        earlier = {
+            at: one
+            for at, one in known_submissions(self.rules.root).items()
+            if at != place and run_folders(self.out / at.runs)
+        }
+        if twin := next(
+            (at for at in earlier if at.path.casefold() == place.path.casefold()), None
+        ):
+            what = f"differs from the folder {twin.folder} of the board only in case"
+            raise SubmissionError(what, where=place.path, fix="choose another name")
+        folder, board, data = self.work / place.path, self.rules.board, self.rules.data
+        checked = check_submission(
+            folder, board, data, known=earlier, seconds=seconds, run=self.rules.run
+        )
         for error in checked.errors:
             raise SubmissionError(error.what, where=place.path, fix=error.fix)
         return checked
 
-    def _answer(self, place: Place, tree: str) -> bytes:
+    def _outdated(self, run: Path, *, sealed: bool) -> str:
+        """Say what has been replaced since a run; nothing where its scores are comparable."""
+        if (run / ANSWER_FILE).is_file():
+            answer = read_answer(run)
+            name, version = answer.protocol, answer.protocol_version
+            marks = answer.protocol_fingerprint, answer.truth_commitment
+        else:
+            result = read_result(run / RESULT_FILE)
+            name, version = result.protocol.name, result.protocol.version
+            marks = result.protocol.fingerprint, result.truth.fingerprint
+        protocol = find_protocol(name, self.rules.data)
+        if version != protocol.version:
+            return f"protocol v{version}, now v{protocol.version}"
+        if marks[0] != protocol.fingerprint:
+            return "other settings of the protocol"
+        if name not in self.truths:
+            self.truths[name] = (
+                _commitment(protocol.benchmark, self.rules.data)
+                if sealed
+                else truth_fingerprint(read_truths(protocol, self.rules.data)[1])
+            )
+        return "" if marks[1] == self.truths[name] else "another truth"
+
+    def _read_answer(self, place: Place, tree: str) -> bytes:
         """Return the answer that was given before the merge, to the same files."""
         content = self.branch.read(answer_path(tree))
         if content is None:
@@ -421,12 +491,28 @@ class _Merged:
                 fix="revert the merge; merge with `gh pr merge --match-head-commit` after the "
                 "comment has the scores",
             )
-        answer = SealedAnswer.model_validate_json(content)
-        public = find_benchmark(place.benchmark, self.rules.data, sealed=True).file.sealed
-        if public is None or answer.truth_commitment != public.commitment:
-            raise SubmissionError(
-                "these files were scored against an earlier truth, not the one that is sealed now",
-                where=place.path,
-                fix="let a new commit of the submission be scored",
-            )
+        truth = SealedAnswer.model_validate_json(content).truth_commitment
+        if truth != _commitment(place.benchmark, self.rules.data):
+            what = "these files were scored against an earlier truth, not the one sealed now"
+            raise SubmissionError(what, where=place.path, fix="let a new commit of it be scored")
         return content
+
+
+def _stated(checked: CheckedSubmission) -> Submission:
+    assert checked.submission is not None  # without errors it was read
+    return checked.submission
+
+
+def _commitment(benchmark: str, data: Path) -> str:
+    public = find_benchmark(benchmark, data, sealed=True).file.sealed
+    return "" if public is None else public.commitment
+
+
+def _has_same_predictions(run: Path, given: Submission) -> bool:
+    """Whether a run has the scores of a submission: the same predictions, read alike."""
+    before = read_submission(run / SUBMISSION_FILE, public=True)
+    one, two = (
+        (s.method, s.protocol, s.predictions.sha256, s.predictions.reader, s.predictions.names)
+        for s in (before, given)
+    )
+    return one == two and given.predictions.names is None  # a list has no hash

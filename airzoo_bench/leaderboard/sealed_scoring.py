@@ -40,15 +40,27 @@ from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.leaderboard.answer import Estimate, SealedAnswer
-from airzoo_bench.leaderboard.keys import load_pyrage
-from airzoo_bench.leaderboard.rescoring import pipeline_errors
-from airzoo_bench.leaderboard.sealing import MANIFEST, Contents, SealedFile, commitment
+from airzoo_bench.leaderboard.checks import check_pipeline
+from airzoo_bench.leaderboard.data_branch import Estimate, SealedAnswer
+from airzoo_bench.leaderboard.sealing import (
+    MANIFEST,
+    Contents,
+    SealedFile,
+    commitment,
+    load_pyrage,
+)
 from airzoo_bench.leaderboard.submission import Submission
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.results.result import ScoreColumn
 
-__all__ = ["FLIPS", "OpenedTruthError", "opened_truth", "score_sealed", "told", "told_overall"]
+__all__ = [
+    "FLIPS",
+    "OpenedTruthError",
+    "opened_truth",
+    "round_overall",
+    "round_score",
+    "score_sealed",
+]
 
 FLIPS = 4
 """Steps are at least as large as what so many queries of the smallest scene can move a share."""
@@ -94,12 +106,8 @@ def score_sealed(
                 where=predictions,
                 fix="ask the host, who has the truth and can score it by `airzoo-bench eval`",
             ) from None
-        for error in () if stated is None else pipeline_errors(stated, evaluation.result):
+        if stated is not None and (error := check_pipeline(stated, evaluation.result)):
             raise OpenedTruthError(error.what, expected=error.expected, fix=error.fix)
-    return _answer(evaluation, public)
-
-
-def _answer(evaluation: Evaluation, public: Benchmark) -> SealedAnswer:
     result, sealed = evaluation.result, public.file.sealed
     columns = tuple(column for column in result.columns if column.headline)
     return SealedAnswer(
@@ -115,7 +123,7 @@ def _answer(evaluation: Evaluation, public: Benchmark) -> SealedAnswer:
         columns=columns,
         queries={scene: counts["queries"] for scene, counts in result.counts.items()},
         scene_titles=result.truth.scene_titles,
-        overall=told_overall(evaluation, columns),
+        overall=round_overall(evaluation, columns),
         versions=result.versions,
     )
 
@@ -123,7 +131,7 @@ def _answer(evaluation: Evaluation, public: Benchmark) -> SealedAnswer:
 # --- how coarse ---
 
 
-def told_overall(evaluation: Evaluation, columns: Sequence[ScoreColumn]) -> dict[str, Estimate]:
+def round_overall(evaluation: Evaluation, columns: Sequence[ScoreColumn]) -> dict[str, Estimate]:
     """Round the scores over all scenes."""
     result, records = evaluation.result, evaluation.records
     of_scene = records["scene"].to_numpy(str)
@@ -131,14 +139,14 @@ def told_overall(evaluation: Evaluation, columns: Sequence[ScoreColumn]) -> dict
     for column in columns:
         values = records[column.key].to_numpy(np.float64)
         if TRACKS.get(result.track).unit == "scene":
-            found[column.key] = _told_scenes(result.overall[column.key], values, column)
+            found[column.key] = _round_scenes(result.overall[column.key], values, column)
         else:
             scenes = [values[of_scene == scene] for scene in result.scenes]
-            found[column.key] = told(result.overall[column.key], scenes, column)
+            found[column.key] = round_score(result.overall[column.key], scenes, column)
     return found
 
 
-def told(value: float, scenes: Sequence[Floats], column: ScoreColumn) -> Estimate:
+def round_score(value: float, scenes: Sequence[Floats], column: ScoreColumn) -> Estimate:
     """Round the mean over scenes of a score, made of the values of their queries."""
     if math.isinf(value):
         return Estimate(value=None, standard_error=None)
@@ -179,7 +187,7 @@ def _spread(values: Floats, column: ScoreColumn) -> tuple[float | None, float]:
     return error, error
 
 
-def _told_scenes(value: float, values: Floats, column: ScoreColumn) -> Estimate:
+def _round_scenes(value: float, values: Floats, column: ScoreColumn) -> Estimate:
     """Round a score that has one record a scene."""
     if math.isinf(value):
         return Estimate(value=None, standard_error=None)
@@ -249,20 +257,29 @@ def _truth_home() -> Path:
 def _extract(archive: Path, key: Any, committed: str, target: Path) -> Contents:
     """Write the sealed files of an archive, each held to its checksum."""
     if not archive.is_file():
-        expected = "what `airzoo-bench seal` wrote"
-        raise BenchmarkError("no such archive", where=archive, expected=expected)
+        raise _wrong_archive(archive, "no such archive")
     with tempfile.TemporaryFile(dir=target) as plain:
         _decrypt(archive, key, plain)
         try:
             with tarfile.open(fileobj=plain, mode="r:") as tar:
-                contents = _contents(tar, archive, committed)
+                member = tar.extractfile(MANIFEST)
+                contents = Contents.model_validate_json(member.read() if member else b"")
+                if commitment(contents) != committed:
+                    raise _wrong_archive(archive, "belongs to another public folder")
                 for name, file in contents.files.items():
                     if file.how == "sealed":
                         _write(tar, name, file, target, archive)
         except (tarfile.TarError, KeyError) as error:
-            what = f"lacks a file of the truth: {error}"
-            raise BenchmarkError(what, where=archive, fix="copy the archive again") from None
+            raise _wrong_archive(archive, f"lacks a file of the truth: {error}") from None
+        except ValidationError as error:
+            what = f"an archive of another version: {error.errors()[0]['msg']}"
+            raise _wrong_archive(archive, what) from None
     return contents
+
+
+def _wrong_archive(archive: Path, what: str) -> BenchmarkError:
+    expected = "the archive, and its key, of the run of `airzoo-bench seal` that made the folder"
+    return BenchmarkError(what, where=archive, expected=expected, fix="copy the archive again")
 
 
 def _decrypt(archive: Path, key: Any, plain: IO[bytes]) -> None:
@@ -274,32 +291,10 @@ def _decrypt(archive: Path, key: Any, plain: IO[bytes]) -> None:
         if isinstance(error, OSError) and error.errno:  # the disk, not the archive
             raise
         no_key = "No matching keys" in str(error)
-        raise BenchmarkError(
-            "was sealed to another key, or its head is damaged"
-            if no_key
-            else "is damaged, cut off, or no archive of age",
-            where=archive,
-            expected="what `airzoo-bench seal` wrote, and its key",
-            fix="give the key that it was sealed to" if no_key else "copy the archive again",
-        ) from None
+        what = "is damaged, cut off, or no archive of age"
+        what = "was sealed to another key, or its head is damaged" if no_key else what
+        raise _wrong_archive(archive, what) from None
     plain.seek(0)
-
-
-def _contents(tar: tarfile.TarFile, archive: Path, committed: str) -> Contents:
-    member = tar.extractfile(MANIFEST)
-    try:
-        contents = Contents.model_validate_json(member.read() if member else b"")
-    except ValidationError as error:
-        what = f"an archive of another version: {error.errors()[0]['msg']}"
-        raise BenchmarkError(what, where=archive) from None
-    if commitment(contents) != committed:
-        raise BenchmarkError(
-            "belongs to another public folder",
-            where=archive,
-            expected=f"the archive of commitment {committed[:12]}…",
-            fix="take the public folder and the archive of one run of `seal`",
-        )
-    return contents
 
 
 def _write(tar: tarfile.TarFile, name: str, file: SealedFile, target: Path, archive: Path) -> None:
@@ -312,5 +307,4 @@ def _write(tar: tarfile.TarFile, name: str, file: SealedFile, target: Path, arch
             digest.update(piece)
             stream.write(piece)
     if digest.hexdigest() != file.sha256:
-        what = f"holds {name} otherwise than it was sealed"
-        raise BenchmarkError(what, where=archive, fix="copy the archive again")
+        raise _wrong_archive(archive, f"holds {name} otherwise than it was sealed")

@@ -1,14 +1,15 @@
 """Sealing a benchmark folder: a public folder without the truth, and an archive with it.
 
-Public is what an allow list names, of tables their known columns; everything else is sealed. The
-archive is a tar in age: a manifest with a salt and the checksum of every file, then the files that
-are not public as they were.
+Public is an allow list, of tables their known columns; everything else is sealed. The archive is a
+tar in age: a manifest with a salt and the checksum of every file, then the files that are not
+public as they were.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import importlib
 import io
 import os
 import secrets
@@ -38,23 +39,37 @@ from airzoo_bench.core.files import (
     canonical_json,
     check_new_folder,
     check_output_file,
+    read_text,
     sha256_of,
 )
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.geometry.raster_files import raster_files
-from airzoo_bench.leaderboard.keys import load_pyrage
 from airzoo_bench.leaderboard.photos import write_bare_photo
 from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
 
-__all__ = ["MANIFEST", "Contents", "SealedFile", "commitment", "public_files", "seal"]
+__all__ = [
+    "KEY_VARIABLE",
+    "MANIFEST",
+    "Contents",
+    "SealedFile",
+    "commitment",
+    "load_pyrage",
+    "public_files",
+    "read_key",
+    "recipient",
+    "seal",
+]
 
+KEY_VARIABLE = "AIRZOO_BENCH_KEY"
+"""The variable of the environment that holds a key."""
 MANIFEST = "manifest.json"
 """The first member of an archive; the files of the folder stand below `files/`."""
 
+_SECRET, _PUBLIC = "AGE-SECRET-KEY-1", "age1"
 _GRID = ("x", "y", "width", "height")
 _TRANSFORM = (*"abcdef", "crs")
 _TILES = (
@@ -79,6 +94,59 @@ _TIME = 315_532_800  # 1980-01-01: that of files on the host's disk tells when a
 _SAME_M, _SAME_ROTATION = 1e-3, 1e-6
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+# --- keys: X25519, in files as age-keygen writes them ---
+
+
+def load_pyrage() -> Any:
+    """Import pyrage and return the module."""
+    try:
+        return importlib.import_module("pyrage")
+    except ImportError:
+        fix = "pip install 'airzoo-bench[leaderboard]'"
+        raise UsageError("sealed truth needs pyrage, which is not installed", fix=fix) from None
+
+
+def read_key(file: Path | None = None) -> Any:
+    """Read the key that opens an archive, from a file or from the environment."""
+    text = read_text(file, UsageError, "key file") if file else os.environ.get(KEY_VARIABLE)
+    if text is None:
+        fix = f"give its file by --key, or put it in ${KEY_VARIABLE}"
+        raise UsageError("there is no key to open the archive with", fix=fix)
+    lines = [line.strip() for line in text.splitlines()]
+    found = [line for line in lines if line.startswith(_SECRET)]
+    pyrage = load_pyrage()
+    try:
+        [line] = found
+        return pyrage.x25519.Identity.from_str(line)
+    except (ValueError, pyrage.IdentityError):
+        # Neither the key nor the library's words on it are repeated.
+        raise UsageError(
+            f"holds {len(found)} keys" if len(found) != 1 else "holds a key that is damaged",
+            where=file or f"${KEY_VARIABLE}",
+            expected=f"one line that begins with {_SECRET}, as age-keygen writes it",
+        ) from None
+
+
+def recipient(text: str) -> Any:
+    """Return the public key that an archive is sealed to."""
+    pyrage = load_pyrage()
+    try:
+        return pyrage.x25519.Recipient.from_str(text.strip())
+    except pyrage.RecipientError:
+        is_secret = text.strip().upper().startswith(_SECRET)
+        raise UsageError(
+            "this is the secret key, which now stands in the shell's history"
+            if is_secret
+            else f"no recipient: {text[:80]!r}",
+            where="--to",
+            expected=f"a public key as age-keygen prints it, which begins with {_PUBLIC}",
+            fix="make another key, and give the public one" if is_secret else None,
+        ) from None
+
+
+# --- the archive ---
 
 
 def _inside(name: str) -> str:
@@ -130,7 +198,7 @@ def seal(
     if benchmark.is_sealed:
         fix = "seal the folder that it was made of"
         raise UsageError("is sealed already", where=folder, fix=fix)
-    _refuse_told(benchmark)
+    _refuse_known_truth(benchmark)
     given = public_files(benchmark)
     names = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir())
     with atomic_entries(archive.parent, (public.name, archive.name)) as staged:
@@ -140,31 +208,29 @@ def seal(
             for name in progress(names, "files", len(names))
         }
         contents = Contents(format=1, salt=salt or secrets.token_hex(32), files=files)
-        committed = commitment(contents)
-        _write_benchmark(benchmark, target, committed)
+        tracks = tuple(benchmark.file.tracks)
+        update = {
+            "scenes": tuple(_public_entry(scene, tracks) for scene in benchmark.file.scenes),
+            "checksums": {},
+            "sealed": SealedTruth(commitment=commitment(contents)),
+        }
+        write_benchmark_file(target, benchmark.file.model_copy(update=update))
         for path in sorted((target / "protocols").glob("*.toml")):  # as submitters read it
             read_truths(load_protocol(path), target, sealed=True)
         _write_archive(folder, contents, staged / archive.name, to)
         for path in (*target.rglob("*"), target):
             os.utime(path, (_TIME, _TIME))
-    return committed, Counter(file.how for file in files.values())
+    return commitment(contents), Counter(file.how for file in files.values())
 
 
 def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -> None:
     source, out, file = (path.resolve() for path in (folder, public, archive))
     if not (folder / "benchmark.toml").is_file():
-        raise UsageError(
-            "no benchmark folder here",
-            where=folder,
-            expected="a folder with benchmark.toml, as `airzoo-bench prepare` writes it",
-            fix="give its path: what is sealed is not looked for in the data root",
-        )
+        fix = "give its path: a folder to seal is not looked for in the data root"
+        raise UsageError("no benchmark folder here", where=folder, fix=fix)
     if out.parent != file.parent:
-        raise UsageError(
-            f"{public} and {archive} lie in two folders",
-            where="--out, --archive",
-            expected="both in one folder, so that they appear in one step",
-        )
+        what = f"{public} and {archive} lie in two folders, and cannot appear in one step"
+        raise UsageError(what, where="--out, --archive", expected="both in one folder")
     if source in (out, *out.parents) or out in source.parents:
         raise UsageError("lies in the folder that is sealed, or around it", where=public)
     check_new_folder(public, replace=replace)
@@ -174,15 +240,13 @@ def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -
         raise UsageError("the archive exists already", where=archive, fix=fix)
 
 
-def _refuse_told(benchmark: Benchmark) -> None:
+def _refuse_known_truth(benchmark: Benchmark) -> None:
     """Refuse a benchmark whose public parts are the truth by themselves."""
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source", "metadata")
     if prior != "metadata":
-        raise BenchmarkError(
-            f"its methods are given the truth: prior.source is {prior!r}",
-            where=benchmark.folder,
-            expected="priors from metadata, where poses are to be sealed",
-        )
+        what = f"its methods are given the truth: prior.source is {prior!r}"
+        expected = "priors from metadata, where poses are to be sealed"
+        raise BenchmarkError(what, where=benchmark.folder, expected=expected)
     columns = (*POSE_COLUMNS, *PRIOR_COLUMNS)
     for scene in benchmark.file.scenes:
         path = benchmark.scene_folder(scene.id) / "queries.csv"
@@ -193,21 +257,18 @@ def _refuse_told(benchmark: Benchmark) -> None:
         near = np.linalg.norm(pose[:, 4:] - given[:, 4:], axis=1) < _SAME_M
         near &= np.abs((pose[:, :4] * given[:, :4]).sum(axis=1)) > 1 - _SAME_ROTATION
         if near.any():
-            raise BenchmarkError(
-                f"priors equal the true pose: {first_of(photos['id'][near], len(photos))}",
-                where=path,
-                expected="priors that are measured apart from the truth",
-            )
+            what = f"priors equal the true pose: {first_of(photos['id'][near], len(photos))}"
+            raise BenchmarkError(what, where=path, expected="priors measured apart from the truth")
 
 
-# --- what is public ---
+# --- the public folder ---
 
 
 def public_files(benchmark: Benchmark) -> dict[str, tuple[str, ...]]:
     """Name the public files of a folder except benchmark.toml, which is written anew.
 
     By path below the folder stand the public columns of a table; a photo, which loses its metadata,
-    has `("photo",)`, and what is copied has nothing.
+    has `("photo",)`, and a copy has nothing.
     """
     folder = benchmark.folder
     found = dict.fromkeys(sorted((folder / "protocols").glob("*.toml")), _COPY)
@@ -258,12 +319,9 @@ def _refuse_outside(benchmark: Benchmark, scene: SceneFile) -> None:
     places = (scene.images, scene.dom, scene.dsm, scene.gallery, scene.maps, scene.cloud)
     for place in (PurePosixPath(one) for one in places if one is not None):
         if place.is_absolute() or ".." in place.parts:
-            raise BenchmarkError(
-                f"scene {scene.id} has data outside the folder: {place}",
-                where=benchmark.folder,
-                expected="photos, maps and clouds in the folder, so that it can be given away",
-                fix="prepare it again with --copy",
-            )
+            what = f"scene {scene.id} has data outside the folder: {place}"
+            fix = "prepare it again with --copy"
+            raise BenchmarkError(what, where=benchmark.folder, fix=fix)
 
 
 def _below(folder: Path, path: Path) -> str:
@@ -293,42 +351,28 @@ def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFi
     else:
         place.write_bytes(_public_table(source, how))
     same = sha256_of(place) == digest
-    return SealedFile(
-        sha256=digest, size=size, how="public" if same else "cut" if how == _PHOTO else "sealed"
-    )
+    kind: Any = "public" if same else "cut" if how == _PHOTO else "sealed"
+    return SealedFile(sha256=digest, size=size, how=kind)
 
 
 def _public_table(path: Path, columns: Sequence[str]) -> bytes:
     """Return a table with its public columns alone, in the order of its ids, digits as they are."""
-    out = io.BytesIO()
     if path.suffix == ".parquet":
         table = read_table(path, ("id",))
         public = table[[name for name in table.columns if name in columns]].sort_values("id")
-        public.attrs = {}
+        public.attrs, out = {}, io.BytesIO()
         public.to_parquet(out, index=False)
         return out.getvalue()
     with path.open(encoding="utf-8-sig", newline="") as stream:
         head, *rows = list(csv.reader(stream)) or [[]]
     if "id" not in head or any(len(row) != len(head) for row in rows):
         raise BenchmarkError("a table without ids, or with rows of other lengths", where=path)
-    kept, first = [n for n, name in enumerate(head) if name in columns], head.index("id")
-    with io.TextIOWrapper(out, "utf-8", newline="") as text:
-        ordered = [head, *sorted(rows, key=lambda row: row[first])]
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerows([row[place] for place in kept] for row in ordered)
-        text.flush()
-        return out.getvalue()
-
-
-def _write_benchmark(benchmark: Benchmark, target: Path, committed: str) -> None:
-    tracks = tuple(benchmark.file.tracks)
-    scenes = tuple(_public_entry(scene, tracks) for scene in benchmark.file.scenes)
-    update = {
-        "scenes": scenes,
-        "checksums": {},
-        "sealed": SealedTruth(commitment=committed),
-    }
-    write_benchmark_file(target, benchmark.file.model_copy(update=update))
+    places, first = [n for n, name in enumerate(head) if name in columns], head.index("id")
+    text = io.StringIO(newline="")
+    ordered = [head, *sorted(rows, key=lambda row: row[first])]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([row[place] for place in places] for row in ordered)
+    return text.getvalue().encode()
 
 
 def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> None:

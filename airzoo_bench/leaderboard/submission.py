@@ -6,13 +6,11 @@ import datetime
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import tomli_w
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import core_schema
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.validation import Name, Positive, Strict, nearest, read_toml, validated
@@ -23,12 +21,8 @@ __all__ = [
     "SCHEMA_LINE",
     "SUBMISSION_FILE",
     "Account",
-    "Cost",
     "Pipeline",
-    "PredictionsGiven",
-    "PublicSubmission",
     "Submission",
-    "read_public_submission",
     "read_submission",
     "schema_text",
     "submission_text",
@@ -92,7 +86,6 @@ Bibtex = Annotated[
     Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000),
     AfterValidator(_entry),
 ]
-P = TypeVar("P", bound="PublicSubmission")
 
 
 def _key(what: str, example: Any, default: Any = ..., **more: Any) -> Any:
@@ -171,8 +164,13 @@ class Cost(Strict):
     memory_gb: Positive | None = _key("The most memory of the accelerator that it took.", 7.5, None)
 
 
-class PublicSubmission(Strict):
-    """All that a board keeps and shows of a submission: everything except the contact."""
+class Submission(Strict):
+    """A method's predictions for one protocol, and all that a reader of the board may ask.
+
+    A board keeps it without the contact.
+    """
+
+    model_config = ConfigDict(json_schema_extra=lambda schema: schema["required"].append("contact"))
 
     schema_version: Literal[1] = _key("Version of this format.", 1, alias="schema")
     protocol: Name = _key(
@@ -238,39 +236,29 @@ class PublicSubmission(Strict):
         "salad-2025",
         None,
     )
-
-
-class Submission(PublicSubmission):
-    """A method's predictions for one protocol, and all that a reader of the board may ask."""
-
-    contact: Contact = _key(
+    contact: Contact | None = _key(
         "Where the maintainers reach you; it is shown on no page, but this file is as public as "
         "its repository.",
         "first.last@example.org",
+        None,
     )
 
-    def public(self) -> PublicSubmission:
+    def public(self) -> Submission:
         """Return the same without the contact."""
-        values = {name: getattr(self, name) for name in PublicSubmission.model_fields}
-        return PublicSubmission.model_construct(**values)
+        return self.model_copy(update={"contact": None})
 
 
-def read_submission(path: Path) -> Submission:
-    """Read a submission.toml."""
-    return _read(path, Submission)
-
-
-def read_public_submission(path: Path) -> PublicSubmission:
-    """Read the submission.toml of a run, which has no contact."""
-    return _read(path, PublicSubmission)
-
-
-def _read(path: Path, model: type[P]) -> P:
+def read_submission(path: Path, *, public: bool = False) -> Submission:
+    """Read a submission.toml; one that a board keeps is `public`, and has no contact."""
     data = read_toml(path, SubmissionError, "submission file", _LIMIT_BYTES)
-    return validated(data, model, SubmissionError, path, "submission file")
+    found = validated(data, Submission, SubmissionError, path, "submission file")
+    if found.contact is None and not public:
+        example = 'such as contact = "first.last@example.org"'
+        raise SubmissionError("key 'contact' is missing", where=path, expected=example)
+    return found
 
 
-def submission_text(submission: PublicSubmission) -> str:
+def submission_text(submission: Submission) -> str:
     """Return the file that states a submission."""
     values: dict[str, Any] = submission.model_dump(by_alias=True, exclude_none=True)
     # Keys after the head of a table would belong to that table.
@@ -278,39 +266,11 @@ def submission_text(submission: PublicSubmission) -> str:
     return f"{SCHEMA_LINE}\n\n{tomli_w.dumps(plain_first)}"
 
 
-class _TomlSchema(GenerateJsonSchema):
-    """TOML has no null: a key that may be missing is only left out."""
-
-    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
-        """Return the schema of the value itself."""
-        return self.generate_inner(schema["schema"])
-
-    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        """Leave out a default of none."""
-        found = super().default_schema(schema)
-        return {k: v for k, v in found.items() if (k, v) != ("default", None)}
-
-
 def schema_text() -> str:
     """Return the file docs/submission.schema.json."""
-    made = Submission.model_json_schema(by_alias=True, schema_generator=_TomlSchema)
-    whole = {
+    made = Submission.model_json_schema(by_alias=True) | {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **_untitled(made),
         "title": "submission.toml",
         "description": "A submission to a leaderboard of airzoo-bench: docs/submission.md.",
     }
-    return json.dumps(whole, indent=2, ensure_ascii=False) + "\n"
-
-
-def _untitled(value: Any, *, names: bool = False) -> Any:
-    """Drop titles made of keys, which editors would show instead of the descriptions."""
-    if isinstance(value, list):
-        return [_untitled(one) for one in value]
-    if not isinstance(value, dict):
-        return value
-    return {
-        key: _untitled(one, names=key in ("properties", "$defs"))
-        for key, one in value.items()
-        if names or key != "title"
-    }
+    return json.dumps(made, indent=2, ensure_ascii=False) + "\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import hashlib
 import re
 import shutil
 import subprocess
@@ -34,7 +35,7 @@ from airzoo_bench.protocol.lookup import find_protocol
 __all__ = [
     "QUESTIONS",
     "Files",
-    "answered",
+    "ask_missing",
     "find_place",
     "gh_account",
     "open_pull_request",
@@ -68,21 +69,20 @@ class Files:
 
 def protocol_of(files: Files, data: Path) -> str | None:
     """Return the protocol that predictions name, None where they name none."""
-    for path in (files.predictions, files.names, files.claimed and _result_of(files.claimed)):
+    for path in (files.predictions, files.names, files.claimed):
         if path is not None and not path.exists():
             raise UsageError("no such file or folder", where=path)
     try:
         read_by = ReadBy(files.reader, files.names)
-        given = open_predictions(files.predictions, data=data, read_by=read_by)
+        return open_predictions(files.predictions, data=data, read_by=read_by).protocol.name
     except UserError:
         return None
-    return given.protocol.name
 
 
 # --- questions ---
 
 
-def answered(
+def ask_missing(
     given: dict[str, Any], more: Sequence[str], protocols: Sequence[str]
 ) -> dict[str, Any]:
     """Return the keys of submission.toml, once the missing ones of `QUESTIONS` were asked for.
@@ -98,42 +98,41 @@ def answered(
             expected="; ".join(f"{names[key]}: {_field(key).description}" for key in missing),
             fix="add these options, or call it on a terminal, where it asks",
         )
-    values = given | {key: _ask(key, _choices(key, protocols)) for key in missing}
+    values = given | {key: _ask(key, protocols) for key in missing}
     for key in _LISTS:
         values[key] = [] if list(values[key]) == ["none"] else list(values[key])
-    uses = values.pop("uses", None) or []
-    values["pipeline"] = {"stages": values.pop("stages"), "uses": uses}
+    values["pipeline"] = {"stages": values.pop("stages")}
     values["date"] = datetime.datetime.now(datetime.UTC).date()
     for text in more:
-        _set(values, text)
+        name, equals, value = text.partition("=")
+        if not equals or not re.fullmatch(r"[a-z_]+(\.[a-z_]+)?", name):
+            what = f"--set {text!r} is no key with a value"
+            raise UsageError(what, expected="such as code=https://...")
+        table, _, key = name.rpartition(".")
+        (values.setdefault(table, {}) if table else values)[key] = _toml(value)
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _set(values: dict[str, Any], text: str) -> None:
-    """Set a key by ``key=value``; the value is TOML, or else a text."""
-    name, equals, value = text.partition("=")
-    if not equals or not re.fullmatch(r"[a-z_]+(\.[a-z_]+)?", name):
-        raise UsageError(f"--set {text!r} is no key with a value", expected="such as code=https://")
+def _toml(text: str) -> Any:
+    """Return a value of TOML, or else the text."""
     try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
+        return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        parsed = value
-    table, _, key = name.rpartition(".")
-    (values.setdefault(table, {}) if table else values)[key] = parsed
+        return text
 
 
 def _field(key: str) -> Any:
     return (Pipeline if key == "stages" else Submission).model_fields[key]
 
 
-def _choices(key: str, protocols: Sequence[str]) -> Sequence[str]:
-    return protocols if key == "protocol" else get_args(_field(key).annotation)
-
-
-def _ask(key: str, choices: Sequence[Any]) -> Any:
+def _ask(key: str, protocols: Sequence[str]) -> Any:
     """Ask until the answer is right."""
-    field, known = _field(key), [one for one in choices if isinstance(one, str)]
-    hint = f"one of {', '.join(known)}" if known else f"such as {_example(key)}"
+    field = _field(key)
+    known = [*protocols] if key == "protocol" else [*get_args(field.annotation)]
+    known = [one for one in known if isinstance(one, str)]
+    example = field.examples[0]
+    shown = ", ".join(example) if isinstance(example, list) else example
+    hint = f"one of {', '.join(known)}" if known else f"such as {shown}"
     typer.echo(f"\n{field.description} ({hint})", err=True)
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
     while True:
@@ -144,43 +143,28 @@ def _ask(key: str, choices: Sequence[Any]) -> Any:
         value: Any = answer
         if key in _LISTS:
             value = tuple(part.strip() for part in answer.split(",") if part.strip())
-        if not value or (known and value not in known):
-            typer.echo(f"  {toml_value(answer)}{nearest(answer, known)}: {hint}", err=True)
-            continue
+        said = hint if not value or (known and value not in known) else ""
         try:
-            return adapter.validate_python(value)
+            if not said:
+                return adapter.validate_python(value)
         except ValidationError as error:
             said = error.errors()[0]["msg"].removeprefix("Value error, ")
-            typer.echo(f"  {toml_value(answer)}: {said}", err=True)
-
-
-def _example(key: str) -> str:
-    example = _field(key).examples[0]
-    if key == "training_data":
-        return f"{', '.join(example)}; none for a method without training"
-    return ", ".join(example) if isinstance(example, list) else str(example)
+        typer.echo(f"  {toml_value(answer)}{nearest(answer, known)}: {said}", err=True)
 
 
 # --- the folder ---
 
 
-def find_place(protocol: str, folder: str | None, method: str, board: Board, data: Path) -> Place:
-    """Return the place of a submission on a board."""
-    known = board.protocols
-    if protocol not in known:
+def find_place(protocol: str, method: str, board: Board, data: Path) -> Place:
+    """Return the place of a submission on a board, in a folder named after its method."""
+    if protocol not in board.protocols:
         raise UsageError(
-            f"this board does not score by {protocol!r}{nearest(protocol, known)}",
+            f"this board does not score by {protocol!r}{nearest(protocol, board.protocols)}",
             where="--protocol",
-            expected=f"one of {', '.join(known)}",
+            expected=f"one of {', '.join(board.protocols)}",
         )
-    name = folder or re.sub(r"[^a-z0-9]+", "-", method.casefold()).strip("-")[:64]
-    if not re.match(SAFE_NAME, name):
-        raise UsageError(
-            f"no name for a folder: {name!r}",
-            where="--folder",
-            expected="letters a to z, digits, dots, hyphens and underscores, such as salad-2026",
-            fix="name one by --folder; a method's name without such letters gives none",
-        )
+    name = re.sub(r"[^a-z0-9]+", "-", method.casefold()).strip("-")[:64]
+    name = name or f"method-{hashlib.sha256(method.encode()).hexdigest()[:8]}"
     chosen = find_protocol(protocol, data)
     return Place(chosen.benchmark, chosen.track, name)
 
@@ -195,7 +179,8 @@ def write_submission(
     replace: bool = False,
 ) -> Path:
     """Write the folder of a submission."""
-    path, size = files.predictions, _checked_size(files, board)
+    path, size = files.predictions, size_of_tree(files.predictions)
+    _check_size(files, size, board.limits.committed_bytes)
     given: dict[str, Any] = {"sha256": sha256_of_tree(path), "bytes": size}
     given |= {"url": files.url} if files.url else {"file": _plain_name(path)}
     given |= {"names": _plain_name(files.names)} if files.names else {}
@@ -219,20 +204,17 @@ def write_submission(
         if files.names is not None:
             shutil.copyfile(files.names, staged / given["names"])
         if files.claimed is not None:
-            shutil.copyfile(_result_of(files.claimed), staged / CLAIMED_FILE)
+            result = files.claimed / CLAIMED_FILE if files.claimed.is_dir() else files.claimed
+            shutil.copyfile(result, staged / CLAIMED_FILE)
         (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
     return folder
 
 
-def _checked_size(files: Files, board: Board) -> int:
-    """Return the size of the predictions, which must fit the board."""
-    size, most = size_of_tree(files.predictions), board.limits.committed_bytes
+def _check_size(files: Files, size: int, most: int) -> None:
+    """Refuse a folder at an address, and predictions that are too large for the repository."""
     if files.url is not None and files.predictions.is_dir():
-        raise UsageError(
-            "a folder, which has no address",
-            where=files.predictions,
-            fix="pack it into an archive such as predictions.zip, and publish that",
-        )
+        fix = "pack it into an archive such as predictions.zip, and publish that"
+        raise UsageError("a folder, which has no address", where=files.predictions, fix=fix)
     if files.url is None and size > most:
         raise UsageError(
             f"takes {size:,} bytes",
@@ -240,7 +222,6 @@ def _checked_size(files: Files, board: Board) -> int:
             expected=f"at most {most:,} bytes in the repository",
             fix="publish it, such as on Zenodo or Hugging Face, and add --url https://...",
         )
-    return size
 
 
 def _plain_name(path: Path) -> str:
@@ -249,10 +230,6 @@ def _plain_name(path: Path) -> str:
     if re.match(SAFE_NAME, name) and name not in (SUBMISSION_FILE, CLAIMED_FILE):
         return name
     return f"predictions{path.suffix if re.fullmatch(r'[.][A-Za-z0-9]+', path.suffix) else ''}"
-
-
-def _result_of(claimed: Path) -> Path:
-    return claimed / CLAIMED_FILE if claimed.is_dir() else claimed
 
 
 # --- git ---

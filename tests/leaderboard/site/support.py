@@ -5,16 +5,15 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.build import Given, build_board
-from airzoo_bench.leaderboard.runs import Run
-from airzoo_bench.leaderboard.submission import PublicSubmission, submission_text
+from airzoo_bench.leaderboard.build import build_board
+from airzoo_bench.leaderboard.data_branch import Run
+from airzoo_bench.leaderboard.submission import Submission, submission_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import HIT, made_method, write_method
@@ -26,7 +25,7 @@ COLUMNS = (
 )
 
 
-def submission(method: str, **fields: Any) -> PublicSubmission:
+def submission(method: str, **fields: Any) -> Submission:
     """Return what is shown of a submission."""
     given: dict[str, Any] = {
         "schema": 1,
@@ -40,7 +39,7 @@ def submission(method: str, **fields: Any) -> PublicSubmission:
         "pipeline": {"stages": "single-stage"},
         "predictions": {"file": "p.npz", "sha256": "0" * 64, "bytes": 10},
     }
-    return PublicSubmission.model_validate(given | fields)
+    return Submission.model_validate(given | fields)
 
 
 def method(
@@ -94,33 +93,28 @@ def some_runs(runs: Path, count: int = 4, **options: Any) -> Path:
     return runs
 
 
-def given(root: Path, results: Sequence[Path] = (), **changes: Any) -> Given:
-    """Return a board of the runs, the submissions and no data below a folder."""
-    board = Board.model_validate(
-        {
-            "schema": 1,
-            "title": "A board",
-            "url": "https://example.org/board",
-            "repository": "lab/board",
-            "benchmarks": (
-                {"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},
-            ),
-        }
-    )
-    made = Given(root / "runs", root / "submissions", results, board, root / "data")
-    return replace(made, **changes)
+BOARD = Board.model_validate(
+    {
+        "schema": 1,
+        "title": "A board",
+        "url": "https://example.org/board",
+        "repository": "lab/board",
+        "benchmarks": ({"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},),
+    }
+)
 
 
 def built(
     root: Path,
     out: str = "site",
-    cache: str = "cache",
     notes: list[str] | None = None,
-    **changes: Any,
+    results: Sequence[Path] = (),
+    board: Board | None = BOARD,
 ) -> Path:
     """Build the board of a folder."""
-    said: list[str] = [] if notes is None else notes
-    return build_board(given(root, **changes), root / out, root / cache, said.append)
+    note = [].append if notes is None else notes.append
+    places = root / "runs", root / "submissions"
+    return build_board(*places, results, board, root / "data", root / out, note)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

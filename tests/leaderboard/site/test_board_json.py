@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_scored
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.leaderboard.site.support import (
     board_of,
     built,
+    BOARD,
     files_of,
-    given,
     method,
     rows_of,
     some_runs,
@@ -315,12 +315,10 @@ def test_a_fault_of_a_plain_result_or_of_the_board_is_the_user_s(tmp_path: Path)
     plain.write_text("{")
     with pytest.raises(UserError, match="not a result"):
         built(tmp_path, results=[plain])
-    board = given(tmp_path).board
-    assert board is not None
-    [one] = board.benchmarks
+    [one] = BOARD.benchmarks
     unknown = one.model_copy(update={"protocols": ("nowhere",)})
     with pytest.raises(UserError, match="unknown protocol nowhere"):
-        built(tmp_path, board=board.model_copy(update={"benchmarks": (unknown,)}))
+        built(tmp_path, board=BOARD.model_copy(update={"benchmarks": (unknown,)}))
 
 
 # --- a sealed truth ---

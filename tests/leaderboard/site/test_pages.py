@@ -17,7 +17,7 @@ from urllib.parse import urldefrag
 
 import pytest
 
-from airzoo_bench.leaderboard.downloads import bibtex, table_csv
+from airzoo_bench.leaderboard.build import bibtex, table_csv
 from airzoo_bench.leaderboard.pages import render_pages, safe_url, shown
 from tests.leaderboard.site.sample import ADDRESSES, TABLE, TEXTS, spoilt
 
@@ -137,7 +137,7 @@ def test_reported_and_failed_rows_are_apart_and_findings_stand_beside_their_cell
     assert len(reported) == 2
     assert all("reported, not re-scored" in re.sub("<[^>]*>", "", row) for row in reported)
     assert not any("checkbox" in row for row in reported)
-    assert any('class="mark" href="#note-' in row for row in reported)
+    assert all('.html#audit">' in row for row in reported)
     [failed] = [row for row in rows if 'class="failed"' in row]
     assert "p.npz: not a prediction file" in failed
     few = re.findall(r'<option value="\d+" class="few">([^<]*)<', page)
@@ -203,15 +203,6 @@ def test_a_board_without_any_entry_has_its_pages(sample: dict[str, Any]) -> None
     assert f"{TABLE}compare.html" not in empty
     nothing = sample | {"benchmarks": [], "tables": {}}
     assert "no benchmark yet" in render_pages(nothing)["index.html"]
-
-
-def test_a_history_draws_only_versions_that_may_be_compared(sample: dict[str, Any]) -> None:
-    board = copy.deepcopy(sample)
-    row = next(row for row in board["tables"]["made"]["rows"] if row["id"] == "method-2")
-    assert [version["number"] for version in row["history"]] == [2, 1]
-    assert "version 1" in render_pages(board)[f"{TABLE}method-2.html"]
-    row["history"][1]["table"] = "made-1f2e3d4c"
-    assert "version 1" not in render_pages(board)[f"{TABLE}method-2.html"]
 
 
 def test_csv_has_the_numbers_of_the_board(sample: dict[str, Any]) -> None:
